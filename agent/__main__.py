@@ -28,7 +28,7 @@ def _run() -> None:
     )
     given = options.parse_args()
     if given.rows < 1:
-        raise BadInput(f"--rows {given.rows}: an agent holds at least one UAV")
+        raise BadInput(f"--rows {given.rows}: an agent flies at least one UAV")
     if given.count < 1:
         raise BadInput(f"--count {given.count}: at least one")
     if given.count > 1 and given.tls and given.uav < 0:

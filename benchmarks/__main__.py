@@ -43,8 +43,8 @@ EXIT_INTERRUPTED = 1
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Measures meanflock beside its floors. A full run writes docs/performance.md and "
-        "benchmarks/latest.json; --quick and --only print, and write only where --json or --page say so.",
+        description="Measures meanflock and its floors in turns. A full run writes docs/performance.md and "
+        "benchmarks/latest.json; --quick and --only print, and write only files of --json or --page.",
         epilog=f"races: {', '.join(RACES)}; only where named: {', '.join(ON_DEMAND)}",
     )
     parser.add_argument("--quick", action="store_true", help="few samples, under a minute")

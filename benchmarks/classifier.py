@@ -18,7 +18,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
-TITLE = "A classifier beside Flower"
+TITLE = "A classifier against Flower"
 ABOUT = (
     "`examples/classifier.py`, 2,410 weights, 10 UAVs that hold two digits each, 20 rounds with all of them over a "
     "radio that loses nothing; and the same batches, rate and first model in Flower's simulation engine (FedAvg, one "

@@ -12,7 +12,7 @@ class Momentum(mf.Aggregator):
     name = "momentum"
 
     class Options(mf.Options, frozen=True):
-        beta: Annotated[float, Meta(ge=0, lt=1, description="share of the last change that goes on, 1")] = 0.5
+        beta: Annotated[float, Meta(ge=0, lt=1, description="share of the last change that continues, 1")] = 0.5
 
     def init(self, parameters):
         return {"rounds": np.zeros(1), "model": np.zeros(parameters), "change": np.zeros(parameters)}

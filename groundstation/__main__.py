@@ -46,7 +46,7 @@ def _run() -> None:
     )
     flag(options, "--out", "runs", "where run folders are made", metavar="DIR")
     flag(options, "--rerun", "127.0.0.1:9876", "where a live viewer connects; empty: nowhere", metavar="[HOST:]PORT")
-    flag(options, "--resume", "", "run folder in which to go on; `latest`: that of this flight, if any", metavar="RUN")
+    flag(options, "--resume", "", "run folder to continue; `latest`: that of this flight, if any", metavar="RUN")
     given = options.parse_args()
     logs.start(given.log_format, run=given.run, node=STATION)
     serve = Address.parse("--rerun", given.rerun) if given.rerun else None
@@ -76,11 +76,11 @@ def _listen(
     lost: float | None = None
     while station.summary is None:
         if interrupted:
-            raise RunFailed(f"interrupted; {folder.path} holds what was recorded")
+            raise RunFailed(f"interrupted; {folder.path} has the recorded part")
         if lost is not None and time.monotonic() - lost > given.wait:
             raise RunFailed(
-                "the world is gone: it ended, and its log says why, or was killed, as the system does with what takes "
-                f"too much memory, or cannot be reached; {folder.path} holds what was flown; {go_on(folder.path)}"
+                "the world is gone: it ended (its log says why), was killed (perhaps because it took too much memory), "
+                f"or cannot be reached; {folder.path} has the part that was flown; {go_on(folder.path)}"
             )
         delivery = bus.receive(0.2)
         if delivery is None:
@@ -90,7 +90,7 @@ def _listen(
         elif delivery.kind == "alive" and lost is not None:
             lost = None
             if _ask(bus, given, interrupted).tick < folder.last_tick:
-                raise RunFailed(f"another world has taken its place; {folder.path} holds what was flown of the first")
+                raise RunFailed(f"another world has taken its place; {folder.path} has the flight of the first")
         else:
             station.handle(delivery)
     return station.summary

@@ -84,7 +84,7 @@ def compiled() -> Finding:
     if kernels.BACKEND == "compiled":
         return Finding("kernels", "ok", "compiled")
     if os.environ.get("MEANFLOCK_PURE") == "1":
-        return Finding("kernels", "ok", "NumPy's, as MEANFLOCK_PURE=1 wants it")
+        return Finding("kernels", "ok", "NumPy's, because of MEANFLOCK_PURE=1")
     if sources.built():
         found = "built from other sources than those that are here: NumPy's, 3 to 10 times slower"
         return Finding("kernels", "warning", found, "build them again: python -m pip install --no-deps -e .")

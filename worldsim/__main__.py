@@ -52,7 +52,7 @@ def _run() -> None:
     flag(options, "--realtime", "", "follow the wall clock, FACTOR times faster", metavar="FACTOR")
     flag(options, "--metrics", "", "serve metrics to Prometheus here; port 0: any free one", metavar="[HOST:]PORT")
     flag(options, "--uavs-per-process", "1", "with --tls: UAVs that each agent may fly", int, "M")
-    flag(options, "--resume", "", "file from which to go on, written by `meanflock resume`", metavar="FILE")
+    flag(options, "--resume", "", "file from which to resume, written by `meanflock resume`", metavar="FILE")
     options.add_argument(
         "--set",
         action="append",
@@ -67,7 +67,7 @@ def _run() -> None:
     flown = scenario.load(Path(given.scenario) if given.scenario else None, given.set)
     rows = given.uavs_per_process
     if rows < 1:
-        raise BadInput(f"--uavs-per-process {rows}: an agent holds at least one UAV")
+        raise BadInput(f"--uavs-per-process {rows}: an agent flies at least one UAV")
     if given.stations < 0:
         raise BadInput(f"--stations {given.stations}: 0 or more")
     rows_at_most = rows if given.tls else None

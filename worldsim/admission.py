@@ -204,7 +204,7 @@ class Admission:
         if member is None:
             raise MessageRejected("unknown-node", name)
         if member.lost:
-            self._stop(name, "nobody waits for this node any more", lost=True)
+            self._stop(name, "the world counts this node as lost", lost=True)
             raise MessageRejected("unknown-node", f"{name}, which was lost")
         try:
             if raw[1:2] in TYPES:
@@ -257,7 +257,7 @@ class Admission:
         elif self.flying:
             self._flight.rejoin(member.uavs, member.name)
         if self.flying and self.members.rejoined(member, self._flight.tick, self._scenario.pace):
-            text = f"{member.name} rejoined for the last time: nobody may take its place again"
+            text = f"{member.name} rejoined for the last time: its place stays closed after the next loss"
             log.warning(text, extra={"tick": self._flight.tick, "peer": member.name})
             self._note("refused", text)
 
@@ -319,7 +319,7 @@ class Admission:
         if delivery.kind == "gone":
             self.lose(member, "its liveliness token vanished")
         elif member.lost:
-            self._stop(name, "nobody waits for this node any more", lost=True)
+            self._stop(name, "the world counts this node as lost", lost=True)
 
     def _stop(self, name: str, why: str, lost: bool = False) -> None:
         why = f"lost: {why}" if lost else why

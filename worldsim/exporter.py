@@ -46,7 +46,7 @@ class Exporter(Collector):
         yield from self._radio()
         yield from self._protocol()
         yield from self._nodes()
-        yield _histogram("barrier_wait_seconds", "How long a tick waited for answers.", self._world.waits)
+        yield _histogram("barrier_wait_seconds", "How long a tick waited for replies.", self._world.waits)
         yield _histogram("tick_seconds", "How long a tick took in all.", self._world.ticks)
 
     def _flight(self) -> Iterator[Metric]:
@@ -78,7 +78,7 @@ class Exporter(Collector):
         yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         yield _counter("uploads_silent", "Uploads that participants did not send.", post.silent)
         yield _counter("uploads_late", "Uploads that were delivered after the deadline.", post.late)
-        yield _counter("rounds_isolated", "Rounds in which a UAV that averages received nobody's model.", post.isolated)
+        yield _counter("rounds_isolated", "Rounds in which a UAV that averages received no other model.", post.isolated)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
         for reason, count in sorted(counters.dropped.items()):
             drops.add_metric([reason], count)

@@ -192,7 +192,7 @@ class World:
         if self._resumed is None:
             self._note("joined", nodes)
         else:
-            self._note("resumed", f"{nodes} and go on from tick {self.flight.tick}")
+            self._note("resumed", f"{nodes} and continue from tick {self.flight.tick}")
 
     def fly(self, cancelled: Callable[[], bool] = lambda: False) -> Iterator[int]:
         """Fly; yields the number of each tick, so that the caller can stop after any.

@@ -194,7 +194,7 @@ class ProcessDied(RunFailed):
 def _failed(child: Child) -> MeanflockError:
     if child.process.returncode == EXIT_BAD_INPUT:
         why = child.errors()
-        return BadInput(why[-1] if why else f"{child.name} was given what it cannot use:\n{child.last_lines()}")
+        return BadInput(why[-1] if why else f"{child.name} ended with bad input:\n{child.last_lines()}")
     return ProcessDied(f"{child.name} {how_it_ended(child.process.returncode)}; its last lines:\n{child.last_lines()}")
 
 

@@ -115,7 +115,9 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
             died = error
     if died is not None or interrupted:
         why = "interrupted; " if died is None else f"{died}\n"
-        raise RunFailed(f"{why}{outputs.folder.path} holds what was flown; {go_on(outputs.folder.path)}") from died
+        raise RunFailed(
+            f"{why}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
+        ) from died
     return Run(outputs.folder.path, outputs.summary)
 
 
@@ -130,7 +132,7 @@ def _what_there_is(folder: RunFolder) -> str:
     """Text for an interrupted run: how to fly it, or the rest of it."""
     if folder.last_tick < 0:
         return f"before take-off; `meanflock run {folder.path / SCENARIO}` flies it"
-    return f"{folder.path} holds the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
+    return f"{folder.path} has the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
 
 
 class Outputs:

@@ -143,7 +143,7 @@ def await_listener(host: str, port: int, timeout_s: float = LISTEN_S) -> None:
     end = time.monotonic() + timeout_s
     while not answers(host, port):
         if time.monotonic() > end:
-            raise RunFailed(f"nobody serves the recording on {host}:{port} after {timeout_s:g} s; choose another port")
+            raise RunFailed(f"no server of the recording on {host}:{port} after {timeout_s:g} s; choose another port")
         time.sleep(_ASK_AGAIN_S)
 
 

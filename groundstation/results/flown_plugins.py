@@ -26,9 +26,7 @@ def files(flown: Scenario) -> dict[str, bytes]:
         try:
             source = path.read_bytes()
         except OSError as error:
-            raise BadInput(
-                f"--plugin {path}: {error.strerror}; it must stay where it is until the run began"
-            ) from error
+            raise BadInput(f"--plugin {path}: {error.strerror}; do not move it before the run has begun") from error
         if fingerprint != plugins.fingerprint(source):
             raise BadInput(f"--plugin {path}: was changed since it was loaded; start again")
         known = found.setdefault(path.name, source)

@@ -46,7 +46,7 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     if (np.abs(block.states) > np.finfo(np.float32).max).any():
         raise MessageRejected("non-finite", "states beyond what a recording can hold")
     if (block.status > max(Status)).any():
-        raise MessageRejected("wrong-shape", "a status that is none")
+        raise MessageRejected("wrong-shape", "an invalid status")
     ends, kinds = block.links[:, 1:3], block.links[:, 3]
     if ((ends < 0) | (ends >= n)).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
         raise MessageRejected("wrong-shape", "links of UAVs or frames that are not there")

@@ -207,7 +207,9 @@ SUMMARY = (
     ),
     Field("uploads_silent", "1", "uploads that participants did not send: their models had hardly moved"),
     Field("uploads_late", "1", "uploads delivered after `federation.deadline`, which counted in the next round"),
-    Field("rounds_isolated", "1", "rounds in which a UAV received nobody's model, summed over UAVs that average"),
+    Field(
+        "rounds_isolated", "1", "rounds in which a UAV received no model of another UAV, summed over UAVs that average"
+    ),
     Field(
         "diagnostics.*",
         "",

@@ -99,7 +99,7 @@ def past(folder: Path, tick: int | None = None) -> Past:
             rows = read_table(folder / TIMESERIES)
             mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
     except OSError as error:
-        raise BadInput(f"{folder}: no time series to go on from ({error})") from error
+        raise BadInput(f"{folder}: no time series to continue ({error})") from error
     if tick is not None:
         rows = rows.slice(0, tick + 1)
         if rows["tick"].to_pylist() != list(range(tick + 1)):

@@ -99,8 +99,8 @@ def check_aggregator(
 
     first, state = rounds(1)
     for again, why, mend in (
-        (rounds(2), "the same rounds came out otherwise a second time", "draw nothing from global generators"),
-        (rounds(1, afresh=True), "rounds that go on from a checkpoint differ", "keep all you remember in the state"),
+        (rounds(2), "the same rounds differed in a second run", "draw nothing from global generators"),
+        (rounds(1, afresh=True), "rounds that continue from a checkpoint differ", "keep all you remember in the state"),
     ):
         models, after = again
         if not all(same(one, other) for one, other in zip(first, models, strict=True)) or alike(state, after):

@@ -65,10 +65,10 @@ def check_channel(
 
     first = sent(1, 7)
     for again, what, mend in (
-        (sent(2, 7), "the same messages came out otherwise a second time", "draw from the generator you are given"),
+        (sent(2, 7), "the same messages differed in a second run", "draw from the generator you are given"),
         (
             sent(1, 7, afresh=True),
-            "messages that go on from a checkpoint differ",
+            "messages that continue from a checkpoint differ",
             "keep nothing between two calls, and of `rng` take numbers only",
         ),
     ):

@@ -108,7 +108,7 @@ def _pure(swarm: PointSwarm) -> None:
 def _deterministic(swarm: PointSwarm, together: Trial) -> None:
     """Check that two flights are equal, with other seeds of the global generators of Python and NumPy."""
     if (difference := together.differs(swarm.trial(seed=2))) is not None:
-        fail(swarm.controller, f"the same flight came out otherwise a second time, in tick {difference}", _RANDOM)
+        fail(swarm.controller, f"the same flight differed in a second run, in tick {difference}", _RANDOM)
 
 
 def _rows_alone(swarm: PointSwarm, together: Trial) -> None:
@@ -116,7 +116,7 @@ def _rows_alone(swarm: PointSwarm, together: Trial) -> None:
     if (difference := together.differs(swarm.trial(alone=True))) is not None:
         fail(
             swarm.controller,
-            f"a UAV flies otherwise beside others in one process than alone, from tick {difference} on",
+            f"a UAV flies differently with others in one process than alone, from tick {difference} on",
             _ROWS,
         )
 
@@ -125,7 +125,7 @@ def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
     """Check a flight with a new instance in every tick, which gets only the memory, encoded and decoded."""
     afresh = swarm.trial(afresh=True)
     if (difference := together.differs(afresh)) is not None:
-        fail(swarm.controller, f"a flight that goes on from a checkpoint differs in tick {difference}", _MEMORY)
+        fail(swarm.controller, f"a flight that continues from a checkpoint differs in tick {difference}", _MEMORY)
 
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
@@ -165,7 +165,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     if not np.allclose(got[rows], model):
         fail(plugin, "`get` does not return what was `set`", "store the model in the memory")
     if not same(np.delete(got, rows, axis=0), np.delete(had, rows, axis=0)):
-        fail(plugin, "`set` changes rows it was not told to", "write to `rows` only")
+        fail(plugin, "`set` changes other rows than `rows`", "write to `rows` only")
 
 
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:

@@ -99,4 +99,4 @@ def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
         admitted, _ = cast(Any, asked(plugin, made.admit, *given, mend="a command that is no number must do, too"))
     if np.isfinite(admitted[0]).all():
         mend = "let it pass, so that the UAV is lost and not flown by chance"
-        fail(plugin, "it makes a number of a command that is none", mend)
+        fail(plugin, "it returns a finite command for one that is not finite", mend)

@@ -177,7 +177,7 @@ class PointSwarm:
         """Join a broadcast of all groups, sources ascending."""
         if len({(payload.shape[1], payload.dtype.str) for _, payload in sent}) > 1:
             what = f"broadcast {number} is {' and '.join(sorted({f'{p.shape[1]} × {p.dtype}' for _, p in sent}))}"
-            fail(self.controller, f"{what}, as the UAV is", "say as many numbers of one type, whoever says them")
+            fail(self.controller, f"{what}, depending on the UAV", "broadcast equally many numbers of one type")
         source, payload = np.concatenate([rows for rows, _ in sent]), np.concatenate([payload for _, payload in sent])
         order = np.argsort(source, kind="stable")
         return source[order], payload[order]

@@ -79,10 +79,10 @@ def check_vehicle(
     together = flown_by(1)
     flown_by(1, slice(0, 0))
     for again, what, mend in (
-        (flown_by(2), "the same flight came out otherwise a second time", "all noise is in the argument `noise`"),
+        (flown_by(2), "the same flight differed in a second run", "all noise is in the argument `noise`"),
         (
             flown_by(1, afresh=True),
-            "a flight that goes on from a checkpoint differs",
+            "a flight that continues from a checkpoint differs",
             "keep all you remember in `hidden`",
         ),
     ):
@@ -91,7 +91,7 @@ def check_vehicle(
     for row in range(UAVS):
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
-            fail(vehicle, "a UAV moves otherwise beside others than alone", "compute every row from that row alone")
+            fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
     made, states = make(vehicle, options or {}, flown), start
     hidden = _begun(made, UAVS)
 

@@ -42,7 +42,7 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     Field("courses.standings.controller", "", "name of its controller"),
     Field("courses.standings.about", "", "description of the row"),
     Field("courses.standings.settings.*", "", "scenario keys that the row sets"),
-    Field("courses.standings.yours", "", "whether the controller came from a file of the reader"),
+    Field("courses.standings.yours", "", "whether the controller is from a file of the user"),
     Field("courses.standings.cells.*.mean", "", "mean of the flights, by measure; shares are of 1"),
     Field("courses.standings.cells.*.low", "", "lower end of its 95 % interval; null if there is none"),
     Field("courses.standings.cells.*.high", "", "upper end of its 95 % interval"),

@@ -88,7 +88,7 @@ def _time_energy(ax: Axes, course: Course, rows: Sequence[Standing]) -> None:
     ax.tick_params(which="minor", labelsize=6.5)
     ax.set_xlabel("travel time T (s)")
     ax.set_ylabel("energy until arrival (J)")
-    plotstyle.titled(ax, "a", "time and energy: who arrives cannot be in the grey")
+    plotstyle.titled(ax, "a", "time and energy; grey: infeasible energy")
 
 
 def _bits_collisions(ax: Axes, rows: Sequence[Standing]) -> None:

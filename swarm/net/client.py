@@ -101,7 +101,7 @@ class NodeClient:
         """
         while self.stopped is None:
             if self._gone:
-                raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` goes on with its run")
+                raise WorldGone(f"the world of run {self._run!r} is gone; `meanflock resume` continues its run")
             if cancelled():
                 return "interrupted"
             delivery = self._bus.receive(_READY_AGAIN_S)

@@ -17,7 +17,7 @@ class Cost(_Table, frozen=True):
     beta: Annotated[float, Meta(ge=0, description="β, exponent of the interaction kernel")] = 1.0
     separation: Annotated[
         float,
-        Meta(ge=0, description="weight of a repulsion from neighbours, who then broadcast every tick; 0: none, 1/s²"),
+        Meta(ge=0, description="weight of a repulsion from near UAVs, which then broadcast every tick; 0: none, 1/s²"),
     ] = 0.0
     separation_range: Annotated[float, Meta(ge=0.001, description="how far it reaches, std of its Gaussian, m")] = 0.5
 

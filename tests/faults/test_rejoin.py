@@ -91,7 +91,7 @@ def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(
     if every == 7:
         assert (refused, told) == ([], [])
     else:
-        assert told == [f"{place}.6 rejoined for the last time: nobody may take its place again"]
+        assert told == [f"{place}.6 rejoined for the last time: its place stays closed after the next loss"]
         assert "refused for good: the " in refused[0]
         assert "joined again 5 times within 20 ticks, the most that `pace.rejoins` and" in refused[0]
         assert summary["lost"] == (place != "leader")

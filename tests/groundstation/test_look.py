@@ -64,7 +64,7 @@ def test_a_display_that_does_not_answer_is_none(tmp_path, monkeypatch) -> None:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-7")
-    with pytest.raises(RunFailed, match="nobody answers at WAYLAND_DISPLAY=wayland-7; instead"):
+    with pytest.raises(RunFailed, match="no server answers at WAYLAND_DISPLAY=wayland-7; instead"):
         display.check("instead")
     with socket.socket(socket.AF_UNIX) as compositor:
         compositor.bind(str(tmp_path / "wayland-7"))

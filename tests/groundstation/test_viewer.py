@@ -49,7 +49,7 @@ def test_the_viewer_waits_until_a_server_listens() -> None:
     with socket.socket() as late:
         late.bind(("127.0.0.1", 0))  # and does not listen: who connects is refused
         host, port = late.getsockname()
-        with pytest.raises(RunFailed, match=f"nobody serves the recording on {host}:{port}"):
+        with pytest.raises(RunFailed, match=f"no server of the recording on {host}:{port}"):
             viewer.await_listener(host, port, timeout_s=0.1)
         waiting = threading.Thread(target=viewer.await_listener, args=("0.0.0.0", port), daemon=True)
         waiting.start()

@@ -76,7 +76,7 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
         having(GoodController, set=lambda _, memory, __, models: memory | {"model": models}),
         r"`set` returns what a flight cannot use: memory\['model'\] is \(2, 3\)",
     ),
-    "set changes every row": (changed(GoodController, "set", sets_every_row), "rows it was not told to"),
+    "set changes every row": (changed(GoodController, "set", sets_every_row), "other rows than `rows`"),
 }
 
 # -- filters, rules, channels and vehicles: another part of the answer -----------------------------------------------
@@ -147,7 +147,7 @@ class SpawnsGenerators(GoodChannel):
         return super().transmit(distance_m, bits, rng.spawn(1)[0])
 
 
-REMEMBERS = "go on from a checkpoint differ; keep nothing between two calls"
+REMEMBERS = "continue from a checkpoint differ; keep nothing between two calls"
 CHANNELS: dict[str, tuple[Any, str]] = {
     "fades slowly": (changed(GoodChannel, "transmit", fades_slowly), REMEMBERS),
     "depends on motion": (changed(GoodChannel, "transmit", depends_on_motion), REMEMBERS),

@@ -1,5 +1,6 @@
 """Flocking of Vásárhelyi et al. (Optimized flocking of autonomous drones in confined environments, Science Robotics 3,
-2018): a wished velocity, repulsion of who is close, and friction against who closes in faster than a brake allows."""
+2018): a preferred velocity, repulsion from close UAVs, and friction with UAVs that approach faster than braking allows.
+"""
 
 from typing import Annotated
 
@@ -16,7 +17,9 @@ from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
 
 
 def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
-    """D(r, a, p), their Eq. 3: the speed from which one can stop within r; linear near the end. (P,) m/s."""
+    """Braking curve D(r, a, p), their Eq. 3: the speed from which a UAV can stop within r; linear near the end. (P,)
+    m/s.
+    """
     positive = np.maximum(distance_m, 0.0)
     linear = positive * slope_1_s
     root = np.sqrt(np.maximum(2.0 * acceleration * positive - (acceleration / slope_1_s) ** 2, 0.0))
@@ -35,19 +38,21 @@ class Vasarhelyi(TravellingController):
         """The options of `vasarhelyi`, by their names in the source where it has them."""
 
         p_rep_1_s: Annotated[float, Meta(ge=0, description="strength of the repulsion, 1/s")] = 2.0
-        r0_rep_m: Annotated[float, Meta(gt=0, description="who is nearer is repelled, m")] = 1.3
+        r0_rep_m: Annotated[float, Meta(gt=0, description="range of the repulsion, m")] = 1.3
         c_frict: Annotated[float, Meta(ge=0, le=1, description="strength of the friction")] = 0.5
-        v_frict_m_s: Annotated[float, Meta(ge=0, description="difference of velocities always left, m/s")] = 0.1
-        r0_frict_m: Annotated[float, Meta(ge=0, description="where a brake has ended, m")] = 0.5
-        a_frict_m_s2: Annotated[float, Meta(gt=0, description="of the brake, m/s²")] = 0.5
-        p_frict_1_s: Annotated[float, Meta(gt=0, description="slope of the brake's end, 1/s")] = 1.5
-        range_m: Annotated[float, Meta(gt=0, description="who is farther is not looked at, m")] = 25.0
-        v_shill_m_s: Annotated[float, Meta(ge=0, description="speed off an obstacle of its `shill` agents, m/s")] = 4.0
-        r0_shill_m: Annotated[float, Meta(ge=0, description="where a brake for an obstacle has ended, m")] = 0.5
-        a_shill_m_s2: Annotated[float, Meta(gt=0, description="of that brake, m/s²")] = 4.0
-        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of that brake's end, 1/s")] = 3.0
+        v_frict_m_s: Annotated[float, Meta(ge=0, description="difference of velocities without friction, m/s")] = 0.1
+        r0_frict_m: Annotated[float, Meta(ge=0, description="distance at which braking ends, m")] = 0.5
+        a_frict_m_s2: Annotated[float, Meta(gt=0, description="deceleration of the braking curve, m/s²")] = 0.5
+        p_frict_1_s: Annotated[float, Meta(gt=0, description="slope of the linear part of the curve, 1/s")] = 1.5
+        range_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is ignored, m")] = 25.0
+        v_shill_m_s: Annotated[float, Meta(ge=0, description="speed of `shill` agents away from an obstacle, m/s")] = (
+            4.0
+        )
+        r0_shill_m: Annotated[float, Meta(ge=0, description="distance from an obstacle at which braking ends, m")] = 0.5
+        a_shill_m_s2: Annotated[float, Meta(gt=0, description="deceleration of that braking curve, m/s²")] = 4.0
+        p_shill_1_s: Annotated[float, Meta(gt=0, description="slope of the linear part of that curve, 1/s")] = 3.0
         v_max_m_s: Annotated[float, Meta(gt=0, description="limit on v_d, m/s")] = 4.0
-        tau_s: Annotated[float, Meta(gt=0, description="τ in which v_d is taken up, s")] = 0.4
+        tau_s: Annotated[float, Meta(gt=0, description="τ, time constant of the velocity, s")] = 0.4
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         memory, velocity = self._travel.velocity(memory, own)
@@ -59,7 +64,7 @@ class Vasarhelyi(TravellingController):
         return Step(memory, (velocity - own[:, VELOCITY]) / self.options.tau_s)
 
     def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
-        """Which pairs can push at all. √(2ar − a²/p²) is nowhere more than D(r, a, p)."""
+        """Mask of the pairs that can have repulsion or friction. √(2ar − a²/p²) never exceeds D(r, a, p)."""
         options = self.options
         least = (
             2.0 * options.a_frict_m_s2 * (np.sqrt(squared) - options.r0_frict_m)
@@ -69,8 +74,9 @@ class Vasarhelyi(TravellingController):
         return (difference_squared > least) | (squared < options.r0_rep_m**2)
 
     def _off_obstacles(self, own: States) -> Plane:
-        """Agents that come off the nearest points of all obstacles, whose velocity is to be matched: their Eq. 5 and 6,
-        (M, 2) m/s."""
+        """Friction with `shill` agents, which move away from the nearest points of all obstacles: their Eq. 5 and 6,
+        (M, 2) m/s.
+        """
         options = self.options
         edge, x, y = edges(own, self._obstacles)
         vx, vy = own[:, VX, None] - options.v_shill_m_s * x, own[:, VY, None] - options.v_shill_m_s * y
