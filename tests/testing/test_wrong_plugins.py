@@ -56,7 +56,7 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
     ),
     "broadcasts of two widths": (
         step(broadcasts=lambda _, memory, own: [Broadcast(own[:, : 1 + int(memory["uav"].sum() > 3)])]),
-        "broadcast 0 is 1 × float64 and 2 × float64, as the UAV is",
+        "broadcast 0 is 1 × float64 and 2 × float64, depending on the UAV",
     ),
     "another row": (step(acceleration=lambda good, _, own: good.acceleration + own[:, :2].sum(axis=0)), "than alone"),
     "three axes": (step(acceleration=lambda _, __, own: own[:, :3]), "acceleration has shape"),
@@ -98,7 +98,10 @@ FILTERS: dict[str, tuple[Any, str]] = {
     "writes to commands": (writing(GoodFilter, "admit", 3), f"`admit` {COPY}"),
     "reports nothing": (part(GoodFilter, 1, lambda said, *_: said[:, :0]), r"\(6, 0\)\), expected .*\(6, 1\)\)"),
     "commands of NaNs": (part(GoodFilter, 0, lambda wanted, *_: wanted * np.nan), "not finite"),
-    "makes up a command": (part(GoodFilter, 0, lambda wanted, *_: np.nan_to_num(wanted)), "a command that is none"),
+    "makes up a command": (
+        part(GoodFilter, 0, lambda wanted, *_: np.nan_to_num(wanted)),
+        "a finite command for one that is not",
+    ),
     "columns are a text": (having(GoodFilter, columns="apart"), r"`columns` is a text; write \('apart',\)"),
 }
 RULES: dict[str, tuple[Any, str]] = {
