@@ -74,14 +74,16 @@ def test_a_row_that_diverges_is_silenced_for_good_and_reported_and_the_others_ne
     assert all(3 not in source for said in silent[1:] for source in said)
 
 
-def test_a_state_beyond_a_narrow_radio_float_does_not_spoil_the_whole_answer() -> None:
+def test_a_state_beyond_the_radio_s_floats_is_not_sent_and_the_others_are() -> None:
     """A half ends at 65504. The world would drop an Act with a number that is not finite."""
-    agent = Agent(welcome(flown("radio.bits_per_float=16", method="hjb")))
-    states = states_at(0)
-    states[1, state.X] = 1e5
+    agent = Agent(welcome(flown("radio.bits_per_float=16", "sharing.policy=tick", method="vasarhelyi")))
+    agent.act(sense(0))  # the mission plan is in the place of its broadcast
+    states = states_at(1)
+    states[1, state.X] = 7e4
     with np.errstate(over="ignore"):
-        act = agent.act(sense(0, states=states))
+        act = agent.act(sense(1, states=states))
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
+    assert ([batch.source.tolist() for batch in act.outbox], len(act.lost)) == ([[2, 5]], 0)
 
 
 # -- what does not fit --------------------------------------------------------------------------------------------

@@ -67,6 +67,7 @@ def test_density_features_and_step(t: Tables) -> None:
     states = rows("state")
     powers = features.powers(t, states)
     after = hjb.step(t, weights("w_H0", "w_H1"), states, powers, rows("phi_G"))
+    close(hjb.lyapunov_rate(t, states, hjb.drift(t, states, after.action_before)), "L_s_dot")
     pairs = features.pairs(t, powers)
     sigma = features.terms(t, pairs)[:, 1:]
     close(sigma, "sigma_F")

@@ -33,7 +33,7 @@ def test_a_way_is_covered_from_rest_to_rest_within_the_limits(
         assert [float(part[0]) for part in profile.at(before_or_after)[1:]] == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("uavs", [1, 25])
+@pytest.mark.parametrize("uavs", [1, 25, 64])
 def test_all_uavs_arrive_together_and_keep_apart(uavs: int) -> None:
     scenario = Scenario(uavs=uavs)
     plan = starts(scenario)
@@ -41,7 +41,7 @@ def test_all_uavs_arrive_together_and_keep_apart(uavs: int) -> None:
     positions = np.array([trajectory.at(tick)[0] for tick in range(0, 1000, 5)])
     assert (positions[0] == plan[:, :2]).all()
     assert positions[-1] == pytest.approx(trajectory.slots, abs=1e-9)
-    assert np.hypot(*trajectory.slots.T).max() < scenario.destination.radius
+    assert np.hypot(*trajectory.slots.T).max() <= 0.84 * scenario.destination.radius + 1e-9
     apart = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1)
     apart[:, np.arange(uavs), np.arange(uavs)] = np.inf
     ends = min(apart[0].min(), apart[-1].min())
