@@ -162,14 +162,6 @@ def test_a_memory_that_is_not_finite_costs_its_own_uav_and_not_the_checkpoint(
     assert len(hashes) == 1
 
 
-def test_the_others_fly_as_if_it_had_been_lost_for_another_reason() -> None:
-    hashes = {
-        fly(flown(wrong(**GOES_WRONG[what][0]), "federation.fraction=1.0"))[0]["trajectory_sha256"]
-        for what in ("raises", "returns nothing", "a memory without an array", "an acceleration that is no number")
-    }
-    assert len(hashes) == 1
-
-
 def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_no_uav() -> None:
     def in_company(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
         if len(own) > 1:

@@ -42,11 +42,3 @@ def test_an_extension_of_other_sources_is_refused(tmp_path: Path, monkeypatch: p
         file.write("/* changed */\n")
     with pytest.raises(ImportError, match="other sources"):
         importlib.reload(compiled)
-
-
-def test_an_extension_without_sources_is_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a wheel has it."""
-    monkeypatch.setattr(sources, "HERE", tmp_path)
-    assert sources.checksum() == 0
-    if kernels.BACKEND == "compiled":
-        importlib.reload(importlib.import_module("meanflock.kernels.compiled"))

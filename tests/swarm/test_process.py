@@ -45,14 +45,6 @@ def test_an_interruption_is_noted_within_the_block_and_the_old_handler_comes_bac
         signal.signal(number, before)
 
 
-def test_a_process_that_dies_at_once_is_started_a_few_times_only() -> None:
-    restarts = Restarts(lambda: 0.0)
-    for name in ("a", 7):
-        restarts.started(name)
-    assert [restarts.again("a") for _ in range(AT_MOST + 2)] == [True] * AT_MOST + [False] * 2
-    assert restarts.again(7)
-
-
 def test_a_long_life_makes_up_for_short_ones_before_it() -> None:
     now = [0.0]
     restarts = Restarts(lambda: now[0])

@@ -1,7 +1,6 @@
 """A filter before any controller: everything of the controller passes through unchanged."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, Sharing, load
 from meanflock.testing import check_controller
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
 
 

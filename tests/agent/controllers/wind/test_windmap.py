@@ -45,8 +45,8 @@ def test_every_way_of_sharing_conforms(share: str) -> None:
 def test_without_noise_the_wind_is_measured_as_it_is() -> None:
     scenario = scenario_of("windmap", {"wind.sigma": 0.0})
     controller = plugins.create("controller", "windmap", {"spacing_m": 5.0}, scenario)
-    memory, states = flown(controller, scenario, 202)
-    felt = controller.step(memory, 202, states, ()).diagnostics[:, :2]
+    memory, states = flown(controller, scenario, 102)
+    felt = controller.step(memory, 102, states, ()).diagnostics[:, :2]
     assert felt == pytest.approx(MeanWind(scenario)(states), abs=0.1)
 
 
