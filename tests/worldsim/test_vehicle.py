@@ -107,13 +107,10 @@ ENTRY = "        return np.concatenate("
         ("asked * asked).sum(axis=-1)", "asked * asked).sum(axis=-1) / 0", r"charge_J'\] of UAV 0: .* not finite"),
         ("0.01 * noise", "0.01 * noise + np.array([[0], [0], [np.nan], [0]])", "states of UAV 2"),
         (ENTRY, "        velocity = velocity[:3]; states = states[:3]\n" + ENTRY, r"states: float64 \(3, 4\)"),
-        (ENTRY, "        states = states.astype('f4'); velocity = velocity.astype('f4')\n" + ENTRY, "states: float32"),
         (", hidden\n\n", "\n\n", "`step` returns a ndarray"),
         ('"flown": hidden["flown"] + 1}', "}", r"hidden has \['charge_J'\]"),
-        ('"flown": hidden["flown"] + 1}', '"flown": hidden["flown"] * 1.0}', r"hidden\['flown'\] is .* float64"),
         (ENTRY, "        states[0] = 0\n" + ENTRY, "ValueError: .*read-only"),
         (ENTRY, "        raise SystemExit(3)\n" + ENTRY, r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
-        ("np.abs(acceleration).sum(axis=-1)", "np.full(4, np.nan)", "power of UAV 0"),
         ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(4, 2\)"),
     ],
 )
@@ -130,8 +127,6 @@ def test_a_wrong_vehicle_ends_the_run_with_its_mistake(glider, old: str, new: st
     [
         ("np.full(3, self.charge_J)", r"hidden\['charge_J'\] has shape \(3,\)"),
         ("self.charge_J", r"hidden\['charge_J'\] is a float"),
-        ("np.array(['x'] * uavs)", r"hidden\['charge_J'\] is <U1 "),
-        ("np.ones((uavs, 1, 1, 1, 1))", "with at most 4 axes"),
         ("exit(3)", "`init` failed: SystemExit: 3"),
     ],
 )
