@@ -128,7 +128,7 @@ class Lab:
 
 @cache
 def _honest(encoded: bytes) -> dict[str, Any]:
-    return Lab(scenarios.decode(encoded), uavs_per_node=1).fly()
+    return Lab(scenarios.decode(encoded)).fly()
 
 
 def honest(flown: Scenario, field: str = "trajectory_sha256") -> Any:

@@ -70,7 +70,7 @@ def flown(clusters: int) -> Scenario:
 @cache
 def undisturbed(clusters: int) -> dict[str, Any]:
     """The summary of the flight in which nobody is hurt."""
-    return Lab(flown(clusters), uavs_per_node=1).fly()
+    return Lab(flown(clusters)).fly()
 
 
 @pytest.mark.parametrize(("role", "hurt", "tick"), TABLE)
