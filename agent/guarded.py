@@ -68,8 +68,8 @@ class Guarded:
         try:
             return self._begun(self._uavs, plan)
         except FAILURES as error:
-            alone = _each_row(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
-            failed = [uav for row, uav in enumerate(self._uavs) if row not in alone] or self._uavs
+            by_row = _each_row(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
+            failed = [uav for row, uav in enumerate(self._uavs) if row not in by_row] or self._uavs
             uavs = ", ".join(map(str, failed))
             raise BadInput(
                 f"controller {self._method!r} failed in `init` with UAV {uavs}: {last_line(error)}"
@@ -109,9 +109,9 @@ class Guarded:
             return after
         except FAILURES as error:
             places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
-            alone = _each_row(places, lambda row: self._taught(_row(memory, row), models[places[row]]))
-            self._break([row for row in places if row not in alone], error)
-            return _with_rows(memory, alone)
+            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), models[places[row]]))
+            self._break([row for row in places if row not in by_row], error)
+            return _with_rows(memory, by_row)
 
     def break_not_finite(self, memory: Memory) -> None:
         """Break the rows whose memory has numbers that are not finite, so that no checkpoint stores them."""
@@ -140,9 +140,9 @@ class Guarded:
         sent: dict[int, dict[int, NDArray[np.generic]]] = {}  # payloads by number of the broadcast, then by row
 
         def step_row(row: int) -> Step:
-            alone = _row(memory, row)
-            step = self._controller.step(alone, tick, own[row : row + 1], received_by(received, row))
-            numbers, _ = checked_step(step, alone, np.zeros((1, columns)), self._declared, self._everyone)
+            single = _row(memory, row)
+            step = self._controller.step(single, tick, own[row : row + 1], received_by(received, row))
+            numbers, _ = checked_step(step, single, np.zeros((1, columns)), self._declared, self._everyone)
             payloads = {number: broadcast.payload for number, broadcast in enumerate(step.broadcasts)}
             for number, payload in payloads.items():
                 first = next(iter(sent.get(number, {}).values()), payload)
@@ -167,9 +167,9 @@ class Guarded:
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
         return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands
 
-    def _taught(self, alone: Memory, model: Floats) -> Memory:
-        after = self._controller.set(alone, np.zeros(1, dtype=np.intp), model)
-        check_same_form("memory", after, alone)
+    def _taught(self, memory: Memory, model: Floats) -> Memory:
+        after = self._controller.set(memory, np.zeros(1, dtype=np.intp), model)
+        check_same_form("memory", after, memory)
         return after
 
     def _table(self, name: str, memory: Memory, width: int, asked: Iterable[int]) -> Floats:
@@ -177,9 +177,9 @@ class Guarded:
         try:
             return _checked_table(name, call(memory), rows, width)
         except FAILURES as error:
-            alone = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), 1, width))
-            self._break([row for row in asked if row not in alone], error)
-            return np.concatenate([alone.get(row, np.zeros((1, width))) for row in range(rows)])
+            by_row = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), 1, width))
+            self._break([row for row in asked if row not in by_row], error)
+            return np.concatenate([by_row.get(row, np.zeros((1, width))) for row in range(rows)])
 
     def _break(self, rows: Rows | list[int], error: BaseException) -> None:
         """Mark rows as broken, and complain of those that had no complaint."""
@@ -312,10 +312,10 @@ def _each_row(rows: Iterable[int], ask: Callable[[int], Answer]) -> dict[int, An
     return answers
 
 
-def _with_rows(memory: Memory, alone: Mapping[int, Memory]) -> Memory:
+def _with_rows(memory: Memory, memories: Mapping[int, Memory]) -> Memory:
     """A copy of a memory in which some rows have memories of their own."""
     after = {name: array.copy() for name, array in memory.items()}
-    for row, its_memory in alone.items():
-        for name, array in its_memory.items():
+    for row, single in memories.items():
+        for name, array in single.items():
             after[name][row] = array[0]
     return after

@@ -84,8 +84,8 @@ def main(arguments: list[str] | None = None) -> int:
     measured = {**record, "races": dict(record["races"])}
     json_path = given.json or (store.LATEST if whole else None)
     page_path = given.page or (PAGE if whole else None)
-    if given.json and not whole and (kept := store.read(given.json)):
-        races = kept["races"] | record["races"]
+    if given.json and not whole and (earlier := store.read(given.json)):
+        races = earlier["races"] | record["races"]
         record["races"] = {name: races[name] for name in ALL if name in races}
     if json_path:
         store.write(json_path, record)

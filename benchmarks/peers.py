@@ -191,10 +191,10 @@ def main(arguments: list[str] | None = None) -> int:
     code = 0
     for name in given.setup or peers:
         try:
-            said = Environment(name).make(given.timeout)
+            message = Environment(name).make(given.timeout)
         except Exception as error:
-            said, code = f"cannot be had: {error or type(error).__name__}", 1
-        print(f"{name}: {said}", flush=True)
+            message, code = f"cannot be had: {error or type(error).__name__}", 1
+        print(f"{name}: {message}", flush=True)
     return code
 
 

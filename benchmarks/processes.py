@@ -41,8 +41,8 @@ class Children(Family):
         """Raises BenchmarkFailed if a process has crashed, with the last thing it said."""
         for number, process in enumerate(self.processes):
             if process.poll():
-                said = (self.folder / f"{number}.log").read_text(errors="replace").splitlines()[-1:]
-                raise BenchmarkFailed(f"{process.args[2]} ended with {process.returncode}: {said}")  # type: ignore[index]
+                messages = (self.folder / f"{number}.log").read_text(errors="replace").splitlines()[-1:]
+                raise BenchmarkFailed(f"{process.args[2]} ended with {process.returncode}: {messages}")  # type: ignore[index]
 
     def wait(self, timeout_s: float) -> None:
         """Wait until all have ended by themselves; `close` ends the others."""
@@ -69,10 +69,10 @@ def meanflock(*flags: str) -> tuple[dict[str, Any], float]:
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as out:
         command = [*COMMAND, "run", "--json", "--quiet", "--out", out, *flags]
         start = time.perf_counter()
-        printed, said, code = captured(command, _COMMAND_S)
+        printed, messages, code = captured(command, _COMMAND_S)
         wall_s = time.perf_counter() - start
     if code:
-        raise BenchmarkFailed(f"meanflock run {' '.join(flags)}: {(said.splitlines() or ['it said nothing'])[-1]}")
+        raise BenchmarkFailed(f"meanflock run {' '.join(flags)}: {(messages.splitlines() or ['it said nothing'])[-1]}")
     return json.loads(printed), wall_s
 
 
@@ -88,7 +88,7 @@ def captured(command: list[str], timeout_s: float) -> tuple[str, str, int]:
         start_new_session=True,
     )
     try:
-        printed, said = process.communicate(timeout=timeout_s)
+        printed, messages = process.communicate(timeout=timeout_s)
     except BaseException as error:
         process.send_signal(signal.SIGINT)  # a run that is interrupted ends its own processes
         try:
@@ -99,4 +99,4 @@ def captured(command: list[str], timeout_s: float) -> tuple[str, str, int]:
         if isinstance(error, subprocess.TimeoutExpired):
             raise BenchmarkFailed(f"{' '.join(command[1:4])}: not done within {timeout_s:.0f} s") from error
         raise
-    return printed, said, process.returncode
+    return printed, messages, process.returncode

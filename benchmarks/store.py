@@ -68,8 +68,8 @@ def worse(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
             found += [f"{race}: cannot be measured any more: {record['error']}"] if old else []
             continue
         if record["effort"] == was_race.get("effort"):
-            kept = {figure["name"] for figure in record["figures"]}
-            found += [f"{race}: {name}: not measured any more" for name in old if name not in kept]
+            measured = {figure["name"] for figure in record["figures"]}
+            found += [f"{race}: {name}: not measured any more" for name in old if name not in measured]
         for figure in record["figures"]:
             was = old.get(figure["name"], {}).get("ratio")
             ratio, better = figure["ratio"], figure["better"]

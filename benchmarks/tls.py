@@ -16,16 +16,16 @@ UAVS = 25
 
 def run(effort: Effort, say: Say) -> Outcome:
     """With and without, in turns."""
-    said, _, _ = captured([*COMMAND, "run", "--help"], 30.0)
-    if "--tls" not in said:
+    output, _, _ = captured([*COMMAND, "run", "--help"], 30.0)
+    if "--tls" not in output:
         raise BenchmarkFailed("meanflock run has no --tls")
     flags = ("--uavs", str(UAVS), "--set", "stop=duration", "--duration", str(effort.choose(400, 60) / 10))
     ms: dict[str, list[float]] = {"plain": [], "tls": []}
     with tempfile.TemporaryDirectory(prefix="meanflock-bench-") as folder:
         certificates = str(Path(folder) / "certs")
-        _, said, code = captured([*COMMAND, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
+        _, output, code = captured([*COMMAND, "certs", "init", certificates, "--uavs", str(UAVS)], 60.0)
         if code:
-            raise BenchmarkFailed(f"meanflock certs init: {said.strip()}")
+            raise BenchmarkFailed(f"meanflock certs init: {output.strip()}")
         for repeat in range(effort.choose(3, 1)):
             for name, more in (("plain", ()), ("tls", ("--tls", certificates))):
                 say(f"{name}, {repeat + 1}")

@@ -181,7 +181,7 @@ class Meter:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continues with the counters of a snapshot."""
         self._figures = None
-        self.traffic = {kind: Traffic(**kept) for kind, kept in zip(FrameKind, snapshot["traffic"], strict=True)}
+        self.traffic = {kind: Traffic(**totals) for kind, totals in zip(FrameKind, snapshot["traffic"], strict=True)}
         self._last = None
         self._times = 0
         self.marked = snapshot["marked"]

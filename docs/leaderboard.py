@@ -58,7 +58,7 @@ def introduction(found: Board) -> str:
     parts = [
         truths(found),
         "Where learning together pays, and where it does not; each finding was expected before these seeds were flown:",
-        "\n".join(f"{number}. {said}" for number, said in enumerate(findings(found), 1)),
+        "\n".join(f"{number}. {sentences}" for number, sentences in enumerate(findings(found), 1)),
         f"{markdown.how_flown(found)} Constants were tuned on seeds 1 to 10 only. "
         "Written by `python docs/leaderboard.py` from [results/leaderboard.json](results/leaderboard.json), whose "
         "fields are in "
@@ -98,20 +98,20 @@ def findings(found: Board) -> list[str]:
 
 def _federated_tracking(found: Board) -> str:
     """By the sign of the difference: single flights in which a UAV alone learns nonsense would own any mean."""
-    said = []
+    sentences = []
     for mission, alone, together in _both(found, TOLD, "fed-lspi-alone", "fed-lspi"):
         if not {"tracking"} <= alone.cells.keys() & together.cells.keys():
             continue
         one, all_ = alone.column("tracking"), together.column("tracking")
         less = statistics.share(all_ < one)
         verdict = "confirmed" if less.low > 0.5 else "refuted" if less.high < 0.5 else "undecided"
-        said.append(
+        sentences.append(
             f"`{mission}` {np.median(one):.3g} → {np.median(all_):.3g}, "
             f"less in {int((all_ < one).sum())} of {less.n} flights ({verdict})"
         )
     return (
         "**Learning a tracking value function from nothing pays when gains are averaged.** Tracking cost a UAV, each "
-        f"for itself → averaged, medians of the flights: {'; '.join(said) or 'not flown'}."
+        f"for itself → averaged, medians of the flights: {'; '.join(sentences) or 'not flown'}."
     )
 
 
@@ -136,16 +136,16 @@ def _shared_map(found: Board) -> str:
 
 def _identified_air(found: Board) -> str:
     """Confirmed where what is saved of time and energy is told to be less than one part in a hundred."""
-    said = []
+    sentences = []
     for mission, alone, together in _both(found, TOLD, "rls-alone", "rls"):
         saved = [_share_saved(alone, together, key) for key in ("time_s", "energy_J")]
-        said.append(
+        sentences.append(
             f"`{mission}` {_interval(alone, 'time_s')} s, {_interval(alone, 'energy_J')} J → "
             f"{_interval(together, 'time_s')} s, {_interval(together, 'energy_J')} J ({_no_gain(saved)})"
         )
     return (
         "**Identifying drag and wind together does not pay**: what three averaged numbers get wrong less, the feedback "
-        f"makes up for anyway. `rls`, each for itself → averaged: {'; '.join(said) or 'not flown'}."
+        f"makes up for anyway. `rls`, each for itself → averaged: {'; '.join(sentences) or 'not flown'}."
     )
 
 
@@ -163,17 +163,17 @@ def _no_gain(saved: Sequence[Estimate]) -> str:
 
 
 def _paper_learner(found: Board) -> str:
-    said = []
+    sentences = []
     for speed, kappa in (("", "0.01"), ("-fast", "0.02")):
         for _, alone, together in _both(found, ("paper",), f"mfg{speed}-ecbf", f"mfgfl-h{speed}-ecbf"):
-            said.append(
+            sentences.append(
                 f"at κ = {kappa} {_interval(alone, 'energy_J')} → {_interval(together, 'energy_J')} J at "
                 f"{together.cells['kbit'].mean / alone.cells['kbit'].mean:.1f} times the bits (that it saves: "
                 f"{_verdict(_less(alone, together, 'energy_J'))})"
             )
     return (
         "**Whether the paper's learner gains by federation depends on how hurried it is.** `mfg` → `mfgfl-h`, both "
-        f"behind the filter: {'; '.join(said) or 'not flown'}."
+        f"behind the filter: {'; '.join(sentences) or 'not flown'}."
     )
 
 

@@ -65,8 +65,8 @@ def _entry(plugin: Plugin) -> Entry:
 
 def _about(found: type) -> str:
     """The first sentence of the docstring of a class, or else of its file."""
-    said = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
-    words = inspect.cleandoc(said).partition("\n\n")[0].split()
+    docstring = found.__dict__.get("__doc__") or sys.modules[found.__module__].__doc__ or ""
+    words = inspect.cleandoc(docstring).partition("\n\n")[0].split()
     end = next((number for number, word in enumerate(words, 1) if _ends_a_sentence(word)), len(words))
     sentence = " ".join(words[:end])
     return f"{sentence.removesuffix('.')}." if sentence else ""

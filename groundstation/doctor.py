@@ -240,35 +240,35 @@ def engine() -> list[Finding]:
     """Check the container client, its engine and its compose plugin."""
     if shutil.which("docker") is None:
         return [_engineless("not found", "install Docker Engine and its compose plugin")]
-    code, said = _docker("version", "--format", "{{.Server.Version}}")
+    code, output = _docker("version", "--format", "{{.Server.Version}}")
     if code:
-        return [_engineless(*_unreachable(said)), _compose()]
-    return [Finding("container engine", "ok", f"version {said}"), _compose()]
+        return [_engineless(*_unreachable(output)), _compose()]
+    return [Finding("container engine", "ok", f"version {output}"), _compose()]
 
 
 def _engineless(found: str, mend: str) -> Finding:
     return Finding("container engine", "warning", found, f"only needed for containers: {mend}")
 
 
-def _unreachable(said: str) -> tuple[str, str]:
+def _unreachable(output: str) -> tuple[str, str]:
     """Finding and advice for an error of the client."""
-    if "permission denied" in said.lower():
+    if "permission denied" in output.lower():
         return "you may not talk to it", "sudo usermod -aG docker $USER, then log in again"
     where = os.environ.get("DOCKER_HOST", "")
     if where:
         return f"no engine at DOCKER_HOST={where}", "start it there, or unset DOCKER_HOST"
-    return f"does not run ({said.splitlines()[-1] if said else 'no answer'})", "sudo systemctl start docker"
+    return f"does not run ({output.splitlines()[-1] if output else 'no answer'})", "sudo systemctl start docker"
 
 
 def _compose() -> Finding:
-    code, said = _docker("compose", "version", "--short")
+    code, output = _docker("compose", "version", "--short")
     mend = f"only needed for containers: install the compose plugin, version {COMPOSE_MAJOR} or newer"
     if code:
         return Finding("docker compose", "warning", "no such plugin", mend)
-    major = said.removeprefix("v").partition(".")[0]
+    major = output.removeprefix("v").partition(".")[0]
     if not major.isdigit() or int(major) < COMPOSE_MAJOR:
-        return Finding("docker compose", "warning", f"version {said}", mend)
-    return Finding("docker compose", "ok", f"version {said}")
+        return Finding("docker compose", "warning", f"version {output}", mend)
+    return Finding("docker compose", "ok", f"version {output}")
 
 
 def _docker(*arguments: str) -> tuple[int, str]:

@@ -59,16 +59,16 @@ def _known(*columns: ArrayLike) -> list[Floats]:
 
 def mean(values: ArrayLike) -> Estimate:
     """Mean of a value a seed, with the t interval; one seed alone, or an infinite value, has no interval."""
-    (kept,) = _known(values)
-    n = len(kept)
+    (finite,) = _known(values)
+    n = len(finite)
     if n == 0:
         return _unbounded(math.nan, 0)
-    if not np.isfinite(kept).all():
+    if not np.isfinite(finite).all():
         return _unbounded(math.inf, n)
-    centre = float(kept.mean())
+    centre = float(finite.mean())
     if n == 1:
         return _unbounded(centre, 1)
-    half = _t(n, CONFIDENCE) * float(kept.std(ddof=1)) / math.sqrt(n)
+    half = _t(n, CONFIDENCE) * float(finite.std(ddof=1)) / math.sqrt(n)
     return Estimate(centre, centre - half, centre + half, n)
 
 
@@ -125,8 +125,8 @@ def share(hits: Sequence[bool] | NDArray[np.bool_]) -> Estimate:
 
 def rate(counts: ArrayLike) -> Estimate:
     """Events a run, with Garwood's exact Poisson interval of the total."""
-    (kept,) = _known(counts)
-    n, total = len(kept), float(kept.sum())
+    (finite,) = _known(counts)
+    n, total = len(finite), float(finite.sum())
     if n == 0:
         return Estimate(math.nan, 0.0, math.inf, 0)
     tail = (1 - CONFIDENCE) / 2

@@ -39,11 +39,11 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
         y = np.where(asks, y, 0.0)
         bound = np.where(asks, bound, -np.inf)
         length = np.where(asks, length, 1.0)
-        point, kept = _project(wanted, x, y, bound, limit)
+        point, feasible = _project(wanted, x, y, bound, limit)
         missing[:] = 0.0
         found[:] = point
-        if not kept.all():
-            rows = np.flatnonzero(~kept)
+        if not feasible.all():
+            rows = np.flatnonzero(~feasible)
             x = x[rows]
             y = y[rows]
             bound = bound[rows]
@@ -59,9 +59,9 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
     length = np.sqrt(wanted[:, 0] * wanted[:, 0] + wanted[:, 1] * wanted[:, 1])
     scale = np.where(length > limit, limit / length, 1.0)
     a_x, a_y = wanted[:, 0] * scale, wanted[:, 1] * scale
-    kept = np.ones(len(wanted), dtype=bool)
+    feasible = np.ones(len(wanted), dtype=bool)
     for k in range(bound.shape[1]):
-        rows = np.flatnonzero(kept & (x[:, k] * a_x + y[:, k] * a_y < bound[:, k]))
+        rows = np.flatnonzero(feasible & (x[:, k] * a_x + y[:, k] * a_y < bound[:, k]))
         if not len(rows):
             continue
         n_x = x[rows, k]
@@ -86,8 +86,8 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
         s = np.minimum(np.maximum(n_x * wanted[rows, 1] - n_y * wanted[rows, 0], low), high) + 0.0  # no −0
         a_x[rows[meets]] = (n_x * b - n_y * s)[meets]
         a_y[rows[meets]] = (n_y * b + n_x * s)[meets]
-        kept[rows[~meets]] = False
-    return np.stack([a_x, a_y], axis=-1), kept
+        feasible[rows[~meets]] = False
+    return np.stack([a_x, a_y], axis=-1), feasible
 
 
 def _needed(x: Floats, y: Floats, bound: Floats, length: Floats, limit: float) -> Floats:

@@ -60,10 +60,10 @@ def fly(
     flown = scenario_of(scenario, settings, **options)
     check_diagnostics(flown.method, flown.declared.diagnostics)
     tell_of_lost_models([flown])
-    kept = Kept()
+    memory = Kept()
     with ExitStack() as stack:
         outputs, run_id = None, f"{flown.method}-s{flown.seed}"
-        sinks: list[Sink] = [kept]
+        sinks: list[Sink] = [memory]
         if out is not None:
             from meanflock.groundstation.launch.run import Options, Outputs, new_run_id
 
@@ -77,4 +77,4 @@ def fly(
         summary = engine.world.finish()
         if outputs is not None:
             outputs.summary = summary
-    return Run(flown, summary, kept.blocks, None if outputs is None else outputs.folder.path)
+    return Run(flown, summary, memory.blocks, None if outputs is None else outputs.folder.path)

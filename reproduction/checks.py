@@ -260,8 +260,8 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
     level = 1.0 - (1.0 - statistics.CONFIDENCE) / len(cases)
     tests: list[tuple[Test, _Case]] = []
     for case in cases:
-        kept = statistics.ratio(*case.columns, confidence=level)
-        saved = Estimate(1.0 - kept.value, 1.0 - kept.high, 1.0 - kept.low, kept.n)
+        remaining = statistics.ratio(*case.columns, confidence=level)
+        saved = Estimate(1.0 - remaining.value, 1.0 - remaining.high, 1.0 - remaining.low, remaining.n)
         if not math.isnan(saved.value):
             what = f"{check.metric}: best of {len(cases)} savings, {case.subject} against {case.other} at {case.where}"
             tests.append((above(what, saved, check.threshold * (1 - check.tolerance)), case))

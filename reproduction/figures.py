@@ -36,10 +36,12 @@ def regime_map(view: View) -> Figure | None:
     ]
     for letter, ax, multinomial in zip("ab", axes, (False, True), strict=True):
         own = sorted((p for p in found if p.multinomial is multinomial), key=lambda place: place.score)
-        gone = [p for p in own if p.never_arrived >= regimes.FEW_ARRIVE]
-        kept = [p for p in own if p.never_arrived < regimes.FEW_ARRIVE]
-        ax.scatter(*_where(gone), s=12, marker="x", color=plotstyle.PALE, linewidths=0.8, zorder=1)
-        shown = ax.scatter(*_where(kept), c=[p.score for p in kept], s=22, cmap="viridis", vmin=0, vmax=most, zorder=2)
+        absent = [p for p in own if p.never_arrived >= regimes.FEW_ARRIVE]
+        scored = [p for p in own if p.never_arrived < regimes.FEW_ARRIVE]
+        ax.scatter(*_where(absent), s=12, marker="x", color=plotstyle.PALE, linewidths=0.8, zorder=1)
+        shown = ax.scatter(
+            *_where(scored), c=[p.score for p in scored], s=22, cmap="viridis", vmin=0, vmax=most, zorder=2
+        )
         for place, name in named:
             if place.multinomial is multinomial:
                 x, y = _where([place])

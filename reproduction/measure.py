@@ -91,11 +91,11 @@ def trip_states(scenario: Scenario) -> Floats:
 def gap(scenario: Scenario) -> tuple[float, float]:
     """Median over UAVs of realised over optimal cost, the optimum without noise; and the same without the distance left
     at arrival; see `theory.gaps`."""
-    kept = Kept()
-    engine = Engine(scenario, "gap", sinks=[kept])
+    stored = Kept()
+    engine = Engine(scenario, "gap", sinks=[stored])
     engine.complete()
-    states = np.concatenate([block.states for block in kept.blocks])
-    commands = np.concatenate([block.accelerations for block in kept.blocks]).astype(np.float64)[1:]
+    states = np.concatenate([block.states for block in stored.blocks])
+    commands = np.concatenate([block.accelerations for block in stored.blocks]).astype(np.float64)[1:]
     arrival = engine.world.flight.arrival_tick
     whole, moving = (theory.gaps(scenario, states, commands, arrival, moving=without) for without in (False, True))
     return float(np.median(whole)), float(np.median(moving))
@@ -177,15 +177,15 @@ def load_measured(
     if not path.is_file():
         return {}
     try:
-        kept = msgspec.json.decode(path.read_bytes(), type=_Measured)
+        stored = msgspec.json.decode(path.read_bytes(), type=_Measured)
     except msgspec.MsgspecError as error:
         raise BadInput(f"{path}: {error}; delete it and measure again") from error
-    fits = kept.version == version() and seeds in (None, kept.seeds) and seconds in (None, kept.seconds)
-    return kept.numbers if fits else {}
+    fits = stored.version == version() and seeds in (None, stored.seeds) and seconds in (None, stored.seconds)
+    return stored.numbers if fits else {}
 
 
 def keep_measured(out: Path, numbers: Mapping[str, Sequence[float]], seeds: Sequence[int], seconds: float) -> None:
     """Write the numbers of `measure` for `load_measured`."""
-    kept = _Measured(version(), list(seeds), seconds, {name: list(values) for name, values in numbers.items()})
+    stored = _Measured(version(), list(seeds), seconds, {name: list(values) for name, values in numbers.items()})
     (out / DATA).mkdir(parents=True, exist_ok=True)
-    (out / DATA / MEASURED).write_bytes(msgspec.json.format(msgspec.json.encode(kept)) + b"\n")
+    (out / DATA / MEASURED).write_bytes(msgspec.json.format(msgspec.json.encode(stored)) + b"\n")

@@ -63,8 +63,8 @@ def table(records: Sequence[Record]) -> list[str]:
     lines = ["| id | figure | claim | rests on | paper | paper-slow | paper-printed |", "|---|---|---|---|---|---|---|"]
     for record in records:
         cells = [_cell(record), *(_cell(record["scenarios"][name]) for name in OTHERS)]
-        said = f"{record['statement'].rstrip('.')} ({record['scenario']})"
-        lines.append(f"| {' | '.join([record['id'], record['figure'], said, record['kind'], *cells])} |")
+        words = f"{record['statement'].rstrip('.')} ({record['scenario']})"
+        lines.append(f"| {' | '.join([record['id'], record['figure'], words, record['kind'], *cells])} |")
     return lines
 
 
@@ -79,7 +79,9 @@ def findings(records: Sequence[Record], described: Record) -> list[str]:
     """The findings of the page, with all their numbers from the two files."""
     by_id = {record["id"]: record for record in records}
     scores = sorted((place["score"] for place in described["settings"]), reverse=True)
-    kept = sorted((p["score"] for p in described["settings"] if p["never_arrived"] < regimes.FEW_ARRIVE), reverse=True)
+    ranked = sorted(
+        (p["score"] for p in described["settings"] if p["never_arrived"] < regimes.FEW_ARRIVE), reverse=True
+    )
     default = next(place["score"] for place in described["settings"] if not place["setting"])
     counts = {name: counted(records, name) for name in ("paper", *OTHERS)}
     lucky = f"C13 holds in {_flights(by_id['C13'], 'paper-printed')} single flights of this scenario"
@@ -89,8 +91,8 @@ def findings(records: Sequence[Record], described: Record) -> list[str]:
     lines = [
         f"**The default reproduces {counts['paper'][REPRODUCED]} of 53 claims**; {tally(counts['paper'])}. "
         + " ".join(f"`{name}` reproduces {counts[name][REPRODUCED]}; {tally(counts[name])}." for name in OTHERS),
-        f"**No setting reproduces the paper.** The best of {len(scores)} settings scores {kept[0]:.1f} of "
-        f"{of_motion}. The tenth best scores {kept[9]:.1f}, and the default {default:.1f}. {flown_again(described)}",
+        f"**No setting reproduces the paper.** The best of {len(scores)} settings scores {ranked[0]:.1f} of "
+        f"{of_motion}. The tenth best scores {ranked[9]:.1f}, and the default {default:.1f}. {flown_again(described)}",
         "**The main claim about energy holds with slow steering** (`paper-slow`: L_v = 80 m/s, κ = 0.04). Sharing both "
         f"models costs the least energy of all methods in {_flights(by_id['O5'], 'paper-slow')} fresh flights "
         f"({_energies(by_id['O5'], 'paper-slow')}), and at the default in {_flights(by_id['O5'], None)} "

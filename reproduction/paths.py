@@ -158,8 +158,8 @@ def offline(view: View) -> Figure | None:
         ax.set_xlim(low[0], high[0])
         ax.set_ylim(low[1], high[1])
         arrived = int((flown.status[-1] == Status.ARRIVED).sum())
-        said = f"{arrived} of {flown.states.shape[1]} arrived, {len(met)} collisions"
-        plotstyle.titled(ax, letter, f"{title}\n{said}")
+        caption = f"{arrived} of {flown.states.shape[1]} arrived, {len(met)} collisions"
+        plotstyle.titled(ax, letter, f"{title}\n{caption}")
         ax.set_xlabel("$x$ (m)")
     axes[0].set_ylabel("$y$ (m)")
     star = Line2D([], [], linestyle="", marker="*", markersize=7, color="#CC2222", label="collision")

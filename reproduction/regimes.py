@@ -68,7 +68,7 @@ def places(view: View, experiment: str = MAP) -> list[Place]:
 
 def judged(flown: set[str], experiment: str = MAP) -> list[Claim]:
     """The claims that count, each reduced to the comparisons between flown methods."""
-    kept = []
+    result = []
     for claim in claims.load():
         if claim.kind != "measured" or not has_single_flights(claim) or not _of_motion(claim):
             continue
@@ -78,8 +78,8 @@ def judged(flown: set[str], experiment: str = MAP) -> list[Claim]:
             if subject and (against or not check.against):
                 checks.append(msgspec.structs.replace(check, subject=subject, against=against, experiment=experiment))
         if checks:
-            kept.append(msgspec.structs.replace(claim, check=tuple(checks)))
-    return kept
+            result.append(msgspec.structs.replace(claim, check=tuple(checks)))
+    return result
 
 
 def best(found: list[Place], count: int = 10) -> list[Place]:

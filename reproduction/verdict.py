@@ -232,8 +232,8 @@ def shares(results: Results) -> list[Share]:
         verdicts = [record["verdict"] for record in judged.values()]
         if all(verdict == NOT_TESTABLE for verdict in verdicts):
             continue
-        kept = tuple(setting for setting, record in judged.items() if record["verdict"] in HOLDING)
-        table.append(Share(claim.id, len(kept), verdicts.count(UNDECIDED), verdicts.count(NOT_REPRODUCED), kept))
+        holding = tuple(setting for setting, record in judged.items() if record["verdict"] in HOLDING)
+        table.append(Share(claim.id, len(holding), verdicts.count(UNDECIDED), verdicts.count(NOT_REPRODUCED), holding))
     return table
 
 

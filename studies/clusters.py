@@ -52,10 +52,10 @@ def main() -> None:
 
 def measure(flown: Scenario) -> dict[str, float]:
     """Cost of the uplink of a round; means over the rounds of one flight."""
-    summary = Engine(flown, "clusters", sinks=[kept := Kept()]).complete()
+    summary = Engine(flown, "clusters", sinks=[record := Kept()]).complete()
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], flown.federation.leader
-    links = np.concatenate([block.links for block in kept.blocks])
+    links = np.concatenate([block.links for block in record.blocks])
     sent = links[np.isin(links[:, 3], (FrameKind.UPLOAD, FrameKind.RELAY))]
     slot_ms = flown.radio.coherence_time_s * 1e3
     row = {

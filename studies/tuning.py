@@ -69,22 +69,22 @@ def order(objective: str, found: Score) -> tuple[float, float]:
 
 def score(objective: str, flown: Sequence[Mapping[str, Any]]) -> Score:
     """Score of summaries; a flight that failed counts as unsafe and has no objective."""
-    whole = [kept for kept in flown if flights.FAILED not in kept]
+    whole = [result for result in flown if flights.FAILED not in result]
     unsafe = len(flown) - len(whole) + sum(map(_is_unsafe, whole))
-    values = [_tracking(kept) if objective == "tracking" else _trip(kept) for kept in whole]
+    values = [_tracking(result) if objective == "tracking" else _trip(result) for result in whole]
     return Score(unsafe, sum(values) / len(values) if values else math.inf, len(flown))
 
 
-def _is_unsafe(kept: Mapping[str, Any]) -> bool:
-    return bool(kept["collisions_all"] or kept["obstacle_hits"] or kept["arrived"] < kept["uavs"])
+def _is_unsafe(result: Mapping[str, Any]) -> bool:
+    return bool(result["collisions_all"] or result["obstacle_hits"] or result["arrived"] < result["uavs"])
 
 
-def _trip(kept: Mapping[str, Any]) -> float:
-    return 0.5 * math.log(kept["energy_mean_J"] * kept["t_avg_censored_s"])
+def _trip(result: Mapping[str, Any]) -> float:
+    return 0.5 * math.log(result["energy_mean_J"] * result["t_avg_censored_s"])
 
 
-def _tracking(kept: Mapping[str, Any]) -> float:
-    return math.log(max(kept["diagnostics"]["tracking_cost"] / kept["uavs"], _LEAST))
+def _tracking(result: Mapping[str, Any]) -> float:
+    return math.log(max(result["diagnostics"]["tracking_cost"] / result["uavs"], _LEAST))
 
 
 def arms() -> tuple[Arm, ...]:
@@ -126,7 +126,7 @@ def tuned(wanted: Sequence[Arm], jobs: int, out: Path) -> dict[str, Any]:
     records = {}
     for arm in wanted:
         flown = {k: first[arm.name, k] + rest.get((arm.name, k), []) for k in range(len(arm.candidates))}
-        scores = {k: score(arm.objective, kept) for k, kept in flown.items()}
+        scores = {k: score(arm.objective, result) for k, result in flown.items()}
         chosen, *_ = _best(arm, {k: flown[k] for k in finalists[arm.name]})
         records[arm.name] = {
             "code": version(),

@@ -18,7 +18,7 @@ class Prediction(Protocol):
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
         """Returns the numbers to remember, (S, 4), of states (S, 4) that UAVs (S,) sent in a tick."""
 
-    def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
+    def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
         """Returns the states predicted for a tick, (M, 4, K), from numbers of `keep`, (M, 4, K), `age` (M, K) ticks
         old.
 
@@ -35,11 +35,11 @@ class ConstantVelocity:
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
         return states
 
-    def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        states = np.empty(kept.shape)
-        np.multiply(kept[:, AXES:], (age * self._dt)[:, None], out=states[:, :AXES])
-        states[:, :AXES] += kept[:, :AXES]
-        states[:, AXES:] = kept[:, AXES:]
+    def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
+        states = np.empty(remembered.shape)
+        np.multiply(remembered[:, AXES:], (age * self._dt)[:, None], out=states[:, :AXES])
+        states[:, :AXES] += remembered[:, :AXES]
+        states[:, AXES:] = remembered[:, AXES:]
         return states
 
 
@@ -56,7 +56,7 @@ class AlongPlan:
         """See `Prediction`: the deviation from the plan."""
         return states - self._plan(tick)[uavs]
 
-    def now(self, kept: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        states = kept * self._left[np.minimum(age, len(self._left) - 1)][:, None]
+    def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
+        states = remembered * self._left[np.minimum(age, len(self._left) - 1)][:, None]
         states += np.swapaxes(self._plan(tick)[uavs], -1, -2)
         return states

@@ -77,8 +77,10 @@ def install(command: list[str], log: Path, end: float) -> None:
     Raises:
         BenchmarkFailed: not done in time, or failed; the text is the last error it said.
     """
-    with log.open("ab") as said:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True)
+    with log.open("ab") as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+        )
         try:
             code = process.wait(max(0.0, end - time.monotonic()))
         except subprocess.TimeoutExpired:

@@ -73,13 +73,13 @@ class Child:
 
     def last_lines(self) -> str:
         """Last lines of its output."""
-        said = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(no output)"
-        return "\n".join(f"    {line}" for line in printable_lines(said).split("\n")[-LAST_LINES:])
+        text = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(no output)"
+        return "\n".join(f"    {line}" for line in printable_lines(text).split("\n")[-LAST_LINES:])
 
     def errors(self) -> list[str]:
         """Error lines of its output."""
-        said = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
-        return [line.removeprefix(_ERROR) for line in said if line.startswith(_ERROR)]
+        text = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
+        return [line.removeprefix(_ERROR) for line in text if line.startswith(_ERROR)]
 
 
 def sweep(group: int) -> None:

@@ -65,9 +65,9 @@ class Swarm(Family):
         extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]
         extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
         if resume is not None:
-            kept = path.with_name("resume.msgpack")
-            kept.write_bytes(resume)
-            extra += ["--resume", str(kept)]
+            target = path.with_name("resume.msgpack")
+            target.write_bytes(resume)
+            extra += ["--resume", str(target)]
         self._start("worldsim", "world", ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra])
 
     def start_leaders(self, count: int, wait_s: float) -> None:
@@ -166,8 +166,8 @@ class Swarm(Family):
         for child in self._children if self._log_format else ():
             with child.log.open("rb") as log:
                 log.seek(child.passed_on)
-                said = log.read()
-            whole = said[: said.rfind(b"\n") + 1]
+                text = log.read()
+            whole = text[: text.rfind(b"\n") + 1]
             child.passed_on += len(whole)
             for line in printable_lines(whole.decode(errors="replace")).split("\n")[:-1]:
                 print(line if self._log_format == logs.JSON else f"{child.name}: {line}", file=sys.stderr, flush=True)
@@ -200,7 +200,7 @@ def _failed(child: Child) -> MeanflockError:
 
 def _environment() -> dict[str, str]:
     """The environment of a child: that of this process without variables that would change what it flies."""
-    return {name: said for name, said in os.environ.items() if name not in _OURS}
+    return {name: text for name, text in os.environ.items() if name not in _OURS}
 
 
 def _import_path() -> dict[str, str]:

@@ -134,10 +134,10 @@ def summary_table(summary: dict[str, object]) -> Table:
     add("rounds", summary["rounds"], f"{void} more were void" if (void := summary["rounds_void"]) else "")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)
-    if isinstance(kept := summary["realtime"], dict):
-        jitter = kept["tick_start_jitter_ms"]
+    if isinstance(realtime := summary["realtime"], dict):
+        jitter = realtime["tick_start_jitter_ms"]
         add("commands held", summary["held_commands"], "came late", 0)
-        add("deadline misses", kept["deadline_misses"], f"of {summary['ticks']:,} ticks", 0)
+        add("deadline misses", realtime["deadline_misses"], f"of {summary['ticks']:,} ticks", 0)
         add("tick starts late by, mean", jitter["mean"], "ms")
         add("tick starts late by, 99 %", jitter["p99"], "ms")
         add("tick starts late by, at most", jitter["max"], "ms")

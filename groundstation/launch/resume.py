@@ -46,10 +46,10 @@ def back(folder: Path) -> Back:
         )
     flown = scenario.load(folder / SCENARIO)
     flown_plugins.check(folder, flown)
-    kept = read_checkpoint(folder)
-    rows = past(folder, kept["tick"]).rows
-    start = Resumption.decode(kept["body"], states_of(rows))
+    saved = read_checkpoint(folder)
+    rows = past(folder, saved["tick"]).rows
+    start = Resumption.decode(saved["body"], states_of(rows))
     if start.checkpoint.get("scenario") != flown.sha256():
         raise BadInput(f"{folder / SCENARIO}: not the scenario that was flown, by its checkpoint; bring that file back")
     flown_plugins.check_unchanged(folder, flown, start.checkpoint.get("plugins", ()))
-    return Back(folder, flown, Past(rows, kept["block"] + 1, kept["events_bytes"]), start)
+    return Back(folder, flown, Past(rows, saved["block"] + 1, saved["events_bytes"]), start)

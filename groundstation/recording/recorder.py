@@ -118,11 +118,11 @@ class Writer:
         positions = states[..., state.POSITION].astype(np.float32)
         colors = uav_colors(states, diagnostics, status, self._reported)
 
-        kept = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
-        if len(rows := ticks[kept]):
+        chosen = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
+        if len(rows := ticks[chosen]):
             rows = ticks if len(rows) == len(ticks) else rows
-            self._send(uav_rows(rows, states[kept], colors[kept], self._scenario.federation.leader))
-            self._send(self._disturbances.rows(rows, states[kept]))
+            self._send(uav_rows(rows, states[chosen], colors[chosen], self._scenario.federation.leader))
+            self._send(self._disturbances.rows(rows, states[chosen]))
         self._send(self._trails.rows(ticks, positions, colors))
         self._send(self._links.rows(ticks, positions, links))
         self._send(report_rows(blocks, self._reported))

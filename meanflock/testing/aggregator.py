@@ -107,12 +107,12 @@ def check_aggregator(
             fail(aggregator, why, mend)
 
     rule: Aggregator = make(aggregator, options, flown)
-    kept, uavs = _begun(rule, MODEL), np.arange(min(SWARM, flown.uavs))
+    rule_state, uavs = _begun(rule, MODEL), np.arange(min(SWARM, flown.uavs))
     many = np.random.default_rng(6).standard_normal((len(uavs), MODEL))
 
     def average(number: int) -> None:
-        nonlocal kept
-        kept, _ = rule.step(kept, Uploads(many, uavs, np.full(len(uavs), number), number))
+        nonlocal rule_state
+        rule_state, _ = rule.step(rule_state, Uploads(many, uavs, np.full(len(uavs), number), number))
 
     check_pace(aggregator, f"a round of {len(uavs)} models", slow_ms, average)
 

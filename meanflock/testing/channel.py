@@ -45,8 +45,8 @@ def check_channel(
                     distance = np.linspace(longest_m, 1.0, links)
                     given = distance.copy()
                     if afresh:  # as after a checkpoint
-                        kept, rng = random_state(rng), np.random.default_rng()
-                        set_random_state(rng, kept)
+                        saved, rng = random_state(rng), np.random.default_rng()
+                        set_random_state(rng, saved)
                         made = make(channel, options or {}, flown)
                     answer = asked(
                         channel, made.transmit, distance, bits, rng, mend=f"{links} links must do, as any number"

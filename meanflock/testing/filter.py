@@ -63,8 +63,8 @@ def check_filter(
     """
     check_class(filter_, "filter")
     flown, given = scenario or Scenario(uavs=UAVS), options or {}
-    kept = msgspec.structs.replace(flown.filter, kind=filter_.name, options=dict(given))
-    flown = msgspec.structs.replace(flown, method=Hasty.name, controller={}, filter=kept)
+    table = msgspec.structs.replace(flown.filter, kind=filter_.name, options=dict(given))
+    flown = msgspec.structs.replace(flown, method=Hasty.name, controller={}, filter=table)
 
     def made() -> Any:
         return make(filter_, given, flown, Hasty(Hasty.Options(), flown))

@@ -167,7 +167,9 @@ class PointSwarm:
         models = np.zeros((len(own), 0))
         if self.declared.parameters:
             mend = "return one row a UAV, `parameters` wide"
-            found = [asked(self.controller, one.get, kept, mend=mend) for one, kept in zip(made, memories, strict=True)]
+            found = [
+                asked(self.controller, one.get, stored, mend=mend) for one, stored in zip(made, memories, strict=True)
+            ]
             models = np.concatenate(found)
         return Trial(commands, broadcasts, memory, models)
 
@@ -211,5 +213,5 @@ def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received,
 
 
 def _read_back(memory: Memory) -> Memory:
-    kept = decode_record(encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()}))
-    return {name: np.array(array) for name, array in kept.items()}
+    stored = decode_record(encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()}))
+    return {name: np.array(array) for name, array in stored.items()}

@@ -114,12 +114,14 @@ def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries
     nothing = dict.fromkeys(BY_KEY, np.nan)
     discs = len(obstacles(fronts.scenario))
     numbers = [
-        nothing if flights.FAILED in kept else of_flight(kept, fronts.regret(kept), mission.time_price_W, discs > 0)
-        for kept in flown
+        nothing
+        if flights.FAILED in result
+        else of_flight(result, fronts.regret(result), mission.time_price_W, discs > 0)
+        for result in flown
     ]
     columns = {key: np.array([each[key] for each in numbers]) for key in BY_KEY}
-    whole = [kept for kept in flown if flights.FAILED not in kept]
-    whys = [kept.get(flights.FAILED) or kept.get(flights.LOST) or "" for kept in flown]
+    whole = [result for result in flown if flights.FAILED not in result]
+    whys = [result.get(flights.FAILED) or result.get(flights.LOST) or "" for result in flown]
     return Standing(
         name=row.name,
         controller=row.controller,
@@ -129,7 +131,7 @@ def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries
         cells=cells(columns),
         kbit_by_kind=_by_kind(whole),
         values={key: [rounded(value) for value in values.tolist()] for key, values in columns.items()},
-        lost=sum(kept["lost"] for kept in whole),
+        lost=sum(result["lost"] for result in whole),
         failed=len(flown) - len(whole),
         why=next(filter(None, whys), ""),
     )
@@ -137,9 +139,9 @@ def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries
 
 def _by_kind(flown: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Mean payload until the last arrival, kbit, of the kinds that were sent."""
-    sent = (kept["bits_to_arrival"].items() for kept in flown)
+    sent = (result["bits_to_arrival"].items() for result in flown)
     kinds = dict.fromkeys(kind for each in sent for kind, bits in each if bits and kind != TOTAL)
-    return {kind: float(np.mean([kept["bits_to_arrival"][kind] for kept in flown])) / 1e3 for kind in kinds}
+    return {kind: float(np.mean([result["bits_to_arrival"][kind] for result in flown])) / 1e3 for kind in kinds}
 
 
 def _line(fronts: Fronts, scenario: Scenario) -> tuple[list[float], list[float]]:

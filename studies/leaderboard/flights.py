@@ -28,18 +28,18 @@ def fly(flown: Scenario) -> dict[str, Any]:
     """
     try:
         engine = Engine(flown, "leaderboard")
-        kept = of_all(flown, engine.complete())
+        result = of_all(flown, engine.complete())
     except (BadInput, RunFailed) as error:
         return {FAILED: str(error)}
     flight = engine.world.flight
     arrived = flight.arrival_tick >= 0
     times = ((flight.arrival_tick - mission.launches(flown)) * flown.dt).tolist()
-    kept["radio"] = {name: value for name, value in kept["radio"].items() if name != "links"}
-    kept["travel_s"] = [time if there else None for time, there in zip(times, arrived.tolist(), strict=True)]
-    kept["energy_J"] = np.where(arrived, flight.arrival_energy, flight.energy).tolist()
-    if kept["lost"] and not flown.faults:
-        kept[LOST] = _why(flown)
-    return kept
+    result["radio"] = {name: value for name, value in result["radio"].items() if name != "links"}
+    result["travel_s"] = [time if there else None for time, there in zip(times, arrived.tolist(), strict=True)]
+    result["energy_J"] = np.where(arrived, flight.arrival_energy, flight.energy).tolist()
+    if result["lost"] and not flown.faults:
+        result[LOST] = _why(flown)
+    return result
 
 
 class _FirstWord:
@@ -50,8 +50,8 @@ class _FirstWord:
 
     def write(self, block: Telemetry) -> None:
         """Search the events of a block."""
-        said = (event.text for event in block.events if event.kind in LOSS)
-        self.text = self.text or next(said, "")
+        texts = (event.text for event in block.events if event.kind in LOSS)
+        self.text = self.text or next(texts, "")
 
 
 def _why(flown: Scenario) -> str:

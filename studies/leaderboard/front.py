@@ -119,15 +119,15 @@ class Fronts:
         of_way = cache(lambda *way: front(self.scenario, np.array(way), self._wind, self._corners))
         return [of_way(x, y) for x, y in ways.tolist()]
 
-    def regret(self, kept: Mapping[str, Any]) -> float | None:
+    def regret(self, result: Mapping[str, Any]) -> float | None:
         """Mean regret of the UAVs of a flight, J; kept: of `flights.fly`.
 
         A UAV that never arrived counts with its energy until the end. None if a UAV was lost, or ended with less energy
         than its whole way needs."""
-        if self.each is None or kept["lost"]:
+        if self.each is None or result["lost"]:
             return None
         above = []
-        for least, arrival, energy in zip(self.each, kept["travel_s"], kept["energy_J"], strict=True):
+        for least, arrival, energy in zip(self.each, result["travel_s"], result["energy_J"], strict=True):
             above.append(energy - least.least_J(self.scenario.duration if arrival is None else arrival))
             if arrival is None and above[-1] < 0.0:  # it did not fly its whole way
                 return None

@@ -49,8 +49,8 @@ def section(course: Course, policies: Sequence[str], pictures: Mapping[str, str]
     parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {conditions}"]
     if course.standings:
         parts.append(_table(*_bold((tables.head(course), tables.body(course)))))
-    if said := tables.notes(course):
-        parts.append("\n".join(f"- {note}" for note in said))
+    if remarks := tables.notes(course):
+        parts.append("\n".join(f"- {note}" for note in remarks))
     if course.name in pictures:
         parts.append(f"![{course.title}: time and energy, bits and collisions]({pictures[course.name]})")
     return parts

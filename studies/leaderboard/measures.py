@@ -81,7 +81,7 @@ BY_KEY = {measure.key: measure for measure in MEASURES}
 
 
 def of_flight(
-    kept: Mapping[str, Any], regret_J: float | None, price_W: float | None, obstacles: bool
+    result: Mapping[str, Any], regret_J: float | None, price_W: float | None, obstacles: bool
 ) -> dict[str, float]:
     """Every measure of one flight; NaN if it has no such number.
 
@@ -89,15 +89,15 @@ def of_flight(
         kept: of `flights.fly`. regret_J: its regret, if that is known. price_W: of time, J/s, if the mission has one.
         obstacles: whether there are any.
     """
-    uavs, reported = kept["uavs"], kept.get("diagnostics") or {}
+    uavs, reported = result["uavs"], result.get("diagnostics") or {}
     tracking = reported.get("tracking_cost")
-    numbers = {measure.key: kept[measure.field] for measure in MEASURES if measure.field} | {
-        "arrived": kept["arrived"] / uavs,
+    numbers = {measure.key: result[measure.field] for measure in MEASURES if measure.field} | {
+        "arrived": result["arrived"] / uavs,
         "regret_J": regret_J,
-        "cost_J": None if price_W is None else kept["energy_mean_J"] + price_W * kept["t_avg_censored_s"],
+        "cost_J": None if price_W is None else result["energy_mean_J"] + price_W * result["t_avg_censored_s"],
         "tracking": None if tracking is None else tracking / uavs,
-        "free": float(kept["collisions_all"] == 0 and not kept["obstacle_hits"]),
-        "kbit": kept["bits_to_arrival"][TOTAL] / 1e3,
+        "free": float(result["collisions_all"] == 0 and not result["obstacle_hits"]),
+        "kbit": result["bits_to_arrival"][TOTAL] / 1e3,
         "infeasible": reported.get("infeasible"),
     }
     if not obstacles:

@@ -48,8 +48,8 @@ def _course(course: Course, policies: Sequence[str], pictures: Mapping[str, Path
     picture = ""
     if course.name in pictures:
         data = base64.b64encode(pictures[course.name].read_bytes()).decode("ascii")
-        said = f"{escape(course.title)}: time and energy, bits and collisions"
-        picture = f"<figure><img alt='{said}' src='data:image/png;base64,{data}'></figure>"
+        description = f"{escape(course.title)}: time and energy, bits and collisions"
+        picture = f"<figure><img alt='{description}' src='data:image/png;base64,{data}'></figure>"
     shown = _table(tables.head(course), tables.body(course), yours) if course.standings else ""
     return (
         f"<section id='{escape(course.name)}'><h2>{escape(course.title)}</h2>"

@@ -116,18 +116,18 @@ def kinds(row: Standing) -> str:
 
 def notes(course: Course) -> list[str]:
     """Notes on rows: failed flights, lost UAVs, missing rows."""
-    said = []
+    remarks = []
     for row in course.standings:
         if row.failed:
-            said.append(f"{row.name}: {row.failed} of {len(row.values['time_s'])} flights failed: {row.why}")
+            remarks.append(f"{row.name}: {row.failed} of {len(row.values['time_s'])} flights failed: {row.why}")
         elif row.lost:
-            said.append(
+            remarks.append(
                 f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
     by_reason: dict[str, list[str]] = {}
     for name, why in course.absent.items():
         by_reason.setdefault(why, []).append(name)
-    return said + [f"not flown: {', '.join(names)} ({why})" for why, names in by_reason.items()]
+    return remarks + [f"not flown: {', '.join(names)} ({why})" for why, names in by_reason.items()]
 
 
 def settings(rows: Sequence[Standing]) -> list[list[str]]:

@@ -66,10 +66,10 @@ class Neighbours:
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
         rows, everyone = len(uavs), len(plan)
-        kept = self._predict.keep(plan, np.arange(everyone), 0)
+        remembered = self._predict.keep(plan, np.arange(everyone), 0)
         return {
             "neighbour_uav": uavs.astype(np.int32),
-            "neighbour_kept": np.repeat(kept.T[None], rows, axis=0),  # (M, 4, N)
+            "neighbour_kept": np.repeat(remembered.T[None], rows, axis=0),  # (M, 4, N)
             "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # of sending
             "neighbour_repeats": np.zeros(
                 rows, dtype=np.int32
@@ -91,13 +91,13 @@ class Neighbours:
         frames, refused = believed(frames, self._plausible)
         if not frames:
             return memory, refused
-        kept, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        remembered, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
         for states in frames:
             sent, row = states.links.T
             source = states.source[sent]
-            kept[row, :, source] = self._predict.keep(states.payload, states.source, tick - 1)[sent]
+            remembered[row, :, source] = self._predict.keep(states.payload, states.source, tick - 1)[sent]
             sent_in[row, source] = tick - 1
-        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}, refused
+        return memory | {"neighbour_kept": remembered, "neighbour_tick": sent_in}, refused
 
     def states(self, memory: Memory, tick: int) -> States:
         """Predicted states of all UAVs in a tick, for each row: (M, N, 4), a view whose columns are contiguous.
@@ -141,19 +141,19 @@ class Neighbours:
         """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
         uav = memory["neighbour_uav"].astype(np.intp)
         rows = np.arange(len(uav))
-        kept = memory["neighbour_kept"][rows, :, uav][:, :, None]
+        remembered = memory["neighbour_kept"][rows, :, uav][:, :, None]
         age = tick - memory["neighbour_tick"][rows, uav][:, None]
-        return self._predict.now(kept, age, uav[:, None], tick)[:, :, 0]
+        return self._predict.now(remembered, age, uav[:, None], tick)[:, :, 0]
 
     def _sent(self, memory: Memory, tick: int, rows: NDArray[np.intp], states: States) -> Memory:
         """The memory after `rows` have sent states (len(rows), 4)."""
         if not len(rows):
             return memory
         uav = memory["neighbour_uav"][rows].astype(np.intp)
-        kept, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
-        kept[rows, :, uav] = self._predict.keep(states, uav, tick)
+        remembered, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        remembered[rows, :, uav] = self._predict.keep(states, uav, tick)
         sent_in[rows, uav] = tick
-        return memory | {"neighbour_kept": kept, "neighbour_tick": sent_in}
+        return memory | {"neighbour_kept": remembered, "neighbour_tick": sent_in}
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]

@@ -104,8 +104,8 @@ class WindGrid:
         Args:
             base: (M, F, 2), the prior mean; None for zero.
         """
-        known = information[..., AXES:]
-        news = information[..., :AXES] if base is None else information[..., :AXES] - known * base
-        system = np.eye(self.count) + known * self._prior
-        thought = product(self._prior, solve(system, news))
-        return thought if base is None else base + thought
+        weight = information[..., AXES:]
+        innovation = information[..., :AXES] if base is None else information[..., :AXES] - weight * base
+        system = np.eye(self.count) + weight * self._prior
+        deviation = product(self._prior, solve(system, innovation))
+        return deviation if base is None else base + deviation

@@ -176,8 +176,8 @@ class Windmap(Controller):
         if not len(rows):
             return memory, wind, sound
         each = np.full(len(rows), self._deviation**-2)
-        news = self._grid.informed(rows, before[rows, POSITION], wind[rows], each, len(own))
-        return memory | {"information": memory["information"] + news}, wind, sound
+        new = self._grid.informed(rows, before[rows, POSITION], wind[rows], each, len(own))
+        return memory | {"information": memory["information"] + new}, wind, sound
 
     def _most(self, ticks: int) -> float:
         """Bound of a measured deviation, averaged over so many ticks, m/s."""
@@ -189,23 +189,23 @@ class Windmap(Controller):
         """Returns the memory, and the means of the measurements since the last broadcast, of rows with at least half of
         them."""
         now = np.concatenate([memory["state"][:, POSITION], wind, np.ones((len(wind), 1))], axis=1)
-        said = memory["said"] + np.where(sound[:, None], now, 0.0)
+        sums = memory["said"] + np.where(sound[:, None], now, 0.0)
         if tick % self._speaks:
-            return memory | {"said": said}, ()
-        rows = np.flatnonzero(2.0 * said[:, MEASURED] >= self._speaks)
-        payload = said[rows, :MEASURED] / said[rows, MEASURED:]
-        return memory | {"said": np.zeros_like(said)}, (Broadcast(payload, rows),)
+            return memory | {"said": sums}, ()
+        rows = np.flatnonzero(2.0 * sums[:, MEASURED] >= self._speaks)
+        payload = sums[rows, :MEASURED] / sums[rows, MEASURED:]
+        return memory | {"said": np.zeros_like(sums)}, (Broadcast(payload, rows),)
 
     def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
         """Returns the memory with the measurements of others, and the senders of implausible ones."""
         most, information = self._most(self._speaks), memory["information"]
-        frames, refused = believed(of_kind(received, MEASURED), lambda said: np.abs(said[:, AXES:]).max(axis=1) < most)
-        for said in frames:
-            links = said.links[np.lexsort((said.source[said.links[:, 0]], said.links[:, 1]))]  # by row, then by UAV
-            measured = said.payload[links[:, 0]]
+        frames, refused = believed(of_kind(received, MEASURED), lambda sums: np.abs(sums[:, AXES:]).max(axis=1) < most)
+        for sums in frames:
+            links = sums.links[np.lexsort((sums.source[sums.links[:, 0]], sums.links[:, 1]))]  # by row, then by UAV
+            measured = sums.payload[links[:, 0]]
             each = np.full(len(links), self._speaks * self._deviation**-2)
-            news = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
-            information = information + news
+            new = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
+            information = information + new
         return memory | {"information": information}, refused
 
     def _look(self, memory: Memory, rows: Rows, goals: Floats, own: States) -> Memory:
