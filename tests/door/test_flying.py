@@ -218,27 +218,13 @@ def test_a_frame_has_a_row_for_each_tick_or_each_tick_and_uav(left: mf.Run) -> N
             left.to_pandas()
 
 
-def test_a_csv_file_that_is_not_whole_is_not_there(
-    left: mf.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("meanflock.groundstation.results.timeseries_file._ENTRIES", 40)
-    (path := tmp_path / "flight.csv").write_text("old")
-    ticks: list[tuple[int, int]] = []
-
-    def interrupt(done: int, wanted: int) -> None:
-        ticks.append((done, wanted))
-        if done > 30:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        left.to_csv(path, progress=interrupt)
-    assert ticks == [(10, 61), (20, 61), (30, 61), (40, 61)]
-    assert (os.listdir(tmp_path), path.read_text()) == (["flight.csv"], "old")
+def test_a_csv_file_that_cannot_be_written_is_bad_input(left: mf.Run, tmp_path: Path) -> None:
     with pytest.raises(mf.BadInput, match=r"nowhere/flight\.csv: .*; name a file in a folder that can be written"):
         left.to_csv(tmp_path / "nowhere" / "flight.csv")
     with pytest.raises(mf.BadInput, match="per: 'row'; give \"uav\""):
-        left.to_csv(path, "row")  # type: ignore[arg-type]
+        left.to_csv(tmp_path / "flight.csv", "row")  # type: ignore[arg-type]
     assert main(["plot", str(left.folder), "--per", "tick"]) == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, verify
-from meanflock.groundstation.results.run_folder import EVENTS, RunFolder
+from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past, recover
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
 from tests.groundstation.recordings import DIAGNOSTICS, column
@@ -161,16 +160,3 @@ def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_besi
     complete(folder)
     assert contents(folder / "recording.rrd") == whole
     assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
-
-
-def test_rows_and_events_of_another_flight_are_bad_input(blocks: list[Telemetry], tmp_path: Path) -> None:
-    folder = kept(tmp_path, blocks)
-    so_far = past(folder)
-    for uavs in (5, 7):
-        with pytest.raises(BadInput, match="damaged"):
-            list(missing(folder, so_far, NOTHING, uavs))
-    size = (folder / EVENTS).stat().st_size
-    for nonsense in (b"[]\n", b'{"tick": 1}\n', b"\xff", b'{"tick": "x", "kind": "", "text": "", "uavs": []}\n'):
-        (folder / EVENTS).write_bytes(nonsense.ljust(size))
-        with pytest.raises(BadInput, match="damaged"):
-            list(missing(folder, so_far, NOTHING, 6))
