@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from meanflock.swarm import durable
 from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
@@ -106,3 +108,18 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
         assert f'"trajectory_sha256": "{expected}"' in (folder / SUMMARY).read_text()
         assert sorted(path.name for path in folder.iterdir()) == [EVENTS, SCENARIO, SUMMARY, "timeseries.parquet"]
     assert starts == [1, 1, 1, 1, 101, 101]
+
+
+@pytest.mark.parametrize(("ends_at", "calls"), [(5, 5), (100, 6)])
+def test_a_writer_may_take_as_long_as_its_file_grows(tmp_path: Path, ends_at: int, calls: int) -> None:
+    path, waits = tmp_path / "growing", []
+
+    def flush(seconds: float) -> None:
+        waits.append(seconds)
+        path.write_bytes(b"." * min(len(waits), 5))
+        if len(waits) < ends_at:
+            raise RuntimeError("not yet")
+
+    with pytest.raises(RuntimeError) if ends_at > calls else nullcontext():
+        durable.settle(flush, path, 0.5)
+    assert waits == [0.5] * calls

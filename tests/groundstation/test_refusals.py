@@ -54,14 +54,23 @@ def test_bad_input_is_one_line_that_names_it(run, tmp_path, flags, says) -> None
     assert {path.name for path in tmp_path.iterdir()} == {"bad.toml", "binary.toml"}
 
 
-@pytest.mark.parametrize("endpoint", ["127.0.0.1:7556", "tcp/localhost", "tcp/127.0.0.1:99999", "TAKEN"])
-def test_an_endpoint_that_cannot_be_used_is_refused_before_anything_starts(run, tmp_path, endpoint) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        taken = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        code, out, err = run("run", "--uavs", "3", "--quiet", "--endpoint", endpoint.replace("TAKEN", taken))
+@pytest.mark.parametrize("endpoint", ["127.0.0.1:7556", "tcp/localhost", "tcp/127.0.0.1:99999"])
+def test_an_endpoint_that_is_none_is_refused(run, tmp_path, endpoint) -> None:
+    code, out, err = run("run", "--uavs", "3", "--quiet", "--endpoint", endpoint)
     assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
-    says = f"{endpoint}: write it as tcp/HOST:PORT"
-    assert (taken.rpartition(":")[2] if endpoint == "TAKEN" else says) in err
+    assert f"{endpoint}: write it as tcp/HOST:PORT" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "flags", [("--endpoint", "tcp/TAKEN"), ("--metrics", "TAKEN"), ("--in-process", "--metrics", "TAKEN")]
+)
+def test_a_port_that_is_taken_is_refused_before_anything_starts(run, tmp_path, flags) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        taken = f"127.0.0.1:{server.getsockname()[1]}"
+        code, out, err = run("run", "--uavs", "2", "--quiet", *(flag.replace("TAKEN", taken) for flag in flags))
+    assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert taken.rpartition(":")[2] in err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from meanflock.groundstation.launch import engine
@@ -11,8 +12,9 @@ from meanflock.groundstation.launch.run import Options, Outputs
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, verify
+from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, recorded, verify
 from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.groundstation.results.series import block_of, rows_of, unbroken
 from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.wire.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
@@ -126,28 +128,47 @@ def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(
     assert not list(folder.glob(".*.rrd"))
 
 
-@pytest.mark.parametrize("kills", [(), (3,), (3, 6)], ids=str)
+@pytest.mark.parametrize("sent", [None, 3])
 def test_a_recorder_that_continues_begins_with_the_rows_that_were_not_recorded(
-    kills: tuple[int, ...],
-    blocks: list[Telemetry],
-    whole: Contents,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    sent: int | None, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`kills`: the number of sent blocks at each kill of an earlier recorder."""
-    folder, begun = kept(tmp_path, blocks[:9]), 0
-    path = folder / "recording.rrd"
-    for sent in kills:
-        Continued(path).__enter__()  # a killed recorder does not join the parts
-        killed(path, blocks[begun:9], sent - begun, monkeypatch)
-        begun = sent
+    folder = kept(tmp_path, blocks[:9])
+    if sent is not None:  # else there was no recorder before
+        killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
     with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as outputs:
         for block in blocks[9:]:
             for sink in outputs.sinks:
                 sink.write(block)
-    assert contents(path) == whole
+    assert contents(folder / "recording.rrd") == whole
+    assert verify(folder / "recording.rrd") is None
+
+
+def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(
+    blocks: list[Telemetry], whole: Contents, tmp_path: Path
+) -> None:
+    path = tmp_path / "recording.rrd"
+    for number in range(3):
+        continued = Continued(path)
+        continued.__enter__()
+        with Recorder(FLOWN, "run", path) as recorder:
+            for block in blocks[5 * number : 5 * number + 5 if number < 2 else None]:
+                recorder.write(block)
+    continued.__exit__()  # the killed ones did not
     assert verify(path) is None
-    assert not list(folder.glob(".*.rrd"))
+    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
+    assert recorded([path]).ticks.tolist() == whole[look.UAVS][0]
+
+
+def test_rows_are_cut_into_blocks_where_ticks_are_missing(blocks: list[Telemetry]) -> None:
+    batches = [rows_of(block, FLOWN.dt) for block in (blocks[0], blocks[2])]
+    rows = pa.Table.from_batches(batches)
+    pieces = list(unbroken(rows, 15))
+    sizes = [len(batch) for batch in batches]
+    assert sum(sizes) == sum(map(len, pieces))
+    assert sorted({0, sizes[0]} & {sum(map(len, pieces[:k])) for k in range(len(pieces))}) == [0, sizes[0]]
+    assert max(map(len, pieces)) <= 15
+    again = [rows_of(block_of(piece, 7), FLOWN.dt) for piece in pieces]
+    assert pa.Table.from_batches(again).equals(rows)
 
 
 def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(

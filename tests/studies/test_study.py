@@ -47,7 +47,9 @@ def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags
     ("arguments", "says"),
     [
         (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+        (("sweep", "seed=1,2", "--seeds", "2"), "leave out --seeds"),
         (("sweep", "seed=1,2", "--seed", "2"), "leave out --seed"),
+        (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
         (("sweep", "uavs=4,9", "--uavs", "2"), "leave out --uavs"),
         (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
         (("sweep", "wind.sigma=0.1,0.10"), "there twice"),

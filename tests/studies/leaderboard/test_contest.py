@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from meanflock.groundstation.cli import leaderboard as command
 from meanflock.studies import study
 from meanflock.studies.leaderboard import board, missions, rows
-from meanflock.studies.leaderboard.contest import Contest
+from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.studies.leaderboard.courses import QUICK
@@ -178,6 +179,7 @@ def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
 
 def test_every_shipped_row_flies_its_missions() -> None:
     """Each resolves to a scenario; nothing is flown."""
+    assert command._DEFAULT_POLICY == DEFAULT_POLICY
     known = {mission.name for mission in missions.shipped()}
     contest = Contest(missions.shipped(), rows.shipped(), 1, 1)
     for row in rows.shipped():
