@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Federation
+from meanflock.swarm.wire.messages import Status, Telemetry
 from tests.groundstation.recordings import column, fixed, flight, record, rows
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -58,9 +60,26 @@ def test_jams_gusts_and_words_for_faults_come_and_go(disturbed: tuple[Path, np.n
     words = rows(path, look.WORDS, "Points2D:labels")
     assert words[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
     assert sorted(words) == [0, 30, 35, 40, 50, 55, 60, 65, 70, 75]
-    lanes = rows(path, look.LANES, "StateChange:state")
-    assert (lanes[30][3], lanes[35][5]) == ("UAV 3: frozen", "UAV 5: cut off")
     assert areas[60] == lines[65] == vectors[50] == vectors[75] == words[75] == []
+
+
+def test_lanes_show_frozen_and_isolated_uavs_and_the_lost_stay_lost(tmp_path: Path) -> None:
+    path, blocks = tmp_path / "lanes.rrd", flight(ticks=60)
+    lost = np.concatenate([block.status for block in blocks])
+    lost[40:, 4] = Status.LOST
+    changed: list[Telemetry] = [
+        msgspec.structs.replace(block, status=lost[block.first_tick : block.first_tick + 20]) for block in blocks
+    ]
+    record(path, changed, faults=(Pause(tick=30, duration_s=2.0, uavs=(3, 4)), SCRIPT[1]))
+    lanes = rows(path, look.LANES, "StateChange:state")
+    assert sorted(lanes) == [0, 30, 35, 40, 50, 55]
+    assert lanes[30][3] == "UAV 3: frozen"
+    assert lanes[35][5] == "UAV 5: cut off"
+    assert lanes[40][4] == "UAV 4: lost"
+    assert lanes[50][3:6] == ["UAV 3: flying", "UAV 4: lost", "UAV 5: cut off"]
+    shown = rows(path, look.UAVS, "Points2D:colors")
+    assert shown[40][4] == drawing.GREY
+    assert shown[39][4] != drawing.GREY
 
 
 def test_heads_of_clusters_are_marked(tmp_path: Path) -> None:

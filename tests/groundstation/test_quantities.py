@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
@@ -20,11 +21,13 @@ from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.plots import plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots
+from meanflock.groundstation.recording.plots import plot_rows
 from meanflock.groundstation.results import quantities
 from meanflock.groundstation.results.quantities import FIELDS, Quantity
 from meanflock.groundstation.results.series import Reported, block_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Status
 from reproduction.curves import CRITERIA
 from tests.groundstation.recordings import DIAGNOSTICS
 
@@ -166,6 +169,27 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
     rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["phi_G"])
     assert block_of(rows.slice(0, 5), 0).diagnostic_names == ("tension",)
     assert Reported.within(rows) == (("tension",), 246)
+
+
+def test_a_lost_uav_has_no_part_in_the_mean_of_a_diagnostic(of_a_stranger: Path) -> None:
+    rows = pq.read_table(of_a_stranger / TIMESERIES)
+    uavs = len(rows["x_m"][0])
+    status = np.zeros((len(rows), uavs), np.uint8)
+    status[3:, 0], status[-1] = Status.LOST, Status.LOST  # one from the fourth row on, in the last all
+    tension = np.where(status == Status.LOST, 0.0, 5.0)
+    for name, values in (("status", status), ("tension", tension)):
+        place = rows.column_names.index(name)
+        rows = rows.set_column(place, name, pa.array(values.tolist(), rows.schema.field(name).type))
+    pq.write_table(rows, of_a_stranger / TIMESERIES)
+    (mean,) = titles(plot_run(of_a_stranger)["curves"])["tension: mean, max, min"].lines
+    np.testing.assert_array_equal(mean.get_ydata(), [np.nan] + [5.0] * (len(rows) - 2) + [np.nan])
+    block = block_of(rows, 0)
+    sent = plot_rows(
+        np.arange(len(rows)), block.states, block.diagnostics, block.swarm, block.energy, block.status,
+        block.diagnostic_names,
+    )  # fmt: skip
+    (ticks,) = [ticks for entity, ticks, _ in sent if entity == plots.diagnostic("tension").entity]
+    assert list(ticks) == list(range(1, len(rows) - 1))
 
 
 def test_methods_of_one_figure_differ_in_colour_and_marker() -> None:
