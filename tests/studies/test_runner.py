@@ -1,6 +1,7 @@
 """The runner of all studies: interruption, dead processes, number of processes."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,35 @@ from meanflock.swarm import plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import load
 from tests.polling import DEADLINE_S
+
+_START = """
+import signal, sys
+from pathlib import Path
+from meanflock.studies.runner import _signals_deferred, terminable
+from meanflock.swarm.errors import RunFailed
+number = int(sys.argv[1])
+signal.signal(signal.SIGINT, signal.default_int_handler)
+before = signal.getsignal(number)
+try:
+    with terminable(Path("there")), _signals_deferred():
+        signal.raise_signal(number)
+        signal.raise_signal(number)
+        print("finished")
+except RunFailed as error:
+    print(error, signal.getsignal(number) == before)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_are_deferred_to_the_end_of_a_block(number: signal.Signals) -> None:
+    """In a separate process: a signal to the process of the tests would end more than this one."""
+    command = [sys.executable, "-c", _START, str(int(number))]
+    printed = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=True).stdout
+    assert printed.splitlines() == [
+        "finished",
+        "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",
+    ]
+
 
 _ENDED = """
 import time
