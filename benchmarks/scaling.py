@@ -96,7 +96,7 @@ def sizes_table(record: dict[str, Any]) -> list[str]:
 
 
 def future_table(fitted: Fit) -> list[str]:
-    """What 10⁴ and 10⁶ UAVs would ask of today's design."""
+    """Cost of 10⁴ and 10⁶ UAVs with today's design."""
     flown = scenario.load(None)
     radio, hf_floats = flown.radio, sizes.declared("mfgfl-hf").parameters
     bits = hf_floats * radio.bits_per_float

@@ -1,1 +1,1 @@
-"""Where a person stands: the command line, the launcher, and the record of a run."""
+"""The ground station: command line, launcher, and record of a run."""

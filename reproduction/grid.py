@@ -18,7 +18,7 @@ from meanflock.swarm.scenario import Scenario, load
 
 
 class Method(enum.StrEnum):
-    """What the UAVs learn and what they share by radio."""
+    """Methods of the paper, by learning and sharing."""
 
     HJB = "hjb"  # value network only; every state, every tick, to every UAV in range
     MFG = "mfg"  # value and density networks; initial states only

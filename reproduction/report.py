@@ -328,6 +328,6 @@ def write_report(
 
 
 def counts(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """How many claims of the paper have each verdict."""
+    """Number of the paper's claims with each verdict."""
     seen = Counter(record["verdict"] for record in records if record["id"].startswith("C"))
     return {name: seen[name] for name in VERDICTS}

@@ -175,7 +175,7 @@ def flight_cost(scenario: Scenario, states: Floats, accelerations: Floats) -> Fl
 
 
 def response(scenario: Scenario, ticks: int, knots: int) -> tuple[Floats, Floats, Floats]:
-    """How acceleration, velocity and position of one axis answer to the knots: (K, M), (K + 1, M), (K + 1, M).
+    """Response of acceleration, velocity and position of one axis to the knots: (K, M), (K + 1, M), (K + 1, M).
 
     The accelerations are linear between M knots spread evenly over the flight; row n is tick n.
     """

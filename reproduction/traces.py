@@ -58,8 +58,7 @@ def interaction_term(flown: Trace) -> Floats:
 
 
 def collisions(flown: Trace) -> Floats:
-    """Where and when each pair first came within r_coll, both on the way: rows (t in s, x in m, y in m), at the end of
-    the tick in which it did.
+    """First collisions of pairs on the way: rows (t in s, x in m, y in m), at the end of the tick.
 
     A trace has every second tick. The tick between is not lost: a position is the one before plus dt times the new
     velocity, so r(k − 1) = r(k) − dt v(k), exactly.

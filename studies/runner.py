@@ -200,7 +200,7 @@ def _end_with(parent: int) -> None:
 
 @contextmanager
 def workers(backend: str, scheduler: str | None, jobs: int = -1) -> Iterator[Jobs]:
-    """What `run` takes as jobs: `jobs` itself, or the executor of a Dask cluster within this block.
+    """Context with the workers for `run`: `jobs` itself, or the executor of a Dask cluster.
 
     Args:
         scheduler: address of the Dask scheduler; None: a cluster of `jobs` processes on this machine.

@@ -24,7 +24,7 @@ _SETTINGS = {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0", "RAY
 
 
 def pins(peer: str) -> list[str]:
-    """What a peer's environment holds, in the order it is installed in; from `pyproject.toml`."""
+    """Packages of a peer's environment, in the order of installation; from `pyproject.toml`."""
     groups = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
     wanted: list[str] = groups[f"peer-{peer}"]
     return wanted

@@ -36,7 +36,7 @@ _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
 @dataclass(frozen=True)
 class Options:
-    """How to fly a scenario; nothing here changes the trajectory."""
+    """Options of a flight; they do not change the trajectory."""
 
     out: Path
     in_process: bool = False

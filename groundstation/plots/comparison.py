@@ -78,7 +78,7 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
 
 
 def _explained(made: Figure, flights: Sequence[int], before: str = "") -> None:
-    """What points and bars are, below all panels."""
+    """Explain points and bars, below all panels."""
     least, most = min(flights), max(flights)
     caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
     made.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)

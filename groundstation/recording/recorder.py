@@ -29,27 +29,27 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
 APPLICATION = "meanflock"
-BATCH_TICKS = 500  # rows sent at once; a few at a time, a recording is mostly headers, and its cost mostly calls:
+BATCH_TICKS = 500  # rows sent at once; with fewer rows, headers and calls dominate:
 _BATCH_STATES, _BATCH_TICKS_AT_MOST = 50_000, 2000  # more of a small swarm
-BATCH_WALL_S = 0.5  # ... but a live viewer waits no longer than this
-FILE_WALL_S = 2.0  # ... and who is killed leaves no more than this to be replayed
-_LATE_VIEWERS = "256MB"  # what the server keeps for them; beyond it, it forgets the oldest first
-CLOSE_WALL_S = 10.0  # all is written by then: what is left is the footer
-LARGE_SWARM_STRIDE = 5  # a large swarm's positions are recorded every this many ticks
+BATCH_WALL_S = 0.5  # longest delay for a live viewer
+FILE_WALL_S = 2.0  # longest time that is lost in a kill, and replayed
+_LATE_VIEWERS = "256MB"  # memory of the server for viewers; beyond it, the oldest data go
+CLOSE_WALL_S = 10.0  # only the footer is written in this time
+LARGE_SWARM_STRIDE = 5  # ticks between recorded positions of a large swarm
 
 Sink = rr.FileSink | rr.GrpcServerSink
 
 
 class Writer:
-    """Sends one flight's telemetry to a recording that somebody else opened, and will close.
+    """Sends one flight's telemetry to a recording that the caller opens and closes.
 
     Args:
         scenario: what is flown.
-        stream: where it goes.
+        stream: the recording.
         reported: what the controller reports; None: what its class declares.
-        part: of the recording, under which all entities of the flight lie; empty: they are the whole of it.
-        patience_s: what was written waits no longer, wall clock.
-        maps: shown in the same window.
+        part: prefix of all entities of the flight; empty if the recording has one flight.
+        patience_s: longest time that rows wait, wall clock.
+        maps: number of maps in the same window.
 
     Raises:
         BadInput: the class is not installed here.
@@ -97,7 +97,7 @@ class Writer:
             self.flush()
 
     def flush(self) -> None:
-        """Sends what `write` still holds back."""
+        """Sends the rows that `write` has gathered."""
         if self._stream is not None and self._pending:
             blocks = self._pending
             self._pending = []
@@ -133,7 +133,7 @@ class Writer:
 
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:
-            if ticks is not self._index_of:  # most columns of a batch have those of all its ticks
+            if ticks is not self._index_of:  # most columns of a batch have all its ticks
                 duration = rr.TimeColumn(blueprint.TIMELINE, duration=ticks * self._scenario.dt)
                 self._index_of, self._index = ticks, (duration, rr.TimeColumn(blueprint.TICKS, sequence=ticks))
             rr.send_columns(self._part + entity, self._index, columns, recording=self._stream)
@@ -179,9 +179,7 @@ class Recorder(Writer):
         super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
         self._path = path
         start(stream, sinks, blueprint.flight_blueprint(scenario, reported, serve is not None), path)
-        if (
-            serve is not None
-        ):  # the server starts in a thread of its own; a viewer that came before it would end at once
+        if serve is not None:  # the server starts in a thread; a viewer that connects earlier would end at once
             await_listener(host, port)
         stream.send_recording_name(run_id)
         self.log_fixed()
@@ -196,7 +194,7 @@ class Recorder(Writer):
             self.close()
 
     def close(self) -> None:
-        """Writes what is left and the file's footer, and stops serving. May be called again.
+        """Writes the remaining rows and the file's footer, and stops serving. May be called again.
 
         Raises:
             RunFailed: the file is not complete; its disk is full or gone.
@@ -224,7 +222,7 @@ def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprin
 
 
 def close(stream: rr.RecordingStream, path: Path | None) -> None:
-    """Writes what a recording still holds back, and its footer.
+    """Writes the remaining rows of a recording, and its footer.
 
     Raises:
         RunFailed: the file is not complete; its disk is full or gone.
@@ -239,7 +237,7 @@ def close(stream: rr.RecordingStream, path: Path | None) -> None:
 
 
 def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
-    """Rerun waits without end for a thread of its own that a full disk has ended; we wait for it in another one."""
+    """Call Rerun in a thread, with a timeout: after a full disk it waits for ever for a dead thread of its own."""
     raised: list[Exception] = []
 
     def attempt() -> None:
@@ -252,7 +250,7 @@ def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
     calling.start()
     calling.join(CLOSE_WALL_S)
     if calling.is_alive():
-        rr.unregister_shutdown()  # it would wait, too, when the process ends
+        rr.unregister_shutdown()  # Rerun would also wait at the end of the process
         raise _incomplete(path, f"not {done} within {CLOSE_WALL_S:.0f} s")
     for error in raised:
         raise error

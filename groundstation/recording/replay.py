@@ -92,7 +92,7 @@ class Continued:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Joins all recordings that can be read; where that fails, they stay beside each other."""
+        """Joins all recordings that can be read; if that fails, they stay as separate files."""
         if not self.earlier or not self._path.exists():
             return
         joined = self._path.with_name(f".joined.{self._path.name}")
@@ -176,6 +176,6 @@ def missing(folder: Path, series: Past, there: Recorded, uavs: int) -> Iterator[
 
 
 def _events(folder: Path, series: Past, uavs: int) -> list[Event]:
-    """Raises BadInput where events are missing or damaged."""
+    """Read the events; raises BadInput if some are missing or damaged."""
     mend = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
     return past_events(folder / EVENTS, series.events_bytes, uavs, mend)

@@ -173,7 +173,9 @@ def span(values: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def span_where(values: NDArray[Any], chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """The same over the UAVs `chosen` (T, N); NaN in ticks without one. A tick has the same bits in every batch."""
+    """Mean, minimum and maximum over the UAVs `chosen` (T, N): (T, 3); NaN in ticks without one. A tick has the same
+    bits in every batch.
+    """
     if chosen.all():
         return span(values)
     lines, some = np.full((len(values), 3), np.nan), chosen.any(axis=1)
