@@ -95,11 +95,19 @@ class Guarded:
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
         """The models (M, parameters). Only `rows` are needed, so only they can fail."""
-        return self._table("get", memory, self._declared.parameters, rows.tolist())
+        return self._table("get", memory, (self._declared.parameters,), rows.tolist())
+
+    def samples(self, memory: Memory, rows: Rows) -> Floats:
+        """The weights of the models (M,), greater than 0 in `rows` that are not broken."""
+        weights = self._table("samples", memory, (), rows.tolist())
+        bad = rows[weights[rows] <= 0.0]
+        if len(bad):
+            self._break(bad, ValueError(f"`samples` returns {weights[bad[0]]:g}; expected numbers greater than 0"))
+        return weights
 
     def report(self, memory: Memory) -> Floats:
         """The learned weights, (M, weights)."""
-        return self._table("report", memory, self._declared.weights, range(len(self._uavs)))
+        return self._table("report", memory, (self._declared.weights,), range(len(self._uavs)))
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """The memory after some rows took global models (len(rows), parameters)."""
@@ -172,14 +180,14 @@ class Guarded:
         check_same_form("memory", after, memory)
         return after
 
-    def _table(self, name: str, memory: Memory, width: int, asked: Iterable[int]) -> Floats:
+    def _table(self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int]) -> Floats:
         call, rows = getattr(self._controller, name), len(self._uavs)
         try:
-            return _checked_table(name, call(memory), rows, width)
+            return _checked_table(name, call(memory), (rows, *width))
         except FAILURES as error:
-            by_row = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), 1, width))
+            by_row = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), (1, *width)))
             self._break([row for row in asked if row not in by_row], error)
-            return np.concatenate([by_row.get(row, np.zeros((1, width))) for row in range(rows)])
+            return np.concatenate([by_row.get(row, np.zeros((1, *width))) for row in range(rows)])
 
     def _break(self, rows: Rows | list[int], error: BaseException) -> None:
         """Mark rows as broken, and complain of those that had no complaint."""
@@ -200,9 +208,9 @@ class Guarded:
         self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {why}")
 
 
-def _checked_table(name: str, table: Floats, rows: int, width: int) -> Floats:
-    """Check what the method `name` returned, (rows, width), and return it as contiguous floats."""
-    numbers = np.ascontiguousarray(as_floats(f"result of `{name}`", table, (rows, width)))
+def _checked_table(name: str, table: Floats, shape: tuple[int, ...]) -> Floats:
+    """Check what the method `name` returned, of a shape, and return it as contiguous floats."""
+    numbers = np.ascontiguousarray(as_floats(f"result of `{name}`", table, shape))
     check_finite(f"result of `{name}`", numbers)
     return numbers
 

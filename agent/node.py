@@ -161,14 +161,15 @@ class Agent:
 
     # -- rounds: the methods of a learner that the party calls --------------------------------------------------
 
-    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
-        """The rows among `rows` that can send, and their models (S, L)."""
+    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """The rows among these that can send, their models (S, L) and the weights of these (S,)."""
         rows = rows[~self.silent()[rows]]
         if not len(rows):
-            return rows, np.zeros((0, self._declared.parameters))
+            return rows, np.zeros((0, self._declared.parameters)), np.zeros(0)
         models = self._controller.get(self._memory, rows)
-        rows = rows[~self.silent()[rows]]  # `get` may have failed for some
-        return rows, models[rows]
+        weights = self._controller.samples(self._memory, rows) if self._declared.weighted else np.ones(len(models))
+        rows = rows[~self.silent()[rows]]  # `get` or `samples` may have failed for some
+        return rows, models[rows], weights[rows]
 
     def take(self, rows: NDArray[np.intp], models: Floats) -> None:
         """Replace the models of some rows by `models` (S, L)."""

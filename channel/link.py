@@ -11,14 +11,9 @@ from meanflock.swarm.state import Floats
 MOST_SLOTS = 2**31 - 1  # largest number in a record
 
 
-def bits_per_slot(radio: Radio) -> float:
-    """Bits that a slot carries if its SNR reaches the target: θ W_o log₂(1 + η)."""
-    return radio.coherence_time_s * radio.bandwidth_hz * math.log2(1.0 + 10.0 ** (radio.target_snr_db / 10.0))
-
-
 def slots_needed(radio: Radio, bits: int) -> int:
     """Number K ≥ 1 of successful slots that a message of `bits` needs; at most `MOST_SLOTS`, more than any D_M."""
-    per_slot = bits_per_slot(radio)
+    per_slot = radio.bits_per_slot
     return max(1, math.ceil(bits / per_slot)) if bits < MOST_SLOTS * per_slot else MOST_SLOTS
 
 

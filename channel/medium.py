@@ -76,7 +76,7 @@ class Medium:
         return {
             "draw": random_state(self._rng),
             "in_flight": [
-                [due, int(f.kind), f.round, f.source, f.payload, f.links]
+                [due, int(f.kind), f.round, f.source, f.payload, f.links, f.slots]
                 for due, batches in sorted(self._in_flight.items())
                 for f in batches
             ],
@@ -87,8 +87,8 @@ class Medium:
         """Continues from a snapshot."""
         set_random_state(self._rng, snapshot["draw"])
         self._in_flight.clear()
-        for due, kind, number, source, payload, links in snapshot["in_flight"]:
-            self._in_flight[due].append(Frames(FrameKind(kind), number, source, payload, links))
+        for due, kind, *fields in snapshot["in_flight"]:
+            self._in_flight[due].append(Frames(FrameKind(kind), *fields))
         self.meter.restore(snapshot["meter"])
 
     def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
@@ -100,23 +100,25 @@ class Medium:
             slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
 
-        record = links.record.copy()
-        record[:, 0], record[:, 4] = tick, np.where(delivered, slots, -slots)
-        ends, all_arrive = links.ends, bool(np.logical_and.reduce(delivered))
+        ends, spent, all_arrive = links.ends, None, bool(np.logical_and.reduce(delivered))
+        if batch.kind != FrameKind.STATE:  # an aggregation rule may weigh models by their slots
+            spent = np.zeros(len(ends), dtype=np.int32)
+            spent[links.by_radio] = slots
         if not all_arrive:
             through = np.ones(len(ends), dtype=bool)
             through[links.by_radio] = delivered
-            ends = ends[through]
+            ends, spent = ends[through], None if spent is None else spent[through]
         if np.maximum.reduce(slots, initial=0) <= self._soon:
-            self._deliver(tick + 1, batch, ends)
-            return record
+            self._deliver(tick + 1, batch, ends, spent)
+            return _record(tick, links, slots, delivered)
         arrival = np.full(len(links.ends), tick + 1)
         arrival[links.by_radio] = tick + self._scenario.delivery_ticks(slots)
         if not all_arrive:
             arrival = arrival[through]
         for due in np.unique(arrival).tolist():
-            self._deliver(due, batch, ends[arrival == due])
-        return record
+            now = arrival == due
+            self._deliver(due, batch, ends[now], None if spent is None else spent[now])
+        return _record(tick, links, slots, delivered)
 
     def _carried(
         self, bits: int, links: Links, states: state.States, reach: float
@@ -148,10 +150,12 @@ class Medium:
         """Slots and deliveries (K,) after the links `failed` (K,), which deliver nothing and spend all their slots."""
         return np.where(failed, self._scenario.radio.latency_threshold_slots, slots), delivered & ~failed
 
-    def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32]) -> None:
-        """Schedule the frames of a batch for delivery over these links in a later tick."""
+    def _deliver(
+        self, tick: int, batch: Frames, ends: NDArray[np.int32], slots: NDArray[np.int32] | None = None
+    ) -> None:
+        """Schedule the frames of a batch for delivery over links in a later tick; `slots`: what each link took."""
         if len(ends):
-            self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends))
+            self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends, slots))
 
     def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
         """Lengths of the links by radio, `(K,)`, m."""
@@ -210,3 +214,17 @@ class Medium:
         here = states[:, state.POSITION]
         along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
         return bool(along * along + across * across <= reach * reach)
+
+
+def _record(tick: int, links: Links, slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """The links used, (K, 5), as `Medium.send` returns them; the fragments of a model are one message."""
+    record = links.record.copy()
+    record[:, 0], record[:, 4] = tick, np.where(delivered, slots, -slots)
+    if not links.repeats:
+        return record
+    _, first, place = np.unique(links.pair, return_index=True, return_inverse=True)
+    total = np.bincount(place, weights=slots).astype(np.int32)
+    arrived = np.bincount(place, weights=delivered) > 0
+    record = record[first]
+    record[:, 4] = np.where(arrived, total, -total)
+    return record

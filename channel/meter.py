@@ -26,7 +26,8 @@ class Links:
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
     sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
-    that has any. record: (K, 5) int32 [0, source, target, kind, 0].
+    that has any. record: (K, 5) int32 [0, source, target, kind, 0]. repeats: whether a UAV sends several rows, the
+    fragments of its model.
     """
 
     ends: NDArray[np.int32]
@@ -37,6 +38,7 @@ class Links:
     transmissions: int
     first: Indices
     record: NDArray[np.int32]
+    repeats: bool
 
     @classmethod
     def between(
@@ -57,7 +59,8 @@ class Links:
         else:
             transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
         pair = source * uavs + target
-        return cls(ends, by_radio, source, target, pair, transmissions, first, record)
+        repeats = bool((sources[1:] == sources[:-1]).any())
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record, repeats)
 
 
 @dataclass
@@ -129,7 +132,7 @@ class Meter:
             self._last = links
         self._times += 1
         if arrived < copies:
-            self._link_outages.reshape(-1)[links.pair[~delivered]] += 1
+            _add(self._link_outages, links, links.pair[~delivered], 1)
 
     def initial(self, payload_bits: int) -> None:
         """Counts the mission plan: one state broadcast of each UAV before take-off, never in outage."""
@@ -197,8 +200,16 @@ class Meter:
 
     def _enter(self) -> None:
         if self._last is not None:
-            self._link_sent.reshape(-1)[self._last.pair] += self._times
+            _add(self._link_sent, self._last, self._last.pair, self._times)
             self._times = 0
+
+
+def _add(table: NDArray[np.int32], links: Links, pairs: NDArray[np.intp], times: int) -> None:
+    """Adds to the numbers of some pairs of UAVs, which may come several times where models are cut."""
+    if links.repeats:
+        np.add.at(table.reshape(-1), pairs, times)
+    else:
+        table.reshape(-1)[pairs] += times
 
 
 def _sum(so_far: Any, more: Any) -> Any:

@@ -6,7 +6,10 @@ Sums go by ascending UAV, so that the order of arrival leaves no trace.
 import inspect
 
 import numpy as np
+from numpy.typing import NDArray
 
+from meanflock.federation.coding import Coding
+from meanflock.federation.mail import Joined, Mail
 from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
@@ -16,11 +19,9 @@ from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import encode_record
 from meanflock.swarm.wire.messages import Frames
-
-ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
 
 
 class RuleFailed(Exception):
@@ -32,12 +33,15 @@ class Averager:
 
     Attributes:
         hop: the hop.
+        uavs: (A,) the UAVs of this node that average, ascending.
     """
 
-    def __init__(self, hop: Hop, schedule: Schedule, scenario: Scenario) -> None:
+    def __init__(self, hop: Hop, schedule: Schedule, scenario: Scenario, uavs: NDArray[np.intp]) -> None:
         """Raises BadInput where the aggregation rule cannot begin."""
-        self.hop, self._schedule = hop, schedule
-        self._mail: dict[tuple[int, int], dict[int, tuple[Floats, float]]] = {}  # by round and averaging UAV
+        assert hop.mail is not None
+        self.hop, self.uavs = hop, uavs
+        self._schedule, self._coding = schedule, hop.mail.coding
+        self._mails: dict[int, Mail] = {}  # by round
         self._takes_late = scenario.federation.deadline is not None
         self._rule = Rule(scenario) if hop.ruled else None
         self._state: State = {} if self._rule is None else self._rule.begin()
@@ -52,60 +56,58 @@ class Averager:
         self._state = state
 
     def collect(self, frames: Frames) -> None:
-        """Stores mail of this averager's hop; a second model of the same UAV changes nothing."""
-        assert self.hop.mail is not None
-        assert frames.links is not None
-        models, weights = self.hop.mail.coding.read(frames.payload)
-        for row, uav in frames.links.tolist():
-            of_round = self._mail.setdefault((frames.round, uav), {})
-            of_round.setdefault(int(frames.source[row]), (models[row], float(weights[row])))
+        """Stores mail of this averager's hop."""
+        add_mail(self._mails, frames, self._coding, self.uavs)
 
-    def average(self, number: int, uav: int) -> tuple[Floats | None, float, list[int]]:
+    def close(self, number: int) -> Joined:
+        """All that a round averages; forgets its mail and that of all rounds before it."""
+        return close_mail(self._mails, number, self._coding, self.uavs, takes_late=self._takes_late)
+
+    def average(self, joined: Joined, number: int, uav: int) -> tuple[Floats | None, Floats]:
         """The average at one UAV in a round.
 
         Returns:
             The model (L,), or None where nothing can be averaged: no mail, or in the last hop none but the UAV's own.
-            The number of models behind it. The UAVs whose models cannot be averaged, ascending.
+            The number of models behind each fragment, (F,).
 
         Raises:
             RuleFailed: the aggregation rule failed.
         """
-        given, sent = self._due(number, uav)
-        mail, refused = usable(given)
-        if not mail or (self.hop.is_last and not self._is_shared(number, uav, mail)):
-            return None, 0.0, refused
-        uavs = np.array(sorted(mail), dtype=np.intp)
-        models = np.stack([mail[sender][0] for sender in uavs.tolist()])
-        weights = np.array([mail[sender][1] for sender in uavs.tolist()])
-        if self._rule is not None:
-            uploads = Uploads(models, uavs, np.array([sent[sender] for sender in uavs.tolist()]), number)
-            self._state, model = self._rule.step(self._state, uploads)
-            return model, float(weights.sum()), refused
-        return mean(models, weights), float(weights.sum()), refused
+        uploads, counts = joined.to(int(self.uavs.searchsorted(uav)), number)
+        first = np.arange(self._coding.count) * joined.values.shape[2]  # weight of each fragment
+        behind = counts[:, first].sum(axis=0)
+        if not len(uploads.uavs) or (self.hop.is_last and not self._is_shared(number, uav, uploads, behind)):
+            return None, behind
+        if self._rule is None:
+            return mean(uploads.models, counts), behind
+        self._state, model = self._rule.step(self._state, uploads)
+        return model, behind
 
-    def _due(self, number: int, uav: int) -> tuple[dict[int, tuple[Floats, float]], dict[int, int]]:
-        """The mail of a UAV in a round, and the rounds in which it was sent, by sender.
-
-        Where there is a deadline, mail of earlier rounds that came after theirs was averaged is part of it; of several
-        models of a sender the latest counts.
-        """
-        mail: dict[int, tuple[Floats, float]] = {}
-        sent: dict[int, int] = {}
-        for of_round in range(number - 1 if self._takes_late else number, number + 1):
-            found = self._mail.get((of_round, uav), {})
-            mail |= found
-            sent |= dict.fromkeys(found, of_round)
-        return mail, sent
-
-    def close(self, number: int) -> None:
-        """Forgets the mail of a round and of all before it."""
-        self._mail = {key: mail for key, mail in self._mail.items() if key[0] > number}
-
-    def _is_shared(self, number: int, uav: int, mail: dict[int, tuple[Floats, float]]) -> bool:
-        """Whether the mail at a UAV holds the model of another UAV."""
-        if mail.keys() - {uav}:
+    def _is_shared(self, number: int, uav: int, uploads: Uploads, behind: Floats) -> bool:
+        """Whether the models at a UAV are not only its own."""
+        if (uploads.uavs != uav).any():
             return True
-        return mail[uav][1] > float(uav in self._schedule.participants(number))
+        assert self.hop.mail is not None
+        is_average = self.hop.mail.mail is not None
+        return is_average and bool(behind.max() > float(uav in self._schedule.participants(number)))
+
+
+def add_mail(mails: dict[int, Mail], frames: Frames, coding: Coding, uavs: NDArray[np.intp]) -> None:
+    """Adds frames to the mail of their round, for the UAVs that average (A,)."""
+    if frames.round not in mails:
+        mails[frames.round] = Mail(coding, uavs)
+    mails[frames.round].add(frames)
+
+
+def close_mail(
+    mails: dict[int, Mail], number: int, coding: Coding, uavs: NDArray[np.intp], *, takes_late: bool
+) -> Joined:
+    """All that a round averages, with late mail of the round before or without; forgets all mail up to this round."""
+    first = number - 1 if takes_late else number
+    due = {of_round: mails[of_round] for of_round in range(first, number + 1) if of_round in mails}
+    for of_round in [of_round for of_round in mails if of_round <= number]:
+        del mails[of_round]
+    return Joined(due, coding, uavs)
 
 
 class Rule:
@@ -175,23 +177,6 @@ class Rule:
 
     def _failed(self, uploads: Uploads, error: BaseException) -> RuleFailed:
         return RuleFailed(f"aggregator {self._name!r} failed in round {uploads.round}: {last_line(error)}")
-
-
-def usable(mail: dict[int, tuple[Floats, float]]) -> tuple[dict[int, tuple[Floats, float]], list[int]]:
-    """The mail that can be averaged at all, and the UAVs, ascending, whose models are not finite or absurdly large."""
-    if not mail:
-        return mail, []
-    sound = is_usable(np.stack([model for model, _ in mail.values()]))
-    if sound.all():
-        return mail, []
-    bad = sorted(uav for uav, is_sound in zip(mail, sound.tolist(), strict=True) if not is_sound)
-    return {uav: entry for uav, entry in mail.items() if uav not in bad}, bad
-
-
-def is_usable(models: Floats) -> Mask:
-    """Which models (S, L) can be averaged, (S,): those that are finite and not absurdly large."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(models) < ABSURD).all(axis=-1))  # NaN is below nothing
 
 
 def _check_state(state: State) -> None:

@@ -3,6 +3,9 @@
 A row of a payload is what is transmitted, to the bit: L floats, or a byte for each of L weights and then the scales of
 the parts that the controller declares as float32. A weight is −127 … 127 steps of its part's
 scale; the scale is the part's largest weight / 127, rounded up, so that no weight is off by more than half a step.
+
+A model that is too long for one message is transmitted in fragments (`federation/fragments.py`). A node hands whole
+payloads to the world all the same; what arrives at a node is in fragments.
 """
 
 from functools import cache
@@ -10,6 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.fragments import Cut, Form, Fragments, Pieces, cut_of, pieces_of
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Payload, Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats
@@ -19,162 +23,224 @@ STEPS = 127  # of a scale, each way; −128 is never sent
 FINEST = float(np.finfo(np.float32).tiny)  # a scale below would be imprecise; weights below half of it become 0
 COARSEST = BEYOND_SENSE
 
-_SCALE, _BYTE = np.dtype("<f4"), np.dtype("u1")
+_FLOAT32, _BYTE = np.dtype("<f4"), np.dtype("u1")
 _FLOATS = {f"float{bits}": dtype for bits, dtype in FLOAT_OF_BITS.items()}
 
 
 class Coding:
-    """One way to write models. Rows are independent, to the last bit."""
+    """One way to write models. Rows are independent, to the last bit.
 
-    def __init__(self, name: Payload, parts: tuple[int, ...]) -> None:
-        """`parts`: sizes of the parts of a model."""
-        self.floats = sum(parts)  # L
-        self._sizes = parts
-        self._starts = np.cumsum((0, *self._sizes[:-1]))
+    Attributes:
+        floats: L, weights of a model.
+        dtype, width: of a row of a payload.
+        cut: how the scenario cuts models; None: it does not.
+        fragments: how payloads are cut on the air; None: each is one message.
+    """
+
+    counted = False  # whether payloads say how many models each is the mean of
+
+    def __init__(
+        self, name: Payload, parts: tuple[int, ...], cut: Cut | None = None, *, weighted: bool = False
+    ) -> None:
+        """
+        Args:
+            name: number format.
+            parts: sizes of the parts of a model.
+            cut: how the scenario cuts models.
+            weighted: each payload ends with a float32, the weight that its sender declares.
+        """
+        self.floats = sum(parts)
         self.is_exact = name in _FLOATS  # but for the width of its floats
-        self.dtype = _FLOATS.get(name, _BYTE)
-        self.width = self.floats if self.is_exact else self.floats + _SCALE.itemsize * len(self._sizes)
-        self.largest = float(np.finfo(self.dtype).max) if self.is_exact else STEPS * COARSEST  # a weight can be
+        self.weighted = weighted
+        self.cut = cut
+        self._item = _FLOATS.get(name, _BYTE)
+        self.largest = float(np.finfo(self._item).max) if self.is_exact else STEPS * COARSEST  # a weight can be
+        self._sizes = parts if self.is_exact or cut is None else pieces_of(parts, cut.size)
+        self._starts = np.cumsum((0, *self._sizes[:-1]))
+        form = self.form
+        self.fragments: Fragments | None = None
+        if cut is not None:
+            self.fragments = Fragments(
+                cut,
+                self.floats,
+                self._starts,
+                self._item,
+                counted=form.counted,
+                weighted=form.weighted,
+                scaled=form.scaled,
+            )
+        self.count = 1 if self.fragments is None else self.fragments.count  # F
+        numbers = self.floats + self.count * self.counted  # of the dtype `item`, in a row
+        if not self.is_exact:
+            numbers += _FLOAT32.itemsize * len(self._sizes)
+        self.width = numbers * self._item.itemsize + _FLOAT32.itemsize if weighted else numbers
+        self.dtype = _BYTE if weighted else self._item
+
+    @property
+    def form(self) -> Form:
+        """What decides how many weights a fragment holds."""
+        return Form(self._item.itemsize, self.counted, self.weighted, not self.is_exact)
+
+    @property
+    def ticks(self) -> int:
+        """Ticks in which a model is transmitted."""
+        return 1 if self.fragments is None else self.fragments.ticks
 
     @property
     def bits(self) -> int:
-        """What a transmission pays for, the scales included."""
+        """What the transmission of a whole payload pays for, the scales included."""
         return 8 * self.dtype.itemsize * self.width
 
     def encode(self, models: Floats) -> np.ndarray:
-        """Models `(S, L)` as payloads `(S, width)`; `sound` says which of them can be sent."""
+        """Models `(S, L)` as numbers `(S, …)` for `pack`; `sound` says which of them can be sent."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             if self.is_exact:
-                return models.astype(self.dtype)
+                return models.astype(self._item)
             step = np.maximum.reduceat(np.abs(models), self._starts, axis=-1) / STEPS
-            scales = step.astype(_SCALE)
+            scales = step.astype(_FLOAT32)
             scales = np.where(scales < step, np.nextafter(scales, np.float32(np.inf)), scales)
-            scales = np.maximum(scales, np.float32(FINEST)).astype(_SCALE)
+            scales = np.maximum(scales, np.float32(FINEST)).astype(_FLOAT32)
             steps = np.rint(models / self._spread(scales)).astype(np.int8)
         return np.concatenate([steps.view(_BYTE), scales.view(_BYTE)], axis=-1)
 
-    def decode(self, payload: np.ndarray) -> Floats:
-        """The models `(S, L)` in sound payloads."""
+    def decode(self, numbers: np.ndarray) -> Floats:
+        """The models `(S, L)` in sound numbers of `encode`."""
         if self.is_exact:
-            return payload.astype(np.float64)
-        steps, scales = self._halves(payload)
+            return numbers.astype(np.float64)
+        steps, scales = self._halves(numbers)
         return steps * self._spread(scales)
 
-    def sound(self, payload: np.ndarray) -> NDArray[np.bool_]:
-        """Which payloads can be sent and read, `(S,)`: floats that are finite, steps and scales within bounds."""
+    def sound(self, numbers: np.ndarray) -> NDArray[np.bool_]:
+        """Which models can be sent and read, `(S,)`: floats that are finite, steps and scales within bounds."""
         if self.is_exact:
-            return np.asarray(np.isfinite(payload).all(axis=-1))
-        steps, scales = self._halves(payload)
+            return np.asarray(np.isfinite(numbers).all(axis=-1))
+        steps, scales = self._halves(numbers)
         bounded = ((scales >= FINEST) & (scales <= COARSEST)).all(axis=-1)
         return np.asarray(bounded & (steps >= -STEPS).all(axis=-1))
 
-    def write(self, models: Floats, weights: Floats) -> np.ndarray:
-        """Models `(S, L)`, each an average of `weights` (S,) models, as payloads `(S, width)`."""
-        return self.encode(models)
+    def pack(self, numbers: np.ndarray, weights: Floats) -> np.ndarray:
+        """Payloads `(S, width)` of numbers of `encode`, with the declared weights (S,) if the coding has them."""
+        if not self.weighted:
+            return numbers
+        return np.concatenate([_bytes_of(numbers), _bytes_of(weights.astype(_FLOAT32)[:, None])], axis=-1)
 
-    def read(self, payload: np.ndarray) -> tuple[Floats, Floats]:
-        """The models `(S, L)` in sound payloads, and the numbers of models behind them `(S,)`."""
-        return self.decode(payload), np.ones(len(payload))
+    def unpack(self, payload: np.ndarray) -> tuple[np.ndarray, Floats]:
+        """The numbers of `encode` in payloads `(S, width)`, and the declared weights (S,); 1 where there are none."""
+        if not self.weighted:
+            return payload, np.ones(len(payload))
+        end = -_FLOAT32.itemsize
+        numbers = np.ascontiguousarray(payload[:, :end]).view(self._item)
+        return numbers, np.ascontiguousarray(payload[:, end:]).view(_FLOAT32)[:, 0].astype(np.float64)
+
+    def write(self, models: Floats, weights: Floats) -> np.ndarray:
+        """Averages `(S, L)` of `weights` (S, F) models in each of their fragments, as payloads `(S, width)`."""
+        return self.pack(self.encode(models), np.ones(len(models)))
+
+    def on_air(self, payload: np.ndarray) -> NDArray[np.uint8]:
+        """The fragments `(S, F, …)` of payloads `(S, width)`."""
+        assert self.fragments is not None
+        return self.fragments.rows(*self.unpack(payload))
+
+    def received(self, rows: np.ndarray) -> Pieces:
+        """What is in rows `(R, …)` that arrived and passed `check_received`: fragments, or whole models as one each."""
+        if self.fragments is not None:
+            return self.fragments.read(rows)[0]
+        numbers, weights = self.unpack(rows)
+        return Pieces(np.zeros(len(rows), dtype=np.intp), self.decode(numbers), weights)
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
-        """Validates payloads of the UAVs `source` (S,) that come by network.
+        """Validates whole payloads of the UAVs `source` (S,) that come by network.
 
         Raises:
             MessageRejected: `wrong-shape` or `non-finite`.
         """
         expect("payload", payload, (len(source), self.width), self.dtype)
-        if not self.sound(payload).all():
+        numbers, weights = self.unpack(payload)
+        self.check_weights(weights)
+        if not self.sound(numbers).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
 
-    def _halves(self, payload: np.ndarray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
+        """Validates what arrived from the UAVs `source` (R,): fragments, or whole payloads.
+
+        Raises:
+            MessageRejected: `wrong-shape` or `non-finite`.
+        """
+        if self.fragments is None:
+            self.check(source, rows)
+            return
+        self.fragments.check(source, rows)
+        pieces, sound = self.fragments.read(rows)
+        self.check_weights(pieces.weights)
+        scales = self.fragments.scales(rows)
+        if not (sound.all() and ((scales >= FINEST) & (scales <= COARSEST)).all()):
+            raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
+
+    def check_weights(self, weights: Floats) -> None:
+        """Validates declared weights.
+
+        Raises:
+            MessageRejected: `wrong-shape`.
+        """
+        if self.weighted and not ((weights > 0.0) & (weights < COARSEST)).all():
+            raise MessageRejected("wrong-shape", "payload: weights of models that are not positive numbers")
+
+    def _halves(self, numbers: np.ndarray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
         """Steps `(S, L)` and scales `(S, parts)`."""
-        return payload[:, : self.floats].view(np.int8), np.ascontiguousarray(payload[:, self.floats :]).view(_SCALE)
+        return numbers[:, : self.floats].view(np.int8), np.ascontiguousarray(numbers[:, self.floats :]).view(_FLOAT32)
 
     def _spread(self, scales: NDArray[np.float32]) -> Floats:
         """The scale of every weight, `(S, L)`."""
         return np.repeat(scales, self._sizes, axis=-1).astype(np.float64)
 
 
+def _bytes_of(table: np.ndarray) -> NDArray[np.uint8]:
+    """The bytes of each row."""
+    return np.ascontiguousarray(table).view(_BYTE)
+
+
 class Counted(Coding):
     """Averages as floats of the radio, with the number of models behind each as one more float.
 
-    The number is paid for like every weight. A coarser coding would lose what no later upload gives back.
+    The number is paid for like every weight. A coarser coding would lose what no later upload gives back. Each fragment
+    has a number of its own.
     """
 
-    def __init__(self, name: Payload, parameters: int, most: NDArray[np.intp]) -> None:
+    counted = True
+
+    def __init__(self, name: Payload, parameters: int, most: NDArray[np.intp], cut: Cut | None = None) -> None:
         """`most`: (N,) models that an average of each UAV can stand for."""
-        super().__init__(name, (parameters + 1,))
+        super().__init__(name, (parameters,), cut)
         self._most = most
 
     def write(self, models: Floats, weights: Floats) -> np.ndarray:
-        """Averages `(S, L)` of `weights` (S,) models each, as payloads `(S, L + 1)`."""
-        return self.encode(np.concatenate([models, weights[:, None]], axis=-1))
+        return self.encode(np.concatenate([models, weights], axis=-1))
 
-    def read(self, payload: np.ndarray) -> tuple[Floats, Floats]:
-        """The models `(S, L)` in sound payloads, and the numbers of models behind them `(S,)`."""
-        numbers = self.decode(payload)
-        return numbers[:, :-1], numbers[:, -1]
+    def received(self, rows: np.ndarray) -> Pieces:
+        if self.fragments is not None:
+            return super().received(rows)
+        numbers = self.decode(rows)
+        return Pieces(np.zeros(len(rows), dtype=np.intp), numbers[:, :-1], numbers[:, -1])
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates payloads that come by network, and that no average stands for more models than its UAV can have.
+
+        A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
 
         Raises:
             MessageRejected: `wrong-shape` or `non-finite`.
         """
         super().check(source, payload)
-        counts = payload[:, -1].astype(np.float64)
-        if ((counts < 1) | (counts > self._most[source]) | (np.floor(counts) != counts)).any():
+        self._check_counts(source, payload[:, self.floats :].astype(np.float64), 1 if self.fragments is None else 0)
+
+    def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
+        super().check_received(source, rows)
+        if self.fragments is not None:
+            self._check_counts(source, self.fragments.read(rows)[0].weights[:, None], 1)
+
+    def _check_counts(self, source: np.ndarray, counts: Floats, least: int) -> None:
+        if ((counts < least) | (counts > self._most[source][:, None]) | (np.floor(counts) != counts)).any():
             raise MessageRejected("wrong-shape", f"averages of {counts.tolist()} models")
-
-
-class Feedback:
-    """Error feedback for M rows: what coding takes from an upload is added to the row's next upload.
-
-    With w the model, e the residual and Q the coding, a UAV sends q = Q(w + e) and sets e ← w + e − q (Seide et al.
-    2014; Karimireddy et al. 2019), so Σ q = Σ w − e. Whole models are sent: a lost upload costs at most one rounding.
-    """
-
-    def __init__(self, coding: Coding, rows: int, *, active: bool) -> None:
-        self.residuals: Floats | None = np.zeros((rows, coding.floats)) if active else None  # (M, L)
-        self._coding = coding
-
-    def encode(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.generic]:
-        """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual.
-
-        The residuals are replaced, never written to, so a caller may keep the earlier ones.
-        """
-        if self.residuals is None:
-            return self._coding.encode(models)
-        meant = models + self.residuals[rows]
-        payload = self._coding.encode(meant)
-        sound = self._coding.sound(payload)
-        self.residuals = self.residuals.copy()
-        self.residuals[rows[sound]] = meant[sound] - self._coding.decode(payload[sound])
-        return payload
-
-
-class Trigger:
-    """Silence of M rows whose models have hardly moved: ‖w − w_sent‖ ≤ threshold · ‖w_sent‖.
-
-    w is the model, and w_sent the one that the row sent last; the first model always goes. Global models that a UAV
-    takes move w, too.
-    """
-
-    def __init__(self, threshold: float, rows: int, parameters: int) -> None:
-        self._threshold = threshold
-        self.sent = np.zeros((rows, parameters))  # (M, L); 0 where nothing was sent
-
-    def due(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.bool_]:
-        """Which of `rows` (S,) send their `models` (S, L), (S,); these count as sent.
-
-        `sent` is replaced, never written to, so a caller may keep the earlier one.
-        """
-        before = self.sent[rows]
-        moved, size = ((each * each).sum(axis=-1) for each in (models - before, before))
-        due = np.asarray((moved > self._threshold**2 * size) | (size == 0.0))
-        self.sent = self.sent.copy()
-        self.sent[rows[due]] = models[due]
-        return due
 
 
 _coding = cache(Coding)
@@ -182,9 +248,26 @@ _coding = cache(Coding)
 
 def of_uploads(scenario: Scenario) -> Coding:
     """The coding of a scenario's uploads."""
-    return _coding(scenario.upload_payload, scenario.declared.parts)
+    return _coding(
+        scenario.upload_payload, scenario.declared.parts, _cut(scenario), weighted=scenario.declared.weighted
+    )
+
+
+def of_relays(scenario: Scenario, most: NDArray[np.intp]) -> Coding:
+    """The coding of averages of `most` (N,) models at the most, which heads of clusters send."""
+    return Counted(scenario.radio_payload, scenario.declared.parameters, most, _cut(scenario))
 
 
 def of_broadcasts(scenario: Scenario) -> Coding:
     """The coding of a scenario's global models."""
-    return _coding(scenario.broadcast_payload, scenario.declared.parts)
+    return _coding(scenario.broadcast_payload, scenario.declared.parts, _cut(scenario))
+
+
+def _cut(scenario: Scenario) -> Cut | None:
+    """How a scenario cuts its models, by the longest of them."""
+    parts = scenario.declared.parts
+    upload = _coding(scenario.upload_payload, parts, weighted=scenario.declared.weighted)
+    broadcast = _coding(scenario.broadcast_payload, parts)
+    relay = Counted(scenario.radio_payload, sum(parts), np.ones(0, dtype=np.intp))
+    sent = [upload, broadcast, relay] if scenario.federation.clusters > 1 else [upload, broadcast]
+    return cut_of(scenario, max(coding.bits for coding in sent), [coding.form for coding in sent])

@@ -1,39 +1,24 @@
 """Party: the part that one node, an agent or the leader, has in the rounds."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.averager import Averager, RuleFailed
 from meanflock.federation.byzantine import Byzantine
-from meanflock.federation.coding import Feedback, Trigger
 from meanflock.federation.exchange import Exchange
+from meanflock.federation.mail import RECEIPT
+from meanflock.federation.memory import Feedback, GlobalModels, Learner, Trigger
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.state import Floats, contains
 from meanflock.swarm.wire.control import decode_record, expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
 
 _RESIDUALS, _SENT = "meanflock.residuals", "meanflock.sent"  # in a checkpoint, next to the arrays of the controller
-
-
-class Learner(Protocol):
-    """The models of a node's rows."""
-
-    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
-        """The rows among these that can send, and their models (S, L)."""
-        ...
-
-    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
-        """Puts models (S, L) in the place of those of some rows."""
-        ...
-
-    def silent(self) -> Mask:
-        """The rows that send nothing in this tick, (M,)."""
-        ...
 
 
 class Party:
@@ -66,13 +51,16 @@ class Party:
         hops = schedule.hops
         self._own = [hop for hop in hops if hop.role == role]
         self._averagers = [
-            Averager(hop, schedule, scenario)
+            Averager(hop, schedule, scenario, here)
             for hop in self._own
-            if hop.mail is not None and not hop.is_local and self._here(hop)
+            if hop.mail is not None and not hop.is_local and len(here := self._here(hop))
         ]
         local = next((hop for hop in self._own if hop.is_local), None)
         self._exchange = None if local is None else Exchange(local, scenario, uavs, complaints)
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
+        self._globals: GlobalModels | None = None
+        if self._last is not None and self._last.coding.fragments is not None and not self._last.is_local:
+            self._globals = GlobalModels(self._last.coding, len(uavs))
         self._byzantine = Byzantine(scenario)
         first = next((hop for hop in self._own if hop.mail is None), None)
         self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=scenario.keeps_residuals)
@@ -92,7 +80,10 @@ class Party:
         sent, to = frames.links[:, 0], frames.links[:, 1]
         if not contains(hops[0].senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
-        hops[0].coding.check(frames.source, frames.payload)
+        if frames.payload.dtype == RECEIPT and hops[0] is not self._last:
+            _check_receipt(frames)
+        else:
+            hops[0].coding.check_received(frames.source, frames.payload)
         if not any(hop.reaches(frames.source[sent], to).all() for hop in hops):
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames to UAVs that do not receive them")
 
@@ -110,7 +101,10 @@ class Party:
             assert self._learner is not None
             assert frames.links is not None
             sent, row = frames.links[:, 0].astype(np.intp), self._uavs.searchsorted(frames.links[:, 1])
-            self._learner.take(row, hop.coding.decode(frames.payload[sent]))
+            if self._globals is None:
+                self._learner.take(row, hop.coding.decode(frames.payload[sent]))
+            else:
+                self._globals.add(sent, row, hop.coding.received(frames.payload))
 
     def act(self, tick: int) -> tuple[list[Frames], list[int]]:
         """The part of a tick: the frames that this node's UAVs transmit, and the UAVs whose models they refuse.
@@ -122,6 +116,9 @@ class Party:
         refused: list[int] = []
         if not self._schedule.is_busy(tick):
             return outbox, refused
+        if self._globals is not None and self._schedule.ends(tick):
+            assert self._learner is not None
+            self._globals.take(self._learner)
         for hop in self._own:
             if hop.mail is None and (number := self._schedule.number(hop, tick)):
                 outbox += self._uploads(hop, number)
@@ -138,6 +135,8 @@ class Party:
         kept = {} if residuals is None else {_RESIDUALS: residuals}
         if self._trigger is not None:
             kept[_SENT] = self._trigger.sent
+        if self._globals is not None:
+            kept |= self._globals.state()
         return kept if self._exchange is None else kept | self._exchange.state()
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -151,6 +150,8 @@ class Party:
             self._feedback.residuals = kept.copy()
         if (trigger := self._trigger) is not None:
             trigger.sent = expect(_SENT, state.pop(_SENT, NOBODY), trigger.sent.shape, trigger.sent.dtype).copy()
+        if self._globals is not None:
+            self._globals.restore(state)
         if self._exchange is not None:
             self._exchange.restore(state)
 
@@ -161,9 +162,9 @@ class Party:
             if averager.hop.ruled:
                 averager.take_over(state)
 
-    def _here(self, hop: Hop) -> bool:
-        """Whether UAVs of this node send in a hop."""
-        return hop.role == "leader" or bool(contains(hop.senders, self._uavs).any())
+    def _here(self, hop: Hop) -> NDArray[np.intp]:
+        """The UAVs of this node that send in a hop."""
+        return hop.senders if hop.role == "leader" else self._uavs[contains(hop.senders, self._uavs)]
 
     def _receives(self, hop: Hop) -> bool:
         if self._exchange is not None and self._exchange.hop.mail is hop:
@@ -174,22 +175,23 @@ class Party:
         """The models of the rows that take part in a round."""
         assert self._learner is not None
         assert self._feedback is not None
-        taking = self._schedule.rows(number)
-        rows, models = self._learner.tell(taking if self._exchange is None else np.arange(len(self._uavs)))
+        coding, taking = hop.coding, self._schedule.rows(number)
+        rows, models, weights = self._learner.tell(taking if self._exchange is None else np.arange(len(self._uavs)))
         if self._exchange is not None:
-            self._exchange.keep(number, rows, hop.coding.encode(models))
+            self._exchange.keep(number, rows, coding.pack(coding.encode(models), weights))
             takes_part = contains(taking, rows)
-            rows, models = rows[takes_part], models[takes_part]
+            rows, models, weights = rows[takes_part], models[takes_part], weights[takes_part]
         if self._trigger is not None and len(rows):
             due = self._trigger.due(rows, models)
-            rows, models = rows[due], models[due]
+            rows, models, weights = rows[due], models[due], weights[due]
         if not len(rows):
             return []
         source = self._uavs[rows].astype(np.int32)
-        payload = self._feedback.encode(rows, models)
+        numbers = self._feedback.encode(rows, models)
         if self._exchange is not None:
-            self._exchange.keep(number, rows, payload)
-        return _sound(hop, number, source, self._byzantine.distort(number, source, payload, hop.coding))
+            self._exchange.keep(number, rows, coding.pack(numbers, weights))
+        numbers = self._byzantine.distort(number, source, numbers, coding)
+        return _sound(hop, number, source, coding.pack(numbers, weights))
 
     def _take_own(self, exchange: Exchange, number: int) -> list[int]:
         """Lets the learner take the averages of its rows; returns the UAVs whose models they refuse to average."""
@@ -201,34 +203,33 @@ class Party:
 
     def _averages(self, averager: Averager, number: int, refused: list[int]) -> list[Frames]:
         """The averages of the UAVs of this node that send in a hop; a UAV with nothing to average sends nothing."""
-        hop, found = averager.hop, dict[int, tuple[Floats, float]]()
-        for uav in self._speakers(hop):
+        hop, found = averager.hop, dict[int, tuple[Floats, Floats]]()
+        joined = averager.close(number)
+        refused += joined.refused
+        for uav in self._speakers(averager):
             try:
-                model, weight, bad = averager.average(number, uav)
+                model, behind = averager.average(joined, number, uav)
             except RuleFailed as error:
                 self.complaints.append(str(error))
                 continue
-            refused += bad
             if model is not None:
-                found[uav] = model, weight
+                found[uav] = model, behind
         if averager.hop.ruled:
             self.rule_record = averager.record
-        averager.close(number)
         if not found:
             return []
         models = np.stack([model for model, _ in found.values()])
-        payload = hop.coding.write(models, np.array([weight for _, weight in found.values()]))
+        payload = hop.coding.write(models, np.stack([behind for _, behind in found.values()]))
         frames = _sound(hop, number, np.array(list(found), dtype=np.int32), payload)
         if not frames and hop.role == "leader":
             self.complaints.append(f"round {number}: the global model is beyond what the radio's floats can say")
         return frames
 
-    def _speakers(self, hop: Hop) -> list[int]:
-        """The UAVs of this node that send in a hop and are not silent now, ascending."""
+    def _speakers(self, averager: Averager) -> list[int]:
+        """The UAVs of an averager that are not silent now, ascending."""
         if self._learner is None:
-            return hop.senders.tolist()
-        awake = self._uavs[~self._learner.silent()]
-        return awake[contains(hop.senders, awake)].tolist()
+            return averager.uavs.tolist()
+        return averager.uavs[~contains(self._uavs[self._learner.silent()], averager.uavs)].tolist()
 
 
 def check_links(frames: Frames, uavs: int) -> None:
@@ -250,5 +251,16 @@ def _within(numbers: NDArray[np.int32], end: int) -> bool:
 
 def _sound(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:
     """Frames of a hop, without models that are beyond the range of the coding."""
-    fits = hop.coding.sound(payload)
+    fits = hop.coding.sound(hop.coding.unpack(payload)[0])
     return [Frames(hop.label, number, source[fits], payload[fits])] if fits.any() else []
+
+
+def _check_receipt(frames: Frames) -> None:
+    """Validates the slots that models were on the air.
+
+    Raises:
+        MessageRejected: `wrong-shape`.
+    """
+    expect("receipt", frames.payload, (len(frames.source), 1), RECEIPT)
+    if (frames.payload < 0).any():
+        raise MessageRejected("wrong-shape", "receipt: negative numbers of slots")

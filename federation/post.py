@@ -39,7 +39,7 @@ class Mailbox:
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            self._frames.append(frames if received.all() else only(frames, frames.links[received]))
+            self._frames.append(frames if received.all() else _picked(frames, received))
 
     def read(self, reader: str, uavs: Indices) -> list[Frames]:
         """The frames for some UAVs (M,) that a node, by name, has not read yet."""
@@ -53,8 +53,24 @@ class Mailbox:
                 assert frames.links is not None
                 here = reading[frames.links[:, 1]]
                 if here.any():
-                    found.append(frames if here.all() else only(frames, frames.links[here]))
+                    found.append(frames if here.all() else _picked(frames, here))
         return found
+
+    def fragments(self, hop: Hop, uav: int) -> Mask:
+        """The fragments that a UAV averages and sends in a hop, (F,): those that arrived; in a last hop from others."""
+        assert hop.mail is not None
+        cut = hop.mail.coding.fragments
+        arrived = np.zeros(hop.coding.count, dtype=bool)
+        for frames in self._frames:
+            assert frames.links is not None
+            here = frames.links[frames.links[:, 1] == uav, 0]
+            if hop.is_last and hop.mail.mail is None:
+                here = here[frames.source[here] != uav]
+            if cut is None:
+                arrived |= len(here) > 0
+            else:
+                arrived[cut.numbers(frames.payload[here])] = True
+        return arrived
 
     def receivers(self, number: int) -> Mask:
         """The UAVs that a model of a round was delivered to, (N,)."""
@@ -74,7 +90,7 @@ class Mailbox:
 
     def snapshot(self) -> list[Any]:
         """The mail, for `restore`; the nodes that average after it read everything."""
-        frames = [[int(f.kind), f.round, f.source, f.payload, f.links] for f in self._frames]
+        frames = [[int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for f in self._frames]
         return [np.flatnonzero(self.addressed).astype(np.int32), frames]
 
     def restore(self, snapshot: list[Any]) -> None:
@@ -84,6 +100,48 @@ class Mailbox:
         self.addressed[addressed] = True
         self._frames = [Frames(FrameKind(kind), *fields) for kind, *fields in frames]
         self._read[:], self._reader[:] = 0, ""
+
+
+class Transmission:
+    """The models that some UAVs transmit in fragments, over several ticks."""
+
+    def __init__(self, frames: Frames, rows: NDArray[np.uint8], wanted: Mask, per_tick: int, sent: int = 0) -> None:
+        """
+        Args:
+            frames: the models, of S UAVs.
+            rows: (S, F, width) their fragments.
+            wanted: (S, F) those that are transmitted.
+            per_tick: fragments that a UAV transmits in a tick.
+            sent: fragments of each whose turn is over.
+        """
+        self._frames, self._rows, self._wanted, self._per_tick, self._sent = frames, rows, wanted, per_tick, sent
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all fragments had their turn."""
+        return self._sent >= self._rows.shape[1]
+
+    def next(self, awake: Mask) -> Frames | None:
+        """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
+        turn = slice(self._sent, self._sent + self._per_tick)
+        self._sent += self._per_tick
+        source = self._frames.source
+        sender, place = np.nonzero(self._wanted[:, turn] & awake[source][:, None])
+        if not len(sender):
+            return None
+        return Frames(self._frames.kind, self._frames.round, source[sender], self._rows[:, turn][sender, place])
+
+    def snapshot(self) -> list[Any]:
+        """All of it, for `restore`."""
+        frames = self._frames
+        fields = [int(frames.kind), frames.round, frames.source, frames.payload]
+        return [*fields, self._rows, self._wanted, self._per_tick, self._sent]
+
+    @classmethod
+    def restored(cls, snapshot: list[Any]) -> "Transmission":
+        """The transmission of a snapshot."""
+        kind, number, source, payload, rows, wanted, per_tick, sent = snapshot
+        return cls(Frames(FrameKind(kind), number, source, payload), rows, wanted, per_tick, sent)
 
 
 class Post:
@@ -109,6 +167,8 @@ class Post:
         self.isolated = 0
         self._averaged = 0  # number of the last round that was
         self.rule_record = b""
+        self._cut = any(hop.coding.fragments is not None for hop in self._hops)
+        self._transmissions: list[Transmission] = []
         self._boxes = [(hop, Mailbox(scenario.uavs)) for hop in self._hops if hop.mail is not None]
         self._open: list[tuple[Hop, Mailbox]] = []  # those that mail was sent to
 
@@ -130,7 +190,7 @@ class Post:
                 and self._schedule.age(frames.round, tick) > averaging.after
             ):
                 assert frames.links is not None
-                self.late += len(frames.links)
+                self.late += len(np.unique(frames.source[frames.links[:, 0]]))
         if len(rest) < len(due):
             self._list_open()
         return rest
@@ -146,7 +206,8 @@ class Post:
         for hop, box in self._open:
             averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
             if hop.role == role and len(averaging):
-                found += box.read(reader, averaging)
+                for frames in box.read(reader, averaging):
+                    found += [frames, _receipt(frames)]
         return tuple(found)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
@@ -209,6 +270,32 @@ class Post:
                 return MessageRejected("wrong-round", f"UAVs {strangers} take no part in round {expected}")
         return None
 
+    # -- the frames that go on the air ----------------------------------------------------------------------------
+
+    def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
+        """What the UAVs that are awake (N,) transmit in this tick of the `frames` that nodes sent, and of earlier ones.
+
+        Models that are cut go in fragments, as many in a tick as their slots hold; all else goes at once.
+        """
+        if not self._cut:
+            return frames
+        on_air = []
+        for batch in frames:
+            hop = next((hop for hop in self._hops if hop.label == batch.kind), None)
+            if hop is None or hop.coding.fragments is None:
+                on_air.append(batch)
+                continue
+            wanted = np.ones((len(batch.source), hop.coding.count), dtype=bool)
+            for averaging, box in self._boxes:
+                if averaging is hop:
+                    wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
+            rows = hop.coding.on_air(batch.payload)
+            self._transmissions.append(Transmission(batch, rows, wanted, hop.coding.fragments.cut.per_tick))
+        turns = [one.next(awake) for one in self._transmissions]
+        on_air += [turn for turn in turns if turn is not None]
+        self._transmissions = [one for one in self._transmissions if not one.is_over]
+        return on_air
+
     # -- after a tick's transmissions ---------------------------------------------------------------------------
 
     def close(
@@ -220,7 +307,7 @@ class Post:
         has_leader: Callable[[], bool],
         note: Note,
     ) -> None:
-        """Closes the hops that transmitted in this tick `frames` over `links` (K, 5), and notes what came of them."""
+        """Closes the hops in which nodes sent `frames` in this tick, over `links` (K, 5), and notes what came of it."""
         if not self._schedule.is_busy(tick):
             return
         for hop in self._hops:
@@ -251,6 +338,7 @@ class Post:
         return {
             "counts": [self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged],
             "rule": self.rule_record,
+            "transmissions": [one.snapshot() for one in self._transmissions],
             "boxes": [box.snapshot() for _, box in self._boxes],
         }
 
@@ -259,6 +347,7 @@ class Post:
         counts = map(int, snapshot["counts"])
         self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged = counts
         self.rule_record = bytes(snapshot["rule"])
+        self._transmissions = [Transmission.restored(one) for one in snapshot["transmissions"]]
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)
         self._list_open()
@@ -298,14 +387,29 @@ class Post:
         note("void", f"round {number} is void: {why}")
 
 
-def only(frames: Frames, links: NDArray[np.int32]) -> Frames:
-    """Frames reduced to some of their links."""
+def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | None = None) -> Frames:
+    """Frames reduced to some of their links (K, 2), which took `slots` (K,)."""
     used = np.zeros(len(frames.source), dtype=bool)
     used[links[:, 0]] = True
     if len(used) == 1 or np.logical_and.reduce(used):
-        return (
-            frames if links is frames.links else Frames(frames.kind, frames.round, frames.source, frames.payload, links)
-        )
+        if links is frames.links:
+            return frames
+        return Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
-    return Frames(frames.kind, frames.round, frames.source[used], frames.payload[used], renumbered)
+    return Frames(frames.kind, frames.round, frames.source[used], frames.payload[used], renumbered, slots)
+
+
+def _picked(frames: Frames, picked: Mask) -> Frames:
+    """Frames reduced to the links that are `picked` (K,)."""
+    assert frames.links is not None
+    return only(frames, frames.links[picked], None if frames.slots is None else frames.slots[picked])
+
+
+def _receipt(frames: Frames) -> Frames:
+    """The slots that frames of models were on the air, a row for each link."""
+    assert frames.links is not None
+    assert frames.slots is not None
+    links = np.stack([np.arange(len(frames.links), dtype=np.int32), frames.links[:, 1]], axis=-1)
+    source = frames.source[frames.links[:, 0]]
+    return Frames(frames.kind, frames.round, source, frames.slots[:, None], links)

@@ -27,6 +27,10 @@ class Schedule:
         self.hops: tuple[Hop, ...] = scenario.hops
         self._period = scenario.period_ticks if self.hops else 0
         self._phases = {hop.after % self._period for hop in self.hops}
+        self._over = 0  # ticks from the opening of a round to the last arrival of its last fragment; 0 for whole models
+        if self.hops and self.hops[-1].coding.fragments is not None and not self.hops[-1].is_local:
+            self._over = self.hops[-1].after + self.hops[-1].coding.ticks - 1 + scenario.hop_ticks
+            self._phases.add(self._over % self._period)
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def is_busy(self, tick: int) -> bool:
@@ -40,6 +44,10 @@ class Schedule:
     def number(self, hop: Hop, tick: int) -> int:
         """The round whose `hop` transmits in this tick, when all earlier mail has arrived or is lost; or 0."""
         return self.opens(tick - hop.after)
+
+    def ends(self, tick: int) -> int:
+        """The round whose global model has arrived in this tick, in fragments, or is lost; or 0."""
+        return self.opens(tick - self._over) if self._over else 0
 
     def closes(self, tick: int) -> int:
         """The round whose last hop transmits in this tick, or 0."""

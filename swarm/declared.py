@@ -26,6 +26,7 @@ class Declared(msgspec.Struct, frozen=True):
     broadcast_numbers: most numbers that a UAV broadcasts in a tick, all frames together; limits the length of messages.
     pairwise: whether a UAV has memory for each other UAV; memory then grows with N².
     shares: whether the UAVs broadcast their states by the scenario's `[sharing]`.
+    weighted: whether each model is sent with a weight.
     """
 
     parameters: int
@@ -36,6 +37,7 @@ class Declared(msgspec.Struct, frozen=True):
     broadcast_numbers: int
     pairwise: bool
     shares: bool
+    weighted: bool
 
     @property
     def is_federated(self) -> bool:
@@ -96,7 +98,15 @@ def _checked(made: Any, name: str) -> Declared:
             "letters, digits and underscores"
         )
     return Declared(
-        parameters, parts, weights, diagnostics, period, broadcast_numbers, bool(made.pairwise), bool(made.shares)
+        parameters=parameters,
+        parts=parts,
+        weights=weights,
+        diagnostics=diagnostics,
+        period_ticks=period,
+        broadcast_numbers=broadcast_numbers,
+        pairwise=bool(made.pairwise),
+        shares=bool(made.shares),
+        weighted=bool(made.weighted),
     )
 
 

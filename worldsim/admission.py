@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from meanflock.federation.fragments import resolved
 from meanflock.federation.post import Note
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
@@ -294,7 +295,7 @@ class Admission:
                     node=name,
                     uavs=tuple(uavs.tolist()),
                     tick=self._flight.tick,
-                    scenario=scenario.encode(self._scenario if name == STATION else self._scenario.known()),
+                    scenario=scenario.encode(self._scenario if name == STATION else resolved(self._scenario.known())),
                     initial_states=self._plan,
                     memory=b"" if past is None else past.memory(uavs),
                     plugins=self._plugins,

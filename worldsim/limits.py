@@ -47,6 +47,9 @@ class Limits:
             self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
         if any(hop.is_local for hop in scenario.hops):  # a UAV that averages stores its model and a state of the rule
             self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
+        last = scenario.hops[-1].coding if scenario.hops else None
+        if last is not None and last.fragments is not None:  # the global model, and its fragments that were received
+            self._row += (_NUMBER_BYTES * last.fragments.cut.size + 1) * last.count + _FRAME_BYTES
         self._fixed = (
             _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs
         )  # 8: numbers of the UAVs that it refuses or loses

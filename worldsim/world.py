@@ -284,7 +284,8 @@ class World:
         # 4. Transmit the frames of the replies.
         frames = self._collect()
         self.models.add(frames)
-        links = self.air.send(tick, frames, self.flight.states, self._script.cut(tick, self.flight.states))
+        on_air = self.post.transmitted(frames, self._awake)
+        links = self.air.send(tick, on_air, self.flight.states, self._script.cut(tick, self.flight.states))
         self.post.close(tick, frames, links, self._awake, self._has_leader, self._note)
         # 5. Move.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))

@@ -81,6 +81,7 @@ class Controller:
     broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
     pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
+    weighted: bool = False  # whether each model is sent with a weight, 32 bits more, that `samples` returns
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""
@@ -115,6 +116,10 @@ class Controller:
         if self.parameters:
             raise NotImplementedError("a controller that declares `parameters` must override `set`")
         return memory
+
+    def samples(self, memory: Memory) -> NDArray[np.float64]:
+        """Returns the weights of the models, (M,), greater than 0; asked only if the controller is `weighted`."""
+        return np.ones(len(next(iter(memory.values()))))
 
     def prediction(self) -> Prediction | None:
         """Returns the rule by which receivers predict a UAV's state from the last one sent; None: constant velocity."""

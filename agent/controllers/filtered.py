@@ -42,6 +42,7 @@ class Filter:
         self.parts = inner.parts
         self.weights = inner.weights
         self.period_ticks = inner.period_ticks
+        self.weighted = inner.weighted
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
@@ -117,6 +118,10 @@ class Filter:
         """See `Controller.set`."""
         theirs, mine = _apart(memory)
         return self.inner.set(theirs, rows, models) | _named(mine)
+
+    def samples(self, memory: Memory) -> Floats:
+        """See `Controller.samples`."""
+        return self.inner.samples(_apart(memory)[0])
 
     def report(self, memory: Memory) -> Floats:
         """See `Controller.report`."""

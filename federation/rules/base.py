@@ -14,16 +14,44 @@ State: TypeAlias = dict[str, NDArray[Any]]
 
 
 class Uploads(msgspec.Struct, frozen=True, eq=False):
-    """The models of a round that one node averages.
+    """The models of a round that one node averages, S of them, in ascending order of their UAVs.
 
-    models: (S, parameters), finite. uavs: (S,) the UAVs that they are of, ascending. sent: (S,) the rounds in which
-    they were sent. round: the number of the round, from 1 on.
+    Models that are too long for one message arrive in fragments, and some may be lost.
+
+    Attributes:
+        models: (S, parameters), finite. A weight that was lost is the mean of those that arrived from other UAVs, so
+            that a rule which does not look at `arrived` computes something sensible; 0 if it arrived from nobody.
+        uavs: (S,) the UAVs that the models are of.
+        sent: (S,) the rounds in which they were sent; below `round` for an upload that came after its deadline.
+        slots: (S,) slots that they were on the air, all fragments together; 0 for the model of the UAV that averages.
+        samples: (S,) the weights that the controllers declare, greater than 0; 1 where they declare none.
+        arrived: (S, parameters) whether a weight arrived.
+        round: the number of the round, from 1 on.
     """
 
     models: Floats
     uavs: NDArray[np.intp]
     sent: NDArray[np.integer]
+    slots: NDArray[np.integer]
+    samples: Floats
+    arrived: NDArray[np.bool_]
     round: int
+
+    @classmethod
+    def complete(
+        cls, models: Floats, number: int = 1, uavs: NDArray[np.intp] | None = None, samples: Floats | None = None
+    ) -> "Uploads":
+        """Uploads (S, parameters) that arrived whole and in time, in one slot each; of UAVs 0, 1 … unless named."""
+        count = len(models)
+        return cls(
+            models,
+            np.arange(count) if uavs is None else uavs,
+            sent=np.full(count, number),
+            slots=np.ones(count, dtype=np.intp),
+            samples=np.ones(count) if samples is None else samples,
+            arrived=np.ones(models.shape, dtype=bool),
+            round=number,
+        )
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,6 +85,7 @@ class Aggregator:
         """Returns the state after a round, and its global model, (parameters,).
 
         None in place of the model: the rule waits for more models. The state is kept, and no model is broadcast.
+        Fragments that arrived from nobody are not broadcast, whatever the model says there.
 
         Args:
             uploads: at least one model.
@@ -66,7 +95,7 @@ class Aggregator:
     def weights(self, uploads: Uploads) -> Floats | None:
         """Returns the weight of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
 
-        A weight may depend on its own upload alone. With the topology `neighbours` one call then serves all UAVs of a
-        node, in place of a `step` for each; the state is not used.
+        A weight may depend on its own upload alone, and not on its `slots`, which are 0 here. With the topology
+        `neighbours` one call then serves all UAVs of a node, in place of a `step` for each; the state is not used.
         """
         return None

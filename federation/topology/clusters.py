@@ -33,16 +33,26 @@ class Clusters(Topology):
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
-        leader, relays = scenario.federation.leader, scenario.deadline_ticks
+        leader = scenario.federation.leader
         self._check()
         division = Division(scenario)
+        uploads, broadcasts = coding.of_uploads(scenario), coding.of_broadcasts(scenario)
+        averages = coding.of_relays(scenario, division.sizes[division.cluster])
+        relays = uploads.ticks - 1 + scenario.deadline_ticks
+        after = relays + averages.ticks - 1 + scenario.hop_ticks
+        least = after + 1 if broadcasts.fragments is None else after + broadcasts.ticks - 1 + scenario.hop_ticks
+        if scenario.period_ticks < least:
+            raise ValueError(
+                f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "
+                f"{scenario.period_ticks} has no room for two hops of up to {after} ticks in all; take at least {least}"
+            )
         upload = Hop(
             FrameKind.UPLOAD,
             0,
             "agent",
             np.arange(scenario.uavs),
             division.head_of[:, None],
-            coding.of_uploads(scenario),
+            uploads,
         )
         relay = Hop(
             FrameKind.RELAY,
@@ -50,16 +60,16 @@ class Clusters(Topology):
             "agent",
             division.heads,
             np.full((scenario.uavs, 1), leader),
-            coding.Counted(scenario.radio_payload, scenario.declared.parameters, division.sizes[division.cluster]),
+            averages,
             mail=upload,
         )
         model = Hop(
             FrameKind.GLOBAL,
-            relays + scenario.hop_ticks,
+            after,
             "leader",
             np.array([leader]),
             None,
-            coding.of_broadcasts(scenario),
+            broadcasts,
             mail=relay,
             is_last=True,
         )
@@ -81,10 +91,10 @@ class Clusters(Topology):
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
                 "means; take fedavg, or one cluster"
             )
-        if scenario.period_ticks <= (ticks := scenario.deadline_ticks + scenario.hop_ticks):
+        if scenario.declared.weighted:
             raise ValueError(
-                f"{asked} `federation.period` {scenario.period_ticks} has no room for two hops of up to "
-                f"{ticks} ticks in all; take at least {ticks + 1}"
+                f"{asked} `method` {scenario.method} declares a weight for each model, and heads count models; take "
+                "federation.topology leader or neighbours"
             )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
         if (largest := -(-scenario.uavs // count)) > exact:

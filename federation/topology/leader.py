@@ -15,16 +15,22 @@ class Leader(Topology):
     def hops(self) -> tuple[Hop, ...]:
         scenario, leader = self.scenario, self.scenario.federation.leader
         everyone = np.arange(scenario.uavs)
-        upload = Hop(
-            FrameKind.UPLOAD, 0, "agent", everyone, np.full((scenario.uavs, 1), leader), coding.of_uploads(scenario)
-        )
+        uploads, broadcasts = coding.of_uploads(scenario), coding.of_broadcasts(scenario)
+        after = uploads.ticks - 1 + scenario.deadline_ticks
+        ticks = after + broadcasts.ticks - 1 + scenario.hop_ticks
+        if uploads.fragments is not None and scenario.period_ticks < ticks:
+            raise ValueError(
+                f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "
+                f"models go in {uploads.count} fragments; take at least {ticks}"
+            )
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, np.full((scenario.uavs, 1), leader), uploads)
         return upload, Hop(
             FrameKind.GLOBAL,
-            scenario.deadline_ticks,
+            after,
             "leader",
             np.array([leader]),
             None,
-            coding.of_broadcasts(scenario),
+            broadcasts,
             mail=upload,
             ruled=True,
             is_last=True,

@@ -21,17 +21,18 @@ class Neighbours(Topology):
             raise ValueError(
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
-        if scenario.period_ticks <= (ticks := scenario.deadline_ticks):
+        everyone, uploads = np.arange(scenario.uavs), coding.of_uploads(scenario)
+        ticks = uploads.ticks - 1 + scenario.deadline_ticks
+        if scenario.period_ticks <= ticks:
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "
                 f"take at least {ticks + 1}"
             )
-        everyone, uploads = np.arange(scenario.uavs), coding.of_uploads(scenario)
         reach = scenario.federation.range_m or scenario.radio.range_m
         upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, uploads, range_m=reach)
         return upload, Hop(
             FrameKind.GLOBAL,
-            scenario.deadline_ticks,
+            ticks,
             "agent",
             everyone,
             None,

@@ -58,7 +58,7 @@ def check_aggregator(
             for number, count in enumerate((*UPLOADS, flown.uavs), 1):
                 uavs = np.sort(draw.choice(flown.uavs, min(count, flown.uavs), replace=False))
                 models = draw.standard_normal((len(uavs), PARAMETERS))
-                uploads = Uploads(models, uavs, np.full(len(uavs), number), number)
+                uploads = Uploads.complete(models, number, uavs)
                 if afresh:
                     rule, state = make(aggregator, options, flown), decode_record(encode_record(state))
                 given = [models, uavs, uploads.sent, *state.values()]
@@ -112,7 +112,7 @@ def check_aggregator(
 
     def average(number: int) -> None:
         nonlocal rule_state
-        rule_state, _ = rule.step(rule_state, Uploads(many, uavs, np.full(len(uavs), number), number))
+        rule_state, _ = rule.step(rule_state, Uploads.complete(many, number, uavs))
 
     check_pace(aggregator, f"a round of {len(uavs)} models", slow_ms, average)
 

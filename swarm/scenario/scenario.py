@@ -34,6 +34,7 @@ LATER = (
     "federation.error_feedback",
     "federation.upload_threshold",
     "federation.deadline",
+    "federation.fragment",
     "federation.clusters",
     "federation.range_m",
     "federation.topology",

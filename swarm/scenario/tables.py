@@ -236,6 +236,17 @@ class Federation(_Table, frozen=True):
         ]
         | None
     ) = None
+    fragment: (
+        Annotated[
+            int,
+            Meta(
+                ge=0,
+                description="slots of a fragment into which models are cut; 0: models are never cut; unset: models "
+                "that need more than the latency threshold are cut into the longest fragments of which 95 % arrive",
+            ),
+        ]
+        | None
+    ) = None
     upload_threshold: Annotated[
         float,
         Meta(
@@ -295,6 +306,11 @@ class Radio(_Table, frozen=True):
     options: Annotated[dict[str, Any], Meta(description="options of that channel")] = msgspec.field(
         default_factory=dict
     )
+
+    @property
+    def bits_per_slot(self) -> float:
+        """θ W_o log₂(1 + η): what a slot carries if its SNR reaches the target."""
+        return self.coherence_time_s * self.bandwidth_hz * math.log2(1.0 + 10.0 ** (self.target_snr_db / 10.0))
 
 
 class Vehicle(_Table, frozen=True):

@@ -36,9 +36,10 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
 
     kind: FrameKind
     round: int  # of the federation; of STATE frames, the number of the broadcast in the tick
-    source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending
+    source: np.ndarray  # (S,) i4, the UAVs that transmit, ascending; a UAV comes once for each fragment
     payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row for each sender, see federation/coding.py
     links: np.ndarray | None = None  # (K, 2) i4, of received frames: [row of payload, receiving UAV]
+    slots: np.ndarray | None = None  # (K,) i4, of models within the world: slots that each link took, 0 without radio
 
 
 class Join(_Message, frozen=True, tag="join"):

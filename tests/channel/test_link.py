@@ -11,7 +11,7 @@ import pytest
 from meanflock.channel import link as theory
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice, squared_amplitude
-from meanflock.channel.link import bits_per_slot, slots_needed
+from meanflock.channel.link import slots_needed
 from meanflock.swarm.scenario import Radio, Scenario, load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
@@ -66,7 +66,7 @@ def test_the_closed_forms_are_the_oracle_s(case: dict[str, Any]) -> None:
     distance, bits = np.array([case["distance_m"]]), case["bits"]
     success = theory.slot_success(given, distance)
     assert success == pytest.approx([case["slot_success_probability"]], rel=RTOL)
-    assert bits_per_slot(given) == pytest.approx(case["bits_per_slot"], rel=RTOL)
+    assert given.bits_per_slot == pytest.approx(case["bits_per_slot"], rel=RTOL)
     assert slots_needed(given, bits) == case["slots_needed"]
     assert slots_needed(given, bits) / success == pytest.approx([case["mean_latency_slots"]], rel=RTOL)
     assert theory.outage(given, success, bits) == pytest.approx([case["latency_outage_probability"]], rel=RTOL)
@@ -76,7 +76,7 @@ def test_the_closed_forms_are_the_oracle_s(case: dict[str, Any]) -> None:
 @pytest.mark.parametrize("needed", [1, 2, 4, 9])
 def test_outage_and_delivered_latency_are_their_own_sums(needed: int, slots: int) -> None:
     given = radio(f"latency_threshold_slots={slots}")
-    bits = math.floor(needed * bits_per_slot(given))
+    bits = math.floor(needed * given.bits_per_slot)
     assert slots_needed(given, bits) == needed
     for p in (0.0, 1e-3, 0.1, 0.5, 0.95, 1.0):
         through, latency = brute_force(p, needed, slots)
@@ -143,6 +143,6 @@ def test_the_ideal_channel_delivers_everything_in_the_slots_its_bits_take_and_dr
     for bits in (1, 128, 7872, 10**6):
         slots, delivered = ideal.transmit(np.array([1.0, 1e6]), bits, rng)
         assert delivered.all()
-        assert slots.tolist() == [math.ceil(bits / bits_per_slot(by))] * 2
+        assert slots.tolist() == [math.ceil(bits / by.bits_per_slot)] * 2
         assert ideal.expected(np.ones(2), bits) == (0.0, slots.sum())
     assert rng.bit_generator.state == np.random.default_rng(1).bit_generator.state

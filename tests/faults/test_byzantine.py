@@ -16,14 +16,10 @@ from tests.faults.conftest import Lab, scenario
 ROBUST = ("median", "trimmed-mean", "krum")
 
 
-def all_of(models: np.ndarray) -> Uploads:
-    return Uploads(models.astype(np.float64), np.arange(len(models)), np.ones(len(models), dtype=int), 1)
-
-
 def average(rule: str, models: np.ndarray, tolerance: float = 0.25) -> np.ndarray:
     """The global model that a rule makes of models, one of each UAV."""
     made = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
-    state, model = made.step(made.init(0), all_of(models))
+    state, model = made.step(made.init(0), Uploads.complete(models.astype(np.float64)))
     assert not state
     return np.asarray(model)
 

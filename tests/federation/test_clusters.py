@@ -99,13 +99,13 @@ def relay(flight: Scenario) -> Counted:
 def test_a_relay_is_the_model_and_one_more_float(bits: int, method: str, floats: int) -> None:
     coding = relay(scenario(12, 3, f"radio.bits_per_float={bits}", "federation.payload=int8", method=method))
     assert coding.bits == (floats + 1) * bits
-    written = coding.write(np.full((2, floats), 7.0), np.array([3.0, 1.0]))
+    written = coding.write(np.full((2, floats), 7.0), np.array([[3.0], [1.0]]))
     assert written.nbytes * 8 == 2 * coding.bits
-    models, counts = coding.read(written)
-    assert (models == 7.0).all()
-    assert counts.tolist() == [3.0, 1.0]
+    averages = coding.received(written)
+    assert (averages.values == 7.0).all()
+    assert averages.weights.tolist() == [3.0, 1.0]
     coding.check(np.array([0, 8], np.int32), written)
-    beyond = coding.write(np.full((1, floats), 1e300), np.ones(1))
+    beyond = coding.write(np.full((1, floats), 1e300), np.ones((1, 1)))
     assert coding.sound(beyond).tolist() == [bits == 64]
 
 

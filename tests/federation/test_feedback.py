@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meanflock.agent.node import Agent
-from meanflock.federation.coding import Coding, Feedback
+from meanflock.federation.coding import Coding
+from meanflock.federation.memory import Feedback
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind, Frames

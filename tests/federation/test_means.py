@@ -30,7 +30,7 @@ def test_the_mean_of_equal_models_is_that_model(count: int) -> None:
 def weighted(table: list[list[float]], means: int) -> list[float]:
     """The model that averaging by precision makes of some models."""
     rule = Precision(Precision.Options(means=means), Scenario())
-    _, model = rule.step({}, Uploads(np.array(table), np.arange(len(table)), np.ones(len(table)), 1))
+    _, model = rule.step({}, Uploads.complete(np.array(table)))
     return [float(number) for number in model]
 
 

@@ -209,7 +209,7 @@ def test_uavs_whose_models_hardly_move_are_silent_and_counted(topology: str) -> 
 
 def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
     """By hand: the norm of the change over that of the model sent last."""
-    from meanflock.federation.coding import Trigger
+    from meanflock.federation.memory import Trigger
 
     trigger, rows = Trigger(0.1, 3, 2), np.arange(3)
     assert trigger.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()

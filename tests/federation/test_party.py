@@ -58,7 +58,7 @@ class Heads:
 
     @property
     def mail(self) -> int:
-        return sum(len(averager._mail) for averager in self.party._averagers)
+        return sum(len(averager._mails) for averager in self.party._averagers)
 
 
 def model(uav: int, seed: int = 0) -> np.ndarray:

@@ -34,6 +34,7 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
         scenario(
             "method=mfgfl-h",
             f"federation.period={period}",
+            "federation.fragment=0",
             f"radio.coherence_time_s={coherence}",
             f"radio.latency_threshold_slots={slots}",
         )

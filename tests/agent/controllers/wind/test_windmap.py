@@ -90,12 +90,12 @@ def test_a_round_of_precisions_gives_every_uav_the_information_of_all() -> None:
     information = np.abs(np.random.default_rng(0).standard_normal((25, nodes, 3)))
     information[5:] = 0.0  # on the ground yet
     information[:3, : nodes // 2] = 0.0
-    uploads = Uploads(controller.get(memory | {"information": information}), rows, np.ones(25, dtype=int), 1)
+    uploads = Uploads.complete(controller.get(memory | {"information": information}), 1, rows)
     rule = plugins.create("aggregator", "precision", {}, controller.scenario)
     _, model = rule.step(rule.init(controller.parameters), uploads)
     memory = controller.set(memory | {"information": information}, rows, np.tile(model, (25, 1)))
     assert controller._information(memory)[17] == pytest.approx(information.sum(axis=0))
-    _, model = rule.step({}, Uploads(controller.get(memory), rows, np.full(25, 2), 2))
+    _, model = rule.step({}, Uploads.complete(controller.get(memory), 2, rows))
     again = controller.set(memory, rows, np.tile(model, (25, 1)))
     assert controller._information(again) == pytest.approx(controller._information(memory))  # nothing counts twice
 

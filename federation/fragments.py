@@ -1,0 +1,250 @@
+"""Fragments: how a model that is too long for one message is cut, transmitted and put together again.
+
+A fragment is a row of bytes with n weights of the model, and what it takes to read them without the others:
+
+    number   uint32, k for the weights from k·n on
+    weight   float32, what the sender's model counts, if the coding has that
+    weights  n numbers as the coding writes them, the last fragment filled up with zeros
+    count    one such number, how many models these weights are the mean of, if the coding has that
+    scales   float32, of 8-bit steps: one for each part of the model that the fragment touches
+
+All of it is transmitted, paid for, and lost or delivered as one message.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import FAILURES, MessageRejected, last_line
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION, Floats
+from meanflock.swarm.wire.control import expect
+
+WHOLE = 0  # value of `federation.fragment`: no model is cut
+SUCCESS = 0.95  # expected share of fragments that are delivered, from which a size is long enough
+_NUMBER, _FLOAT32, _BYTE = np.dtype("<u4"), np.dtype("<f4"), np.dtype("u1")
+
+
+class Cut(NamedTuple):
+    """How a scenario cuts models, those of all hops alike, so that a fragment of an average is one of fragments.
+
+    slots: that a fragment takes at most. size: n, its weights. per_tick: fragments that a UAV transmits in a tick.
+    """
+
+    slots: int
+    size: int
+    per_tick: int
+
+
+class Pieces(NamedTuple):
+    """Fragments that were read, R of them.
+
+    numbers: (R,). values: (R, n) weights of the model. weights: (R,), what the sender's model counts in this fragment.
+    """
+
+    numbers: NDArray[np.intp]
+    values: Floats
+    weights: Floats
+
+
+class Fragments:
+    """How the payloads of one coding are cut. Rows are independent, to the last bit.
+
+    Attributes:
+        count: F, fragments of a model.
+        cut: how the scenario cuts models.
+        width: bytes of a fragment.
+    """
+
+    def __init__(
+        self,
+        cut: Cut,
+        floats: int,
+        starts: NDArray[np.intp],
+        item: np.dtype,
+        *,
+        counted: bool,
+        weighted: bool,
+        scaled: bool,
+    ) -> None:
+        """
+        Args:
+            cut: how the scenario cuts models.
+            floats: L, weights of a model.
+            starts: first weights of the pieces that have a scale each, ascending; a piece lies in one fragment.
+            item: dtype of a weight on the air.
+            counted: each fragment has the number of models behind it.
+            weighted: each fragment has the weight that its sender declares.
+            scaled: weights are steps of scales.
+        """
+        self.cut = cut
+        self.count = -(-floats // cut.size)
+        size = cut.size
+        self._floats, self._item = floats, item
+        self._counted, self._weighted, self._scaled = counted, weighted, scaled
+        self._head = _NUMBER.itemsize + _FLOAT32.itemsize * weighted
+        self._end = self._head + size * item.itemsize
+        self._scale_of: NDArray[np.intp] = np.zeros((self.count, 0), dtype=np.intp)  # (F, scales of a fragment)
+        if scaled:
+            first = np.searchsorted(starts, np.arange(self.count) * size)
+            pieces = np.diff(first, append=len(starts))
+            self._scale_of = np.minimum(first[:, None] + np.arange(pieces.max()), len(starts) - 1)
+            piece = np.searchsorted(starts, np.arange(self.count * size), side="right") - 1  # of each weight
+            self._own_scale = piece.reshape(self.count, size) - first[:, None]  # among those of its fragment
+        self.width = self._head + (size + counted) * item.itemsize + _FLOAT32.itemsize * self._scale_of.shape[1]
+
+    @property
+    def ticks(self) -> int:
+        """Ticks in which the fragments of a model are transmitted."""
+        return -(-self.count // self.cut.per_tick)
+
+    def rows(self, numbers: np.ndarray, weights: Floats) -> NDArray[np.uint8]:
+        """Models `(S, …)`, written by a coding, and their declared weights (S,), as fragments `(S, F, width)`."""
+        senders, size = len(numbers), self.cut.size
+        rows = np.empty((senders, self.count, self.width), dtype=_BYTE)
+        rows[:, :, : _NUMBER.itemsize] = np.arange(self.count, dtype=_NUMBER)[:, None].view(_BYTE)
+        if self._weighted:
+            rows[:, :, _NUMBER.itemsize : self._head] = weights.astype(_FLOAT32)[:, None, None].view(_BYTE)
+        filled = np.pad(numbers[:, : self._floats], ((0, 0), (0, self.count * size - self._floats)))
+        rows[:, :, self._head : self._end] = filled.reshape(senders, self.count, size).view(_BYTE)
+        if self._counted:
+            rows[:, :, self._end :] = np.ascontiguousarray(numbers[:, self._floats :, None]).view(_BYTE)
+        if self._scaled:
+            scales = np.ascontiguousarray(numbers[:, self._floats :]).view(_FLOAT32)
+            rows[:, :, self._end :] = scales[:, self._scale_of].view(_BYTE)
+        return rows
+
+    def numbers(self, rows: NDArray[np.uint8]) -> NDArray[np.intp]:
+        """The numbers of fragments `(R, width)`, (R,)."""
+        return np.ascontiguousarray(rows[:, : _NUMBER.itemsize]).view(_NUMBER)[:, 0].astype(np.intp)
+
+    def read(self, rows: NDArray[np.uint8]) -> tuple[Pieces, NDArray[np.bool_]]:
+        """Fragments `(R, width)` with numbers below F, and whether each can be used, (R,): finite, steps in bounds."""
+        numbers = self.numbers(rows)
+        written = np.ascontiguousarray(rows[:, self._head : self._end])
+        weights = np.ones(len(rows))
+        if self._weighted:
+            weights = np.ascontiguousarray(rows[:, _NUMBER.itemsize : self._head]).view(_FLOAT32)[:, 0].astype(float)
+        if self._counted:
+            weights = np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
+        if not self._scaled:
+            values = written.view(self._item)
+            return Pieces(numbers, values.astype(np.float64), weights), np.asarray(np.isfinite(values).all(axis=-1))
+        steps = written.view(np.int8)
+        spread = np.take_along_axis(self.scales(rows), self._own_scale[numbers], axis=-1).astype(np.float64)
+        return Pieces(numbers, steps * spread, weights), np.asarray((steps > -128).all(axis=-1))
+
+    def scales(self, rows: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The scales in fragments `(R, width)` of 8-bit steps, (R, scales of a fragment)."""
+        return np.ascontiguousarray(rows[:, self._end :]).view(_FLOAT32)
+
+    def check(self, source: np.ndarray, rows: np.ndarray) -> None:
+        """Validates size and numbers of fragments of the UAVs `source` (R,) that come by network.
+
+        Raises:
+            MessageRejected: `wrong-shape`.
+        """
+        expect("payload", rows, (len(source), self.width), _BYTE)
+        numbers = self.numbers(rows)
+        if (numbers >= self.count).any():
+            raise MessageRejected("wrong-shape", f"payload: fragment {numbers.max()} of {self.count}")
+        place = source.astype(np.int64) * self.count + numbers
+        if (place[1:] <= place[:-1]).any():
+            raise MessageRejected("wrong-shape", "payload: fragments are not ascending, or one comes twice")
+
+
+class Form(NamedTuple):
+    """What decides how many weights a fragment holds.
+
+    item: bytes of a weight. counted, weighted, scaled: as for `Fragments`.
+    """
+
+    item: int
+    counted: bool = False
+    weighted: bool = False
+    scaled: bool = False
+
+    def weights(self, most: int, parts: tuple[int, ...]) -> int:
+        """Weights in a fragment of at most `most` bytes, of models whose parts have so many weights."""
+        room = most - _NUMBER.itemsize - _FLOAT32.itemsize * self.weighted - self.item * self.counted
+        size, scales = room // self.item, 0
+        while self.scaled and size >= 1 and _most_pieces(parts, size) > scales:
+            scales += 1
+            size = room - _FLOAT32.itemsize * scales
+        return size
+
+
+def pieces_of(parts: tuple[int, ...], size: int) -> tuple[int, ...]:
+    """Sizes of the pieces into which the ends of parts and the ends of fragments of `size` weights cut a model."""
+    return tuple(np.diff(_starts(parts, size), append=sum(parts)).tolist())
+
+
+def cut_of(scenario: Scenario, bits: int, forms: Iterable[Form]) -> Cut | None:
+    """How a scenario cuts models, the longest of which have so many bits; None: it does not.
+
+    Args:
+        forms: of all models that it transmits.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails, or a fragment has no room for a weight.
+    """
+    slots = scenario.federation.fragment
+    if slots is None:
+        slots = _slots(scenario, bits)
+    if slots == WHOLE:
+        return None
+    radio, parts = scenario.radio, scenario.declared.parts
+    size = min(form.weights(int(slots * radio.bits_per_slot / 8), parts) for form in forms)
+    if size < 1:
+        raise ValueError(f"a fragment of {slots} slots has no room for a weight; set a larger `federation.fragment`")
+    busy = radio.latency_threshold_slots * radio.coherence_time_s
+    return None if size >= sum(parts) else Cut(slots, size, max(1, int(scenario.dt / busy * (1.0 + 1e-9))))
+
+
+def resolved(scenario: Scenario) -> Scenario:
+    """The same scenario with the size of fragments written out, so that its nodes need no channel to know it."""
+    cuts = [hop.coding.cut for hop in scenario.hops]
+    slots = max((cut.slots for cut in cuts if cut is not None), default=WHOLE)
+    return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, fragment=slots))
+
+
+def _slots(scenario: Scenario, bits: int) -> int:
+    """The most slots of a fragment of which 95 % are expected to be delivered, or else 1; `WHOLE` if no model needs it.
+
+    The expectation is that of the links between the leader's UAV and all others at take-off. A channel without closed
+    forms gets a quarter of the latency threshold.
+    """
+    radio = scenario.radio
+    channel = plugins.create("channel", radio.model, radio.options, scenario)
+    try:
+        least = channel.least_slots(bits)
+        if least is None or least <= radio.latency_threshold_slots:
+            return WHOLE
+        places = starts(scenario)[:, POSITION]
+        leader = scenario.federation.leader
+        distance = np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1)
+        for slots in range(radio.latency_threshold_slots, 0, -1):
+            expected = channel.expected(distance, int(slots * radio.bits_per_slot / 8) * 8)
+            if expected is None:
+                return max(1, radio.latency_threshold_slots // 4)
+            if expected[0] <= (1.0 - SUCCESS) * len(distance):
+                return slots
+    except FAILURES as error:
+        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+    return 1
+
+
+def _most_pieces(parts: tuple[int, ...], size: int) -> int:
+    """The most pieces that one fragment has."""
+    return int(np.bincount(_starts(parts, size) // size).max())
+
+
+def _starts(parts: tuple[int, ...], size: int) -> NDArray[np.intp]:
+    """First weights of all pieces, ascending."""
+    return np.union1d(np.cumsum((0, *parts[:-1])), np.arange(0, sum(parts), size))

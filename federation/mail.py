@@ -1,0 +1,164 @@
+"""Mail: the models that arrived at some UAVs in one round, put together from fragments or whole."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.coding import Coding
+from meanflock.federation.rules.base import Uploads
+from meanflock.federation.rules.fedavg import mean
+from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.wire.messages import Frames
+
+Indices = NDArray[np.intp]
+
+ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
+RECEIPT = np.dtype("<i4")  # of a batch that says how many slots the models before it were on the air
+
+
+class Mail:
+    """Models of S senders, ascending, in F fragments each; a whole model is one fragment.
+
+    Attributes:
+        senders: (S,) the UAVs that the models are of.
+        values: (S, F, n) their weights; 0 in fragments that nobody received.
+        weights: (S, F) what each counts: declared by its UAV, or the number of models behind it.
+        arrived: (A, S, F) which of the A UAVs that average received which fragment.
+        slots: (A, S) slots that the models were on the air to each of them.
+    """
+
+    def __init__(self, coding: Coding, uavs: Indices) -> None:
+        """`uavs`: (A,) the UAVs that average, ascending."""
+        self._coding, self._uavs = coding, uavs
+        size = coding.floats if coding.fragments is None else coding.fragments.cut.size
+        self.senders: Indices = np.zeros(0, dtype=np.intp)
+        self.values: Floats = np.zeros((0, coding.count, size))
+        self.weights: Floats = np.zeros((0, coding.count))
+        self.arrived: Mask = np.zeros((len(uavs), 0, coding.count), dtype=bool)
+        self.slots: NDArray[np.int64] = np.zeros((len(uavs), 0), dtype=np.int64)
+
+    def add(self, frames: Frames) -> None:
+        """Adds frames that passed `Coding.check_received`, or their receipt; a second copy changes nothing."""
+        assert frames.links is not None
+        self._make_room(frames.source)
+        place = self.senders.searchsorted(frames.source)
+        row = frames.links[:, 0]
+        target = self._uavs.searchsorted(frames.links[:, 1])
+        if frames.payload.dtype == RECEIPT:
+            np.add.at(self.slots, (target, place[row]), frames.payload[row, 0])
+            return
+        pieces = self._coding.received(frames.payload)
+        new = ~self.arrived[:, place, pieces.numbers].any(axis=0)
+        where = place[new], pieces.numbers[new]
+        self.values[where] = pieces.values[new]
+        self.weights[where] = pieces.weights[new]
+        self.arrived[target, place[row], pieces.numbers[row]] = True
+
+    def _make_room(self, source: NDArray[np.integer]) -> None:
+        """Gives every sender its place."""
+        senders = np.union1d(self.senders, source).astype(np.intp)
+        if len(senders) == len(self.senders):
+            return
+        place = senders.searchsorted(self.senders)
+        grown = Mail(self._coding, self._uavs)
+        count = len(senders)
+        self.values, values = np.zeros((count, *grown.values.shape[1:])), self.values
+        self.weights, weights = np.zeros((count, *grown.weights.shape[1:])), self.weights
+        self.arrived, arrived = np.zeros((len(self._uavs), count, self._coding.count), dtype=bool), self.arrived
+        self.slots, slots = np.zeros((len(self._uavs), count), dtype=np.int64), self.slots
+        self.senders = senders
+        self.values[place], self.weights[place] = values, weights
+        self.arrived[:, place], self.slots[:, place] = arrived, slots
+
+
+def usable(values: Floats) -> Mask:
+    """Which models (S, F, n) can be averaged, (S,): those that are finite and not absurdly large."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(values) < ABSURD).all(axis=(1, 2)))  # NaN is below nothing
+
+
+class Joined:
+    """All that some UAVs average in a round: its mail, and mail of the round before that came after that was averaged.
+
+    Of two models of a sender the later one counts, in each fragment that arrived of it.
+
+    Attributes:
+        senders, sent: (S,) UAVs, ascending, and the rounds in which they sent these models, ascending for each UAV.
+        values, weights, arrived, slots: as those of `Mail`.
+        refused: UAVs whose models cannot be averaged, ascending.
+    """
+
+    def __init__(self, mails: dict[int, Mail], coding: Coding, uavs: Indices) -> None:
+        """`mails`: by the round in which they were sent, ascending; at most two."""
+        self._floats, self._uavs = coding.floats, uavs
+        parts = list(mails.values()) or [Mail(coding, uavs)]
+        numbers = list(mails) or [0]
+        self.senders = np.concatenate([mail.senders for mail in parts])
+        self.sent = np.repeat(numbers, [len(mail.senders) for mail in parts])
+        order = np.argsort(self.senders, kind="stable")
+        is_usable = np.concatenate([usable(mail.values) for mail in parts])[order]
+        self.refused: list[int] = np.unique(self.senders[order][~is_usable]).tolist()
+        order = order[is_usable]
+        self.senders, self.sent = self.senders[order], self.sent[order]
+        self.values = _in_order([mail.values for mail in parts], order)
+        self.weights = _in_order([mail.weights for mail in parts], order)
+        self.arrived = np.concatenate([mail.arrived for mail in parts], axis=1)[:, order]
+        self.slots = np.concatenate([mail.slots for mail in parts], axis=1)[:, order]
+        again = np.flatnonzero(self.senders[1:] == self.senders[:-1])  # models whose UAVs sent another one later
+        self.arrived[:, again] &= ~self.arrived[:, again + 1]
+
+    def models(self) -> Floats:
+        """The models, (S, L)."""
+        count, fragments, size = self.values.shape
+        return self.values.reshape(count, fragments * size)[:, : self._floats]
+
+    def by_weight(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table by fragment (S, F) as a table by weight of the model, (S, L)."""
+        return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
+
+    def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats]:
+        """The models that one of the UAVs averages, and what each counts by weight (S, L), 0 where it did not arrive.
+
+        Args:
+            row: place of the UAV.
+            number: the round.
+            own: the UAV's own model, if it is not in the mail.
+        """
+        here = np.flatnonzero(self.arrived[row].any(axis=1))
+        uavs, place = np.unique(self.senders[here], return_inverse=True)
+        arrived = self.by_weight(self.arrived[row, here])
+        models = np.where(arrived, self.models()[here], 0.0)
+        counts = np.where(arrived, self.by_weight(self.weights[here]), 0.0)
+        sent, slots = self.sent[here], self.slots[row, here]
+        samples = (self.weights[here] * self.arrived[row, here]).max(axis=1, initial=0.0)
+        if len(uavs) < len(here):  # parts of an earlier and of a later model of the same UAVs
+            last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
+            first = np.searchsorted(place, np.arange(len(uavs)))
+            models, counts = (np.add.reduceat(table, first, axis=0) for table in (models, counts))
+            arrived = np.logical_or.reduceat(arrived, first, axis=0)
+            slots = np.add.reduceat(slots, first)
+            sent, samples = sent[last], samples[last]
+        if own is not None:
+            at = int(uavs.searchsorted(own.uav))
+            uavs, sent, slots = np.insert(uavs, at, own.uav), np.insert(sent, at, number), np.insert(slots, at, 0)
+            samples = np.insert(samples, at, own.samples)
+            models, arrived = np.insert(models, at, own.model, axis=0), np.insert(arrived, at, True, axis=0)
+            counts = np.insert(counts, at, own.samples, axis=0)
+        if not arrived.all():
+            models = np.where(arrived, models, mean(models, None, arrived))
+        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, arrived, number), counts
+
+
+class Own(NamedTuple):
+    """The model of a UAV that averages, as its coding leaves it: (L,), and what it counts."""
+
+    uav: int
+    model: Floats
+    samples: float
+
+
+def _in_order(tables: list[Floats], order: Indices) -> Floats:
+    """Tables of rows joined in an order; no copy of the only one if it is in order already."""
+    joined = tables[0] if len(tables) == 1 else np.concatenate(tables)
+    return joined if len(order) == len(joined) and (order == np.arange(len(order))).all() else joined[order]
