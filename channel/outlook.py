@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from meanflock.channel.base import Channel, closed_form
+from meanflock.federation.fragments import longest
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import FAILURES, RunFailed, last_line
@@ -25,7 +26,8 @@ class Outlook(NamedTuple):
     """Expected loss of one kind of model at take-off.
 
     what: "upload", "relay" or "global model". bits: of one transmission. slots: least number that it takes; None if the
-    channel does not say. limit: slots after which it is lost. lost: share of the links that lose it.
+    channel does not say. limit: slots after which it is lost. lost: share of the links that lose it. fragments: number
+    of transmissions of a model; 1 if it is sent whole. ticks: in which these are transmitted.
     """
 
     what: str
@@ -33,8 +35,17 @@ class Outlook(NamedTuple):
     slots: int | None
     limit: int
     lost: float
+    fragments: int = 1
+    ticks: int = 1
 
     def __str__(self) -> str:
+        if self.fragments > 1:
+            size = "" if self.slots is None else f" and {self.slots} slots"
+            ticks = f"{self.ticks} tick{'s' * (self.ticks > 1)}"
+            return (
+                f"each {self.what} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in {ticks}: "
+                f"{100 * (1 - self.lost):.3g} % of the fragments will be delivered"
+            )
         takes = "" if self.slots is None else f" takes {self.slots} slots; the limit is {self.limit}"
         article = "an" if self.what == "upload" else "a"
         return f"{article} {self.what} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
@@ -68,16 +79,24 @@ def remedies(scenario: Scenario, what: str) -> str:
 
 
 def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
-    """Prints a warning on standard error for models that the radio will mostly lose; each text once."""
-    found = ((one, flown) for flown in flights for one in outlooks(flown) if one.lost >= WARN_FROM)
-    for text in dict.fromkeys(f"warning: {one}. {remedies(flown, one.what)}" for one, flown in found):
-        logs.tell(text, logging.WARNING)
+    """Prints on standard error how models are cut, and a warning for those that will mostly be lost; each text once."""
+    texts: dict[str, int] = {}
+    for flown in flights:
+        for one in outlooks(flown):
+            if one.lost >= WARN_FROM:
+                texts[f"warning: {one}. {remedies(flown, one.what)}"] = logging.WARNING
+            elif one.fragments > 1:
+                texts[str(one)] = logging.INFO
+    for text, level in texts.items():
+        logs.tell(text, level)
 
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """Expected loss of the models of a hop; None if no radio carries them or the channel has no closed form."""
     radio, range_m = scenario.radio, scenario.federation.range_m
-    bits = hop.coding.bits
+    bits, fragments = hop.coding.bits, hop.coding.fragments
+    if fragments is not None:
+        bits = 8 * fragments.width
     source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
     if hop.targets is not None:
         source, target = hop.senders.repeat(hop.targets.shape[1]), hop.targets[hop.senders].ravel()
@@ -99,12 +118,17 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     if expected is None:
         return None
     lost = (expected[0] + len(distance) - len(within)) / len(distance)
-    return Outlook(_NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost)
+    return Outlook(
+        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost, hop.coding.count, hop.coding.ticks
+    )
 
 
 def _settings(scenario: Scenario, what: str) -> Iterator[str]:
     """Settings that each would deliver most models of a kind, with the share that would still be lost."""
-    changes: list[tuple[str, Any]] = [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
+    changes: list[tuple[str, Any]] = []
+    if scenario.federation.fragment is None:
+        changes.append(("federation.fragment", longest(scenario)))
+    changes += [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
     changes.append(("radio.bits_per_float", 16))
     slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
     while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _ACCEPTABLE:

@@ -104,6 +104,10 @@ KEYS: dict[str, tuple[str, str]] = {
     "federation.payload": (OURS, "the paper's floats; narrower ones are measured in [communication](communication.md)"),
     "federation.broadcast_payload": (OURS, "likewise"),
     "federation.error_feedback": (OURS, "without it rounding errors add up; see [communication](communication.md)"),
+    "federation.fragment": (
+        OURS,
+        "the paper's models fit into one message; [federation](federation.md) says what longer ones do",
+    ),
     "federation.deadline": (OURS, "on the paper's radio an upload takes 0.4 ms at most, so none is late"),
     "federation.upload_threshold": (OURS, "the paper's UAVs upload in every round"),
     "federation.clusters": (OURS, "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save"),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
+from meanflock.federation.fragments import share_delivered
 from meanflock.federation.mail import Joined, Mail
 from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.federation.rules.fedavg import mean
@@ -26,6 +27,25 @@ from meanflock.swarm.wire.messages import Frames
 
 class RuleFailed(Exception):
     """An aggregation rule raised, or returned what cannot be broadcast; the text names the rule and the round."""
+
+
+def check_complete(scenario: Scenario) -> None:
+    """Validates that the radio delivers as many whole models in a round as the aggregation rule needs.
+
+    Raises:
+        BadInput: it does not, and the text says what to change.
+    """
+    needed, name = Rule(scenario).complete, scenario.federation.aggregation
+    upload = next((hop.coding for hop in scenario.hops if hop.mail is None), None)
+    if upload is None or upload.fragments is None or not needed:
+        return
+    share = share_delivered(scenario, 8 * upload.fragments.width)
+    expected = scenario.participants * share**upload.count
+    if expected < needed:
+        raise BadInput(
+            f"`federation.aggregation` {name} needs {needed} whole models in a round; of models in {upload.count} "
+            f"fragments {expected:.2g} are expected; take fedavg or median, or a smaller model"
+        )
 
 
 class Averager:
@@ -125,6 +145,11 @@ class Rule:
                 f"aggregator {self._name!r}: `step` takes {takes}; write step(self, state, uploads), with "
                 "uploads.models, uploads.uavs and uploads.round"
             ) from None
+
+    @property
+    def complete(self) -> int:
+        """Whole models that a round needs."""
+        return self._rule.complete
 
     def begin(self) -> State:
         """The state before the first round.

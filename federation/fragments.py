@@ -116,7 +116,7 @@ class Fragments:
             rows[:, :, self._end :] = np.ascontiguousarray(numbers[:, self._floats :, None]).view(_BYTE)
         if self._scaled:
             scales = np.ascontiguousarray(numbers[:, self._floats :]).view(_FLOAT32)
-            rows[:, :, self._end :] = scales[:, self._scale_of].view(_BYTE)
+            rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of]).view(_BYTE)
         return rows
 
     def numbers(self, rows: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -140,7 +140,9 @@ class Fragments:
         return Pieces(numbers, steps * spread, weights), np.asarray((steps > -128).all(axis=-1))
 
     def scales(self, rows: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The scales in fragments `(R, width)` of 8-bit steps, (R, scales of a fragment)."""
+        """The scales in fragments `(R, width)`, (R, scales of a fragment): none but of 8-bit steps."""
+        if not self._scaled:
+            return np.zeros((len(rows), 0), dtype=_FLOAT32)
         return np.ascontiguousarray(rows[:, self._end :]).view(_FLOAT32)
 
     def check(self, source: np.ndarray, rows: np.ndarray) -> None:
@@ -196,7 +198,7 @@ def cut_of(scenario: Scenario, bits: int, forms: Iterable[Form]) -> Cut | None:
     """
     slots = scenario.federation.fragment
     if slots is None:
-        slots = _slots(scenario, bits)
+        slots = WHOLE if _fits(scenario, bits) else longest(scenario)
     if slots == WHOLE:
         return None
     radio, parts = scenario.radio, scenario.declared.parts
@@ -214,30 +216,80 @@ def resolved(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, fragment=slots))
 
 
-def _slots(scenario: Scenario, bits: int) -> int:
-    """The most slots of a fragment of which 95 % are expected to be delivered, or else 1; `WHOLE` if no model needs it.
+def longest(scenario: Scenario) -> int:
+    """Slots of the longest fragments of which 95 % are expected to be delivered, at least 1.
 
     The expectation is that of the links between the leader's UAV and all others at take-off. A channel without closed
     forms gets a quarter of the latency threshold.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    radio, links = scenario.radio, len(_distances(scenario))
+    for slots in range(radio.latency_threshold_slots, 0, -1):
+        lost = _expected(scenario, int(slots * radio.bits_per_slot / 8) * 8)
+        if lost is None:
+            return max(1, radio.latency_threshold_slots // 4)
+        if lost <= (1.0 - SUCCESS) * links:
+            return slots
+    return 1
+
+
+def _distances(scenario: Scenario) -> Floats:
+    """Distances of all UAVs from the leader's at take-off, without its own, m."""
+    places, leader = starts(scenario)[:, POSITION], scenario.federation.leader
+    return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
+
+
+def _expected(scenario: Scenario, bits: int) -> float | None:
+    """Expected losses of a message of so many bits on the links to the leader's UAV at take-off; None if unknown.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    radio, distance = scenario.radio, _distances(scenario)
+    channel = plugins.create("channel", radio.model, radio.options, scenario)
+    try:
+        expected = channel.expected(distance, bits) if len(distance) else (0.0, 0.0)
+    except FAILURES as error:
+        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+    return None if expected is None else float(expected[0])
+
+
+def share_delivered(scenario: Scenario, bits: int) -> float:
+    """Expected share of messages of so many bits that are delivered to the leader's UAV at take-off; 1 if unknown.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    expected = _expected(scenario, bits)
+    distance = _distances(scenario)
+    return 1.0 if expected is None or not len(distance) else 1.0 - expected / len(distance)
+
+
+def _fits(scenario: Scenario, bits: int) -> bool:
+    """Whether a message of so many bits can arrive in time: within the latency threshold, or without a loss in a hop.
+
+    A channel that does not say how long a message takes is taken to be fast enough.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
     """
     radio = scenario.radio
     channel = plugins.create("channel", radio.model, radio.options, scenario)
     try:
         least = channel.least_slots(bits)
         if least is None or least <= radio.latency_threshold_slots:
-            return WHOLE
-        places = starts(scenario)[:, POSITION]
-        leader = scenario.federation.leader
-        distance = np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1)
-        for slots in range(radio.latency_threshold_slots, 0, -1):
-            expected = channel.expected(distance, int(slots * radio.bits_per_slot / 8) * 8)
-            if expected is None:
-                return max(1, radio.latency_threshold_slots // 4)
-            if expected[0] <= (1.0 - SUCCESS) * len(distance):
-                return slots
+            return True
+        expected = channel.expected(np.ones(1), bits)
     except FAILURES as error:
         raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
-    return 1
+    in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
+    return in_time and expected is not None and expected[0] == 0.0
 
 
 def _most_pieces(parts: tuple[int, ...], size: int) -> int:

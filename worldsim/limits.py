@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.federation.averager import Rule
+from meanflock.federation.averager import Rule, check_complete
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
@@ -30,7 +30,8 @@ class Limits:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput if `init` of the controller or of the aggregation rule fails."""
+        """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
+        whole models for the rule."""
         declared, uavs = scenario.declared, scenario.uavs
         flyer = controller(scenario)
         memory = _record(
@@ -38,6 +39,7 @@ class Limits:
             f"controller {scenario.method!r} failed in `init` with UAV 0",
             lambda: _begun(flyer, scenario),
         )
+        check_complete(scenario)
         state_of_rule = control.encode_record(Rule(scenario).begin())
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names

@@ -67,6 +67,7 @@ class Aggregator:
     door: ClassVar[Literal["aggregator"]] = "aggregator"
     name: ClassVar[str] = ""  # value of `federation.aggregation`
     Options: ClassVar[type[msgspec.Struct]] = Options
+    complete: ClassVar[int] = 0  # uploads without a lost fragment that a round needs
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`."""

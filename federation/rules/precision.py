@@ -36,7 +36,9 @@ class Precision(Aggregator):
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         parts = uploads.models.reshape(len(uploads.models), self.options.means + 1, -1)
-        weights = np.maximum(parts[:, -1], 0.0)
+        arrived = uploads.arrived.reshape(parts.shape)
+        complete = arrived.all(axis=1)  # a mean without its precision counts as unknown, and so does the reverse
+        weights = np.where(complete, np.maximum(parts[:, -1], 0.0), 0.0)
         total, weighed, plain = np.zeros_like(weights[0]), np.zeros_like(parts[0, :-1]), np.zeros_like(parts[0, :-1])
         for means, weight in zip(parts[:, :-1], weights, strict=True):
             total = total + weight
@@ -44,4 +46,4 @@ class Precision(Aggregator):
             plain = plain + means
         known = total > 0.0
         mean = np.where(known, weighed / np.where(known, total, 1.0), plain / len(parts))
-        return state, np.concatenate([mean, (total / len(parts))[None]]).reshape(-1)
+        return state, np.concatenate([mean, (total / np.maximum(complete.sum(axis=0), 1))[None]]).reshape(-1)

@@ -1,8 +1,7 @@
 """Robust rules: aggregation that withstands false uploads."""
 
-import math
-
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock.federation.rules.base import Aggregator, Floats, State, Uploads
 
@@ -17,9 +16,9 @@ class Median(Aggregator):
     name = "median"
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
-        ordered = np.sort(uploads.models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
-        middle, odd = divmod(len(ordered), 2)
-        return state, ordered[middle].copy() if odd else (ordered[middle - 1] + ordered[middle]) / 2.0
+        ordered, count = _ordered(uploads)
+        low, high = (np.take_along_axis(ordered, middle[None], axis=0)[0] for middle in ((count - 1) // 2, count // 2))
+        return state, np.where(uploads.arrived.any(axis=0), (low + high) / 2.0, 0.0)
 
 
 class TrimmedMean(Aggregator):
@@ -31,12 +30,12 @@ class TrimmedMean(Aggregator):
     name = "trimmed-mean"
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
-        ordered = np.sort(uploads.models + 0.0, axis=0)  # adding zero makes −0 and 0 the same number
-        cut = suspects(len(ordered), self.scenario.federation.tolerance)
+        ordered, count = _ordered(uploads)
+        cut = suspects(count, self.scenario.federation.tolerance)
         total = np.zeros(ordered.shape[1])
-        for row in ordered[cut : len(ordered) - cut]:
-            total += row
-        return state, total / (len(ordered) - 2 * cut)
+        for place, row in enumerate(ordered):
+            total += np.where((place >= cut) & (place < count - cut), row, 0.0)
+        return state, np.where(uploads.arrived.any(axis=0), total / (count - 2 * cut), 0.0)
 
 
 class Krum(Aggregator):
@@ -45,14 +44,19 @@ class Krum(Aggregator):
     The one whose n − f − 2 nearest others are nearest, f = ⌈tolerance·n⌉ (Blanchard et al. 2017).
 
     Of equally good ones, the first in lexicographic order of the weights. `federation.tolerance` is the share of
-    uploads that are taken to be false.
+    uploads that are taken to be false. Models of which a fragment was lost do not count; of fewer than three that are
+    complete, among more, none is chosen.
     """
 
     name = "krum"
+    complete = 3
 
-    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
-        rows = uploads.models + 0.0
-        nearest = max(1, len(rows) - suspects(len(rows), self.scenario.federation.tolerance) - 2)
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
+        complete = np.logical_and.reduce(uploads.arrived, axis=1)
+        if complete.sum() < min(self.complete, len(complete)):
+            return state, None
+        rows = uploads.models[complete] + 0.0
+        nearest = max(1, len(rows) - int(suspects(len(rows), self.scenario.federation.tolerance)) - 2)
         scores = []
         for row in rows:
             difference = rows - row
@@ -62,6 +66,13 @@ class Krum(Aggregator):
         return state, np.array(min(tuple(row) for row, score in zip(rows, scores, strict=True) if score == best))
 
 
-def suspects(count: int, tolerance: float) -> int:
+def suspects(count: NDArray[np.intp] | int, tolerance: float) -> NDArray[np.intp]:
     """Number of uploads out of `count` that are taken to be false, ⌈tolerance·count⌉; at most ⌊(count − 1)/2⌋."""
-    return min(math.ceil(tolerance * count - 1e-9), (count - 1) // 2)
+    wanted = np.ceil(tolerance * np.asarray(count) - 1e-9).astype(np.intp)
+    return np.minimum(wanted, (np.asarray(count) - 1) // 2)
+
+
+def _ordered(uploads: Uploads) -> tuple[Floats, NDArray[np.intp]]:
+    """The weights that arrived, ascending, before all others (S, L); and how many arrived (L,), at least 1."""
+    found = np.where(uploads.arrived, uploads.models + 0.0, np.inf)  # adding zero makes −0 and 0 the same number
+    return np.sort(found, axis=0), np.maximum(uploads.arrived.sum(axis=0), 1)

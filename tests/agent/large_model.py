@@ -1,4 +1,4 @@
-"""A controller whose model is too large for the default radio."""
+"""A controller whose model is too large to get through the default radio in one message."""
 
 from typing import Any
 
@@ -8,10 +8,10 @@ import meanflock as mf
 
 
 class Large(mf.Controller):
-    """Flies straight at the goal; shares 1,000 floats that nobody reads."""
+    """Flies straight at the goal; shares 600 floats that nobody reads."""
 
     name = "large"
-    parameters = 1000
+    parameters = 600
 
     def init(self, uavs: np.ndarray, initial_states: np.ndarray) -> dict[str, Any]:
         return {"model": np.zeros((len(uavs), self.parameters))}

@@ -15,7 +15,7 @@ from meanflock.testing import check_controller
 from tests.agent.large_model import Large
 
 LARGE = str(Path(__file__).parents[1] / "agent" / "large_model.py")
-WARNING = "an upload of 32,000 bits takes 13 slots; the limit is 8: 100 % will be lost. Use federation.payload=int8"
+WARNING = "an upload of 19,200 bits takes 8 slots; the limit is 8: 97.4 % will be lost. Use federation.fragment=3"
 
 
 @pytest.mark.parametrize("settings", [("federation.payload=int8",), ("federation.clusters=4",)])
@@ -35,7 +35,7 @@ def test_every_remedy_helps_alone() -> None:
     flown = load(None, method="large")
     for one in outlooks(flown):
         settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.what))
-        assert len(settings) == 2
+        assert len(settings) == 4
         for setting, share in settings:
             changed = next(other for other in outlooks(load(None, [setting], method="large")) if other.what == one.what)
             assert 100 * changed.lost == pytest.approx(float(share), rel=0.05)
@@ -65,7 +65,7 @@ def test_every_command_that_flies_warns_before_take_off(
     out, err = capsys.readouterr()
     text = out if command[0] == "doctor" else err
     assert "12 % lost" in text
-    assert (WARNING if command[0] != "doctor" else "takes 13 slots") in text
+    assert (WARNING if command[0] != "doctor" else "takes 8 slots") in text
 
 
 @pytest.mark.parametrize("fly", [lambda: mf.fly(method=Large, duration=1.0), lambda: check_controller(Large)])

@@ -221,7 +221,7 @@ def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        (("federation.upload_threshold=0.1", "federation.aggregation=median"), "leave the majority to those that lie"),
+        (("federation.upload_threshold=0.1", "federation.aggregation=median"), "false uploads could be a majority"),
         (("federation.upload_threshold=-1",), "upload_threshold"),
         (("federation.clusters=2",), "`federation.clusters` is 2, but `federation.topology` is neighbours"),
         (("federation.period=1",), "take at least 2"),
