@@ -217,6 +217,7 @@ class Counted(Coding):
         return self.encode(np.concatenate([models, weights], axis=-1))
 
     def received(self, rows: np.ndarray) -> Pieces:
+        """See `Coding.received`; the weights are numbers of models."""
         if self.fragments is not None:
             return super().received(rows)
         numbers = self.decode(rows)
@@ -234,6 +235,7 @@ class Counted(Coding):
         self._check_counts(source, payload[:, self.floats :].astype(np.float64), 1 if self.fragments is None else 0)
 
     def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
+        """See `Coding.check_received`; validates the numbers of models, too."""
         super().check_received(source, rows)
         if self.fragments is not None:
             self._check_counts(source, self.fragments.read(rows)[0].weights[:, None], 1)

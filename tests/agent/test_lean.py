@@ -28,7 +28,8 @@ from meanflock.agent.node import Agent
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 
-scenario = b'{"method": "METHOD", "uavs": 4, "federation": {"period": 2, "fraction": 1.0, "payload": "int8"}}'
+scenario = b'{"method": "METHOD", "uavs": 4, "federation": '
+scenario += b'{"period": 2, "fraction": 1.0, "payload": "int8", "fragment": 0}}'
 plan = np.arange(16, dtype="<f4").reshape(4, 4)
 agent = Agent(control.decode(control.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
 heard = Frames(FrameKind.STATE, 0, np.array([0, 2], "<i4"), plan[[0, 2]], np.array([[0, 1], [1, 1]], "<i4"))

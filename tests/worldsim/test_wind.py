@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from meanflock.federation.fragments import resolved
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
@@ -88,7 +89,7 @@ def test_no_agent_or_leader_is_told_the_truth(monkeypatch: pytest.MonkeyPatch) -
     Engine(flown, "truth", uavs_per_node=1)
     assert len(sent) == 4
     for raw in sent:
-        assert decode(raw) == load(None, ["uavs=3"])
+        assert decode(raw) == resolved(load(None, ["uavs=3"]))
     assert flown.known().truth.wind is None
     assert load(None).known() == load(None)
 
