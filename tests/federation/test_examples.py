@@ -1,18 +1,22 @@
 """The examples of federated learning: they fly, conform, and compute what their papers say."""
 
 import argparse
+import ast
 import importlib.util
 import json
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.testing import check_controller
+from meanflock.swarm import plugins
+from meanflock.testing import check_aggregator, check_controller
 from tests.telemetry import fly
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -28,7 +32,147 @@ def example(name: str) -> ModuleType:
     return module
 
 
+IDEAL = {"radio.model": "ideal"}
 classifier = example("classifier")
+
+
+fedadam, scaffold, inverse_probability = example("fedadam"), example("scaffold"), example("inverse_probability")
+
+
+def lines_of_code(text: str) -> int:
+    """Lines of a file, or of its longest plug-in if it has several, without imports, docstrings and empty lines."""
+    tree = ast.parse(text)
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    if len(classes) > 1:
+        return max(lines_of_code(ast.unparse(node)) for node in classes)
+    counted: set[int] = set()
+    for node in ast.walk(tree):
+        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if isinstance(node, ast.stmt) and not is_text and not isinstance(node, ast.Import | ast.ImportFrom):
+            is_block = hasattr(node, "body")
+            counted |= set(range(node.lineno, node.lineno + 1 if is_block else node.end_lineno + 1))
+    return len(counted)
+
+
+@pytest.mark.parametrize("name", ["fedadam", "fedbuff", "inverse_probability", "scaffold"])
+def test_an_example_of_an_algorithm_is_short_and_imports_nothing_internal(name: str) -> None:
+    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    assert lines_of_code(text) <= 30
+    imported = set(re.findall(r"^(?:import|from) (\w+)", text, flags=re.M))
+    assert imported <= {"typing", "functools", "math", "numpy", "msgspec", "meanflock"}
+
+
+RULES = {
+    "fedadam": fedadam.FedAdam,
+    "fedbuff": example("fedbuff").FedBuff,
+    "inverse-probability": inverse_probability.InverseProbability,
+    "scaffold": scaffold.ScaffoldRule,
+}
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_the_rules_conform(name: str) -> None:
+    check_aggregator(RULES[name])
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_the_rules_fly(name: str) -> None:
+    plugins.register(RULES[name])
+    settings = {"federation.aggregation": name, "federation.fraction": 1.0, "federation.period": 20}
+    method = scaffold.Scaffold if name == "scaffold" else "fed-lspi"
+    run = mf.fly(method=method, uavs=9, seed=3, duration=20, **settings)
+    assert run.summary["rounds"] >= (1 if name == "fedbuff" else 8)
+    assert run.summary["rounds"] + run.summary["rounds_void"] <= 9
+    assert not [event for event in run.events if "failed" in event["text"]]
+    assert run.summary["lost"] == 0
+
+
+# -- FedAdam, SCAFFOLD, inverse probability -------------------------------------------------------------------------
+
+
+def test_fedadam_takes_the_step_that_was_worked_by_hand() -> None:
+    rule = fedadam.FedAdam(fedadam.FedAdam.Options(eta=0.1, beta1=0.5, beta2=0.75, tau=0.2), mf.Scenario())
+    state, model = rule.step(rule.init(2), mf.Uploads.complete(np.array([[1.0, 0.0], [3.0, 0.0]])))
+    assert model.tolist() == [2.0, 0.0]
+    state, model = rule.step(state, mf.Uploads.complete(np.array([[2.0, -0.4], [3.0, -0.4]]), 2))
+    # Δ = [0.5, −0.4]; m = Δ/2; v = 0.75 · 0.04 + 0.25 Δ² = [0.0925, 0.07]; x ← x + 0.1 m / (√v + 0.2)
+    expected = [2.0 + 0.1 * 0.25 / (np.sqrt(0.0925) + 0.2), -0.1 * 0.2 / (np.sqrt(0.07) + 0.2)]
+    np.testing.assert_allclose(model, expected, rtol=1e-15)
+    np.testing.assert_allclose(state["v"], [0.0925, 0.07], rtol=1e-15)
+
+
+def test_the_control_variates_of_scaffold_have_the_leaders_as_their_mean() -> None:
+    """c = Σ c_i / N after every round in which all take part, and s is the mean of the K corrected gradients."""
+    plugins.register(scaffold.ScaffoldRule)
+    settings = {**IDEAL, "radio.bits_per_float": 64, "federation.fraction": 1.0, "federation.aggregation": "scaffold"}
+    made: list[Any] = []
+
+    class Watched(scaffold.Scaffold):  # type: ignore[misc, name-defined]
+        name = "watched"
+
+        def step(self, memory: Any, tick: int, own: Any, received: Any) -> Any:
+            made.append((tick, memory))
+            return super().step(memory, tick, own, received)
+
+    Engine(mf.Scenario(method=Watched, uavs=6, stop="duration", duration=20, seed=2, **settings), "flight").complete()
+    flown = dict(made)
+    for tick in range(29, 200, 20):  # between two rounds
+        models, shared = flown[tick]["model"][:, :2], flown[tick]["global"][:, 2:]
+        assert np.abs(shared).max() > 1e-4
+        np.testing.assert_allclose(flown[tick]["variate"].mean(axis=0), shared[0], atol=1e-15)
+        assert len(np.unique(models, axis=0)) == len(np.unique(shared, axis=0)) == 1
+    steps = [flown[tick]["model"][:, :2] - flown[tick + 1]["model"][:, :2] for tick in range(50, 60)]
+    mean = np.mean(steps, axis=0) / scaffold.RATE
+    np.testing.assert_allclose(flown[60]["model"][:, 2:], mean, atol=1e-12)
+    before = flown[50]["variate"] - flown[50]["global"][:, 2:]
+    np.testing.assert_allclose(flown[61]["variate"], before + mean, atol=1e-12)
+
+
+def test_the_rule_of_scaffold_moves_by_the_share_of_the_uavs_that_took_part() -> None:
+    rule = scaffold.ScaffoldRule(scaffold.ScaffoldRule.Options(), mf.Scenario(uavs=4))
+    uploads = mf.Uploads.complete(np.array([[1.0, 1.0, 0.5, 0.0], [3.0, 1.0, 0.7, 0.4]]))
+    state, model = rule.step({"shared": np.array([0.2, 0.2])}, uploads)
+    np.testing.assert_allclose(model, [2.0, 1.0, 0.2 + 0.5 * (0.6 - 0.2), 0.2], rtol=1e-15)  # |S| = 2 of N = 4
+    assert state["shared"].tolist() == model[2:].tolist()
+
+
+def test_scaffold_conforms() -> None:
+    check_controller(scaffold.Scaffold)
+
+
+def test_inverse_probability_has_no_bias_where_the_plain_mean_has() -> None:
+    """10⁴ draws of a radio whose ten links deliver 77 … 100 % of all uploads: 25 times 400 rounds, after 400 rounds in
+    which the slots say how good each link is. The models differ as the links do, and their mean is 0."""
+    uavs, runs, rounds = 10, 25, 400
+    flown = mf.Scenario(
+        uavs=uavs, **{"federation.fraction": 1.0, "radio.path_loss_exponent": 2.2, "radio.target_snr_db": 40}
+    )
+    radio = plugins.create("channel", "rice", {}, flown)
+    rule = inverse_probability.InverseProbability(inverse_probability.InverseProbability.Options(), flown)
+    draw, models, distance_m = (
+        np.random.default_rng(1),
+        np.linspace(-1.0, 1.0, uavs)[:, None],
+        np.linspace(34.0, 42.0, uavs),
+    )
+    ours, plain = np.zeros((2, runs, rounds))
+    for run in range(runs):
+        state = rule.init(1)
+        for number in range(-rounds, rounds):
+            slots, delivered = radio.transmit(distance_m, 2000, draw)
+            uploads = mf.Uploads.complete(models[delivered], number + rounds + 1, np.flatnonzero(delivered))
+            state, model = rule.step(state, msgspec.structs.replace(uploads, slots=slots[delivered]))
+            if number >= 0:
+                ours[run, number], plain[run, number] = model[0], uploads.models.mean()
+
+    def interval(means: np.ndarray) -> tuple[float, float]:
+        """Mean and half of the 95 % interval of independent runs (Student's t, 24 degrees of freedom)."""
+        each = means.mean(axis=1)
+        return float(each.mean()), 2.064 * float(each.std(ddof=1)) / np.sqrt(runs)
+
+    bias, half = interval(ours)
+    assert abs(bias) < half < 0.004
+    bias, half = interval(plain)
+    assert bias < -10.0 * half
 
 
 # -- the classifier -----------------------------------------------------------------------------------------------
@@ -71,9 +215,6 @@ def test_the_gradient_of_a_model_is_right_and_has_the_same_bits_beside_others() 
         aside[weight] = 1e-6
         slope = (loss(models + aside) - loss(models - aside)) / 2e-6
         np.testing.assert_allclose(found[:, weight], slope, atol=1e-7)
-
-
-IDEAL = {"radio.model": "ideal"}
 
 
 def test_the_classifier_flies_the_same_alone_in_its_process_and_beside_others() -> None:
