@@ -22,7 +22,7 @@ from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-EXECUTED = ["first-flight", "your-controller", "your-aggregation"]  # whole, each in a folder of its own
+EXECUTED = ["first-flight", "your-controller", "your-aggregation", "flower"]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PRIVATE = (
     r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
