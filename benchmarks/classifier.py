@@ -4,6 +4,7 @@ import importlib.util
 import multiprocessing
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -39,27 +40,28 @@ class Flown(NamedTuple):
 
 
 def run(effort: Effort, say: Say) -> Outcome:
-    """Each width of floats; times and memory of the first."""
+    """Each width of floats and way of weighing; times and memory of the first."""
     outcome = Outcome()
-    for bits, bound in BOUNDS.items():
+    for bits, weighted in product(BOUNDS, (False, True)):
+        what = f"{bits} bits{', by samples' if weighted else ''}"
         with tempfile.TemporaryDirectory(prefix="classifier-") as folder:
-            write_task(Path(folder), bits)
-            say(f"Flower, {bits} bits")
+            write_task(Path(folder), bits, weighted)
+            say(f"Flower, {what}")
             with Environment("flwr").start("flwr_classifier", UAVS, folder) as peer:
                 theirs, ours = [], []
-                for repeat in range(effort.choose(5, 2)):
+                for repeat in range(1 if outcome.figures else effort.choose(5, 2)):
                     theirs.append(peer.measure(1) / ROUNDS)
-                    say(f"ours, {bits} bits, {repeat + 1}")
-                    ours.append(fly_apart(bits))
+                    say(f"ours, {what}, {repeat + 1}")
+                    ours.append(fly_apart(bits, weighted))
                 memory = memory_mib(peer)
             model = np.load(Path(folder) / "global.npy")
+        if not outcome.figures:
+            floor = Figure(f"{peer.version}: round", "ms", theirs, "neither")
+            room = Figure(f"{peer.version}: memory of all its processes", "MiB", [memory], "neither")
+            mine = Figure("our memory", "MiB", [flown.memory_mib for flown in ours], floor=room)
+            outcome.figures = [Figure("our round", "ms", [one.ms for one in ours], floor=floor), floor, mine, room]
         difference = [float(np.abs(flown.model - model).max()) for flown in ours]
-        outcome.figures.append(Figure(f"difference, {bits} bits", "1", difference, target=bound))
-        floor = Figure(f"{peer.version}: round, {bits} bits", "ms", theirs, "neither")
-        outcome.figures += [Figure(f"our round, {bits} bits", "ms", [one.ms for one in ours], floor=floor), floor]
-        room = Figure(f"{peer.version}: memory of all processes, {bits} bits", "MiB", [memory], "neither")
-        name = f"our memory, {bits} bits"
-        outcome.figures += [Figure(name, "MiB", [one.memory_mib for one in ours], floor=room), room]
+        outcome.figures.append(Figure(f"difference, {what}", "1", difference, target=BOUNDS[bits]))
     return outcome
 
 
@@ -73,40 +75,41 @@ def example() -> ModuleType:
     return module
 
 
-def scenario(classifier: ModuleType, bits: int) -> Scenario:
+def scenario(classifier: ModuleType, bits: int, weighted: bool) -> Scenario:
     """The scenario of the flight."""
     return Scenario(
         method=classifier.Classifier,
         uavs=UAVS,
         stop="duration",
-        controller={"steps": STEPS, "batch": BATCH},
+        controller={"steps": STEPS, "batch": BATCH, "by_samples": weighted},
         duration=1e4,
         radio={"model": "ideal", "bits_per_float": bits},
         federation={"fraction": 1.0},
     )
 
 
-def write_task(folder: Path, bits: int) -> None:
+def write_task(folder: Path, bits: int, weighted: bool) -> None:
     """Write pictures, batches and first model to files, for the other program."""
     classifier = example()
-    flown = scenario(classifier, bits)
+    flown = scenario(classifier, bits, weighted)
     made = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
     inputs, labels = classifier.pictures()
     memory = made.init(np.arange(UAVS), np.zeros((UAVS, 4)))
     first = dict(zip(KEYS, classifier.layers(memory["model"][:1]), strict=True))
     ticks = [number * flown.period_ticks - STEPS + step for number in range(1, ROUNDS + 1) for step in range(STEPS)]
+    samples = made.samples(memory).astype(int) if weighted else np.ones(UAVS, dtype=int)
     batches = np.array([[made.batch(uav, tick) for uav in range(UAVS)] for tick in ticks], dtype=np.uint16)
     arrays = {name: layer[0].astype(f"f{bits // 8}") for name, layer in first.items()}
-    arrays |= {"inputs": inputs, "labels": labels, "samples": np.ones(UAVS, dtype=int)}
+    arrays |= {"inputs": inputs, "labels": labels, "samples": samples}
     arrays |= {"batches": batches.reshape(ROUNDS, STEPS, UAVS, BATCH), "rate": np.array(made.options.rate)}
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
 
 
-def fly(bits: int) -> Flown:
+def fly(bits: int, weighted: bool) -> Flown:
     """Fly our rounds in this process."""
     classifier = example()
-    flown = scenario(classifier, bits)
+    flown = scenario(classifier, bits, weighted)
     engine = Engine(flown, "benchmark")
     ticks, last = engine.fly(), (ROUNDS + 1) * flown.period_ticks - STEPS  # the last global model is in place
     start = time.perf_counter()
@@ -116,10 +119,10 @@ def fly(bits: int) -> Flown:
     return Flown(engine.models[0], ms, psutil.Process().memory_info().rss / 2**20)
 
 
-def fly_apart(bits: int) -> Flown:
+def fly_apart(bits: int, weighted: bool) -> Flown:
     """Fly our rounds in a process of its own."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(fly, (bits,))
+        return pool.apply(fly, (bits, weighted))
 
 
 def memory_mib(peer: Peer) -> float:

@@ -91,10 +91,12 @@ class Classifier(mf.Controller):
         steps: Annotated[int, Meta(ge=1, description="steps of SGD before each round")] = 10
         batch: Annotated[int, Meta(ge=1, description="pictures of a step")] = 32
         rate: Annotated[float, Meta(gt=0, description="learning rate, 1")] = 0.3
+        by_samples: Annotated[bool, Meta(description="weigh each model by the number of its pictures")] = False
 
     def __init__(self, options: Any, scenario: mf.Scenario) -> None:
         super().__init__(options, scenario)
         self.parameters, self.parts = (sum(SIZES), SIZES) if options.share else (0, ())
+        self.weighted = options.by_samples
 
     def init(self, uavs, plan):
         draw = np.random.default_rng(self.scenario.seed)  # all begin with the same model
@@ -119,6 +121,9 @@ class Classifier(mf.Controller):
         """Numbers of the pictures of a step."""
         draw = mf.seeds.generator(self.scenario.seed, "controller", tick * self.scenario.uavs + uav)
         return draw.choice(training(uav, self.scenario.uavs), self.options.batch)
+
+    def samples(self, memory):
+        return np.array([float(len(training(int(uav), self.scenario.uavs))) for uav in memory["uav"]])
 
     def get(self, memory):
         return memory["model"]
