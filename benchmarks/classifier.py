@@ -24,7 +24,7 @@ ABOUT = (
     "`examples/classifier.py`, 2,410 weights, 10 UAVs that hold two digits each, 20 rounds with all of them over a "
     "radio that loses nothing; and the same batches, rate and first model in Flower's simulation engine (FedAvg, one "
     "worker for each core), its clients written anew in NumPy. *Difference* is the largest of any weight of the global "
-    "models after the last round. Our round also flies 20 ticks."
+    "models after the last round; Flower adds floats up in the order of arrival. Our round also flies 20 ticks."
 )
 UAVS, ROUNDS, STEPS, BATCH = 10, 20, 10, 32
 BOUNDS = {64: 1e-12, 32: 1e-6}  # of the difference, by bits of a float

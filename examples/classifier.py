@@ -63,7 +63,7 @@ def forward(models: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Hidden units and outputs of models (M, 2410) for inputs (M, B, 64). A product of matrices for each model: rows of
     a product that all models share would depend on their number, in the last bit."""
     first, first_offset, second, second_offset = layers(models)
-    hidden = np.maximum(inputs @ first + first_offset, 0.0)
+    hidden = np.tanh(inputs @ first + first_offset)
     return hidden, hidden @ second + second_offset
 
 
@@ -72,7 +72,7 @@ def gradient(models: np.ndarray, inputs: np.ndarray, digits: np.ndarray) -> np.n
     hidden, outputs = forward(models, inputs)
     error = np.exp(outputs - outputs.max(axis=2, keepdims=True))
     error = (error / error.sum(axis=2, keepdims=True) - np.eye(10)[digits]) / digits.shape[1]
-    back = (error @ layers(models)[2].swapaxes(1, 2)) * (hidden > 0.0)
+    back = (error @ layers(models)[2].swapaxes(1, 2)) * (1.0 - hidden**2)
     parts = (inputs.swapaxes(1, 2) @ back, back.sum(axis=1), hidden.swapaxes(1, 2) @ error, error.sum(axis=1))
     return np.concatenate([part.reshape(len(models), -1) for part in parts], axis=1)
 

