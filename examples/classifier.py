@@ -219,13 +219,13 @@ def main() -> int:
     flown, code = {}, 0
     try:
         for way in given.ways:
-            flown[way] = fly(way, given, lambda text: print(f"\r{text:40}", end="", file=sys.stderr, flush=True))
+            flown[way] = fly(way, given, lambda text: print(f"{text:40}\r", end="", file=sys.stderr, flush=True))
     except KeyboardInterrupt:
         code = 130
     except mf.BadInput as error:
         print(f"error: {error}", file=sys.stderr)
         code = 2
-    print(f"\r{'':40}\r", end="", file=sys.stderr)
+    print(f"{'':40}\r", end="", file=sys.stderr)
     if flown:
         given.out.mkdir(parents=True, exist_ok=True)
         (given.out / "classifier.json").write_text(json.dumps(flown, indent=1) + "\n", encoding="utf-8")

@@ -217,9 +217,13 @@ def test_the_gradient_of_a_model_is_right_and_has_the_same_bits_beside_others() 
         np.testing.assert_allclose(found[:, weight], slope, atol=1e-7)
 
 
-def test_the_classifier_flies_the_same_alone_in_its_process_and_beside_others() -> None:
-    flown = mf.Scenario(method=classifier.Classifier, uavs=5, stop="duration", duration=6.1, **IDEAL)
+@pytest.mark.parametrize("topology", ["leader", "neighbours"])
+def test_the_classifier_flies_the_same_alone_in_its_process_and_beside_others(topology: str) -> None:
+    settings = {"federation.topology": topology}
+    flown = mf.Scenario(method=classifier.Classifier, uavs=5, stop="duration", duration=6.5, **settings)
     (one, record), (many, also) = fly(flown), fly(flown, rows=1)
+    assert one["rounds"] == 3
+    assert one["models_sha256"] == many["models_sha256"]
     assert one["trajectory_sha256"] == many["trajectory_sha256"]
     assert one["diagnostics"] == many["diagnostics"]
     assert one["weight_spread_final"] == many["weight_spread_final"] > 0.0
@@ -282,10 +286,9 @@ def test_the_program_keeps_what_was_flown_when_it_is_interrupted(
 
 
 def test_sharing_makes_a_classifier_of_all_digits() -> None:
-    """Forty rounds over a radio that loses nothing."""
-    given = argparse.Namespace(uavs=10, rounds=40, seed=1, set=list(IDEAL.items()))
-    (alone, leader, neighbours) = (
-        classifier.fly(way, given, lambda _text: None)[-1]["accuracy_min"] for way in ("alone", "leader", "neighbours")
-    )
-    assert alone <= 0.25
-    assert min(leader, neighbours) >= 0.9
+    """Forty rounds, the accuracy of the UAV that is worst; over a radio that loses half of the fragments, too."""
+    given = argparse.Namespace(uavs=10, rounds=40, seed=1, set=[])
+    found = {way: classifier.fly(way, given, lambda _text: None)[-1]["accuracy_min"] for way in classifier.WAYS}
+    assert found["alone"] <= 0.25
+    assert min(found["leader"], found["neighbours"]) >= 0.9
+    assert min(found["lossy, leader"], found["lossy, neighbours"]) >= 0.8
