@@ -9,7 +9,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from tests.soak.vitals import Vitals
 AT_ONCE = 3  # mishaps
 BARRIER_S = 4.0
 SAMPLE_EVERY_S = 1.0
+LAST_TICKS = 1500  # of the flight, in which mishaps are mended and no other begins
 PULSE_S, HELD_S = 0.02, 0.1  # while mishaps are behind, the flight goes on in pulses
 
 
@@ -46,7 +47,7 @@ class Report:
 
 
 def settings(uavs: int, ticks: int, seed: int) -> tuple[str, ...]:
-    """An endless flight with rounds, and a fault of the model every 100 ticks or so; its learner never diverges."""
+    """A flight with rounds, and a fault of the model every 100 ticks or so; its learner never diverges."""
     script = []
     for tick in range(100, ticks - 100, 400):
         uav, other = 1 + tick % (uavs - 1), 1 + (tick + 1) % (uavs - 1)  # UAV 0 averages
@@ -56,9 +57,9 @@ def settings(uavs: int, ticks: int, seed: int) -> tuple[str, ...]:
             f'{{kind="gust", tick={tick + 170}, duration_s=2.0, acceleration=[0.3, -0.2]}}',
             f'{{kind="pause", tick={tick + 250}, duration_s=3.0, uavs=[{other}]}}',
         ]
-    endless = ("duration=1000000", "stop=duration", "method=fed-lspi", "federation.period=40")
+    mission = (f"duration={(ticks + LAST_TICKS) / 10}", "stop=duration", "method=fed-lspi", "federation.period=40")
     patient = ("pace.wait_share=1", "pace.rejoins=1000")  # nodes are hurt more often than a run allows
-    return (f"uavs={uavs}", f"seed={seed}", *endless, *patient, f"faults=[{', '.join(script)}]")
+    return (f"uavs={uavs}", f"seed={seed}", *mission, *patient, f"faults=[{', '.join(script)}]")
 
 
 class Soak:
@@ -93,14 +94,14 @@ class Soak:
             with ThreadPoolExecutor(AT_ONCE) as threads:
                 hurting = [threads.submit(self._hurt) for _ in range(AT_ONCE)]
                 try:
-                    self._pace(vitals)
+                    self._pace(vitals, hurting)
                 finally:
                     self._over.set()
             for thread in hurting:
                 thread.result()
             vitals.sample(self._tick, all_well=True)
             self._end()
-        except (AssertionError, psutil.Error, subprocess.TimeoutExpired) as error:
+        except (AssertionError, OSError, psutil.Error, subprocess.TimeoutExpired) as error:
             self.report.broken.append(f"{type(error).__name__}: {error}")
         finally:
             self._processes.close()
@@ -128,28 +129,30 @@ class Soak:
                     self._over.set()
                     raise
 
-    def _pace(self, vitals: Vitals) -> None:
-        """Holds the flight by the agent of UAV 0 while mishaps are behind, until the flight may end."""
+    def _pace(self, vitals: Vitals, hurting: list[Future[None]]) -> None:
+        """Holds the flight by the agent of UAV 0 while mishaps are behind or open, until all are mended."""
         agent, sampled = self._flight.agents[0], 0.0
-        while not self._over.is_set():
+        while not all(thread.done() for thread in hurting):
             tick, mishaps = self._tick, self._mishaps.happened.total()
             if min(tick, mishaps * self._every) >= self._ticks:
-                return
+                self._over.set()
             self._tell(tick, mishaps)
             assert self._flight.world.poll() is None, "the world ended"
             if time.monotonic() - sampled > SAMPLE_EVERY_S:
                 sampled = time.monotonic()
                 vitals.sample(tick, all_well=mishaps == 0)
-            if mishaps * self._every < tick:
+            if self._over.is_set() or mishaps * self._every < tick:
                 agent.send_signal(signal.SIGSTOP)
-                self._over.wait(HELD_S)
+                time.sleep(HELD_S)
                 agent.send_signal(signal.SIGCONT)
-            self._over.wait(PULSE_S)
+            time.sleep(PULSE_S)
 
     def _end(self) -> None:
-        """Ends the flight; every process ends by itself, and the folder is whole."""
+        """Waits for the end of the flight; every process ends by itself, and the folder is whole."""
         flight = self._flight
-        summary = self.report.summary = flight.end()
+        out, err = flight.world.communicate(timeout=DEADLINE_S)
+        assert flight.world.returncode == 0, err
+        summary = self.report.summary = json.loads(out)
         for process in (flight.station, *flight.agents, *flight.leaders):
             _, err = process.communicate(timeout=DEADLINE_S)
             self._check(process.returncode == 0 and "Traceback" not in err, f"a process ended with: {err}")
@@ -164,6 +167,7 @@ class Soak:
         counted = summary["rounds"] + summary["rounds_void"]
         for holds, promise in (
             (json.loads((folder / "summary.json").read_text()) == summary, "the summary is another"),
+            (summary["ticks"] == self._scenario.max_ticks, f"{summary['ticks']} ticks flown"),
             (summary["lost"] == 0, f"{summary['lost']} UAVs lost at the end"),
             (
                 summary["nodes_lost"] == self._mishaps.lost,
