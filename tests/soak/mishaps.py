@@ -131,7 +131,7 @@ class Mishaps:
             _, err = frozen.communicate(timeout=DEADLINE_S)
             if frozen.returncode != 0:  # it slept through its lease, comes back, and finds its place taken
                 assert slept_s >= LINK_SURE_S, err
-                assert "every UAV of this run has its agent already" in err, err
+                assert "has its agent already" in err, err
 
     def agent_replaced_by_one_that_waits(self) -> None:
         """A successor that comes too early takes over; one without patience goes home."""
@@ -139,8 +139,9 @@ class Mishaps:
             patient = self._flight.agent(uav, env={"MEANFLOCK_LOG": "INFO"})
             hasty = self._flight.agent(uav, "--wait", "5")
             _, err = hasty.communicate(timeout=DEADLINE_S)
-            refusal = "error: the world refused: every UAV of this run has its agent already"
-            assert (hasty.returncode, err.strip()) == (1, refusal), f"{hasty.returncode}: {err}"
+            assert hasty.returncode == 1
+            assert err.startswith("error: the world refused: "), err
+            assert "has its agent already" in err, err  # this UAV, or every one
             assert patient.stderr is not None
             line = patient.stderr.readline()
             assert "refused for now: " in line, line
