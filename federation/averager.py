@@ -16,7 +16,7 @@ from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import plugins
-from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.declared import MAX_STATE_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
@@ -213,5 +213,5 @@ def _check_state(state: State) -> None:
     check_memory("state", state)
     for name, array in state.items():
         check_finite(f"state[{name!r}]", array)
-    if (size := sum(array.nbytes for array in state.values())) > MAX_MEMORY_BYTES:
-        raise ValueError(f"the state has {size} bytes; at most {MAX_MEMORY_BYTES}")
+    if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
+        raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")

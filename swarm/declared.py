@@ -12,7 +12,8 @@ MAX_DIAGNOSTICS = 100  # a message counts its columns in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = "none"
-MAX_MEMORY_BYTES = 24 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
+MAX_MEMORY_BYTES = 256 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
+MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule
 
 
 class Declared(msgspec.Struct, frozen=True):

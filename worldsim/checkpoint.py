@@ -1,10 +1,11 @@
 """Checkpoints: the state of the world and the memory of the controllers between two ticks.
 
-A checkpoint travels in the block of telemetry whose last row it continues from, so the run folder has both; the world
-itself needs no disk. The hash of the trajectory cannot be continued in the middle, so resuming a run also takes the
-states of all ticks flown, which the run folder has.
+A checkpoint travels in the block of telemetry whose last row it continues from, and a long one also in the blocks after
+it, so the run folder has both; the world itself needs no disk. The hash of the trajectory cannot be continued in the
+middle, so resuming a run also takes the states of all ticks flown, which the run folder has.
 """
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,50 @@ from meanflock.worldsim.summary import Counters
 
 SCHEMA = 8
 EVERY_TICKS = 100
-MAX_BYTES = 24 * 2**20  # a larger checkpoint would displace telemetry from the outbox
+PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
+MAX_BYTES = 512 * 2**20
+_PART = struct.Struct(">BHH")  # mark, number, parts
+_MARK = 0xC1  # no MessagePack object begins with it, so no whole checkpoint does
+
+
+def split(body: bytes) -> list[bytes]:
+    """A checkpoint as blocks of telemetry carry it: whole, or in parts of at most `PART_BYTES`."""
+    if len(body) <= PART_BYTES:
+        return [body]
+    starts = range(0, len(body), PART_BYTES)
+    return [
+        _PART.pack(_MARK, number, len(starts)) + body[start : start + PART_BYTES] for number, start in enumerate(starts)
+    ]
+
+
+class Assembly:
+    """Joins the parts of a checkpoint.
+
+    Attributes:
+        begun: whether the last part was the first one of its checkpoint, or the whole.
+    """
+
+    def __init__(self) -> None:
+        self.begun = False
+        self._parts: list[bytes] = []
+
+    def add(self, part: bytes) -> bytes | None:
+        """The checkpoint that a part completes; None if more must follow. Parts that do not fit are dropped."""
+        if part[0] != _MARK:
+            self.begun, self._parts = True, []
+            return part
+        _, number, parts = _PART.unpack_from(part)
+        self.begun = number == 0
+        if number == 0:
+            self._parts = []
+        elif number != len(self._parts):
+            self._parts = []
+            return None
+        self._parts.append(part[_PART.size :])
+        if len(self._parts) < parts:
+            return None
+        body, self._parts = b"".join(self._parts), []
+        return body
 
 
 class Memories:
@@ -170,7 +214,7 @@ class Checkpoints:
         `wall_s`: wall-clock time flown so far.
         """
         memories, self._memories = self._memories, None
-        if memories is None or self._reporter.outbox.holds_checkpoint:
+        if memories is None or self._reporter.holds_checkpoint:
             return
         body = control.encode_record(
             {
@@ -191,7 +235,7 @@ class Checkpoints:
             }
         )
         if len(body) <= MAX_BYTES:
-            self._reporter.flush(body)
+            self._reporter.flush(split(body))
 
     def restore(self, resume: Resumption) -> None:
         """Continue from a checkpoint.

@@ -5,7 +5,7 @@ station that comes back gets what it missed.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -83,6 +83,11 @@ class Outbox:
         return [raw for _, raw in ready]
 
     @property
+    def has_room(self) -> bool:
+        """Whether the waiting blocks leave room for a part of a checkpoint without displacing telemetry."""
+        return self._bytes < MAX_WAITING_BYTES // 4
+
+    @property
     def holds_checkpoint(self) -> bool:
         """Whether the last checkpoint still waits. Another one would displace telemetry."""
         return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
@@ -125,6 +130,7 @@ class Reporter:
         self._commands = commands
         self._counters = counters
         self._post = post
+        self._parts: deque[bytes] = deque()  # of a checkpoint, that are not in a block yet
         self._declared = flight.scenario.declared
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
@@ -207,8 +213,18 @@ class Reporter:
         flight.events = []
         self._filled += 1
 
-    def flush(self, checkpoint: bytes = b"") -> None:
-        """End the block with the rows it has, and with a checkpoint of its last row if one is given."""
+    @property
+    def holds_checkpoint(self) -> bool:
+        """Whether a part of the last checkpoint still waits."""
+        return bool(self._parts) or self.outbox.holds_checkpoint
+
+    def flush(self, checkpoint: Sequence[bytes] = ()) -> None:
+        """End the block with the rows it has, and with the first part of a checkpoint of its last row if one is given.
+
+        The other parts go in the blocks of the next ticks, when the outbox has room for them.
+        """
+        if checkpoint:
+            self._parts = deque(checkpoint)
         n = self._filled
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
         self.outbox.add(
@@ -222,7 +238,7 @@ class Reporter:
                 reports=np.array(reports, dtype=np.float32).reshape(len(reports), self._declared.weights),
                 spread=np.array(spread),
                 events=tuple(self.events),
-                checkpoint=checkpoint,
+                checkpoint=self._parts.popleft() if self._parts else b"",
                 diagnostic_names=self._declared.diagnostics,
             )
         )
@@ -230,11 +246,14 @@ class Reporter:
 
     def publish(self) -> None:
         """Send the blocks that may be sent now."""
+        if self._parts and self._filled and self.outbox.has_room and not self._flight.over:
+            self.flush()
         for raw in self.outbox.next():
             self._bus.put(keys.telemetry(self._run), raw)
 
     def finish(self, record: dict[str, Any]) -> Finished:
         """End the telemetry with its last block, the summary."""
+        self._parts.clear()
         self.flush()
         finished = Finished(self._fingerprint, self.block, msgspec.json.encode(record))
         self.outbox.add(finished)

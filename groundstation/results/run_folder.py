@@ -23,6 +23,7 @@ from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
+from meanflock.worldsim.checkpoint import Assembly
 
 SCENARIO = "scenario.toml"
 SUMMARY = "summary.json"
@@ -105,6 +106,8 @@ class RunFolder:
         except MessageRejected as error:
             self._events.close()
             raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {mend}") from error
+        self._assembly = Assembly()
+        self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
     def _create(self, sources: dict[str, bytes]) -> None:
@@ -174,9 +177,12 @@ class RunFolder:
         events_bytes = self._events.size
         self._spool.append(block, events_bytes)
         if block.checkpoint:
-            tick = block.first_tick + len(block.states) - 1
-            kept = {"tick": tick, "block": block.block, "events_bytes": events_bytes, "body": block.checkpoint}
-            self._background.do(self._keep, kept)
+            body = self._assembly.add(block.checkpoint)
+            if self._assembly.begun:
+                tick = block.first_tick + len(block.states) - 1
+                self._checkpointed = {"tick": tick, "block": block.block, "events_bytes": events_bytes}
+            if body is not None:
+                self._background.do(self._keep, self._checkpointed | {"body": body})
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
         _sync(self._events, self._spool)  # a checkpoint goes on from these rows and events
