@@ -31,7 +31,7 @@ AT_ONCE = 3  # mishaps
 BARRIER_S = 4.0
 SAMPLE_EVERY_S = 1.0
 LAST_TICKS = 1500  # of the flight, in which mishaps are mended and no other begins
-PULSE_S, HELD_S = 0.02, 0.1  # while mishaps are behind, the flight goes on in pulses
+PULSE_S, HELD_S = 0.02, 0.2  # the flight goes on in pulses, so that processes start within few ticks
 
 
 @dataclass
@@ -84,6 +84,7 @@ class Soak:
         self._flight = Flight(self._processes, self._runs, BARRIER_S, self._settings, agents=uavs, leaders=2)
         self._mishaps = Mishaps(self._flight, certificates, scratch, seed)
         self._over = threading.Event()
+        self._open: list[str] = []  # mishaps that are not mended yet
         self.report = Report(mishaps=self._mishaps.happened)
 
     def run(self) -> Report:
@@ -124,27 +125,28 @@ class Soak:
                 self._over.wait(0.1)
             else:
                 try:
+                    self._open.append(mishap.__name__)
                     mishap()
+                    self._open.remove(mishap.__name__)
                 except BaseException:
                     self._over.set()
                     raise
 
     def _pace(self, vitals: Vitals, hurting: list[Future[None]]) -> None:
-        """Holds the flight by the agent of UAV 0 while mishaps are behind or open, until all are mended."""
+        """Freezes the agent of UAV 0 for most of the time, and so holds the flight, until all mishaps are mended."""
         agent, sampled = self._flight.agents[0], 0.0
         while not all(thread.done() for thread in hurting):
             tick, mishaps = self._tick, self._mishaps.happened.total()
             if min(tick, mishaps * self._every) >= self._ticks:
                 self._over.set()
             self._tell(tick, mishaps)
-            assert self._flight.world.poll() is None, "the world ended"
+            assert self._flight.world.poll() is None, f"the world ended in tick {tick} of {self._open}"
             if time.monotonic() - sampled > SAMPLE_EVERY_S:
                 sampled = time.monotonic()
                 vitals.sample(tick, all_well=mishaps == 0)
-            if self._over.is_set() or mishaps * self._every < tick:
-                agent.send_signal(signal.SIGSTOP)
-                time.sleep(HELD_S)
-                agent.send_signal(signal.SIGCONT)
+            agent.send_signal(signal.SIGSTOP)
+            time.sleep(HELD_S)
+            agent.send_signal(signal.SIGCONT)
             time.sleep(PULSE_S)
 
     def _end(self) -> None:
