@@ -37,6 +37,10 @@ class RunFailed(MeanflockError):
     """A run that began and could not be finished."""
 
 
+class ProcessDied(RunFailed):
+    """A process died that a run needs."""
+
+
 class BusError(RunFailed):
     """The bus could not be opened, or the swarm could not be joined."""
 

@@ -66,7 +66,10 @@ def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
 
 def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
     found: dict[str, click.Command] = {}
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
         if isinstance(command, click.Group):
             found |= verbs(command, f"{prefix}{name} ")
         else:

@@ -4,29 +4,66 @@ import logging
 import os
 import sys
 import traceback
+from importlib import import_module
 from io import TextIOWrapper
+from typing import NamedTuple
 
 import click
 
-from meanflock.groundstation.cli.fly import resume, run
-from meanflock.groundstation.cli.leaderboard import leaderboard
-from meanflock.groundstation.cli.look import picture, plot, view
-from meanflock.groundstation.cli.prepare import certs_group, doctor, plugins_command, scenario_group
-from meanflock.groundstation.cli.study import compare, paper, sweep
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, last_line
 from meanflock.swarm.process import end
 
 
-class _InOrder(click.Group):
-    """Command group that lists commands in the order in which they were added."""
+class _Listed(NamedTuple):
+    """Where a command is defined, and its line in the list of commands, which is the first of its help."""
+
+    module: str
+    attribute: str
+    line: str
+
+
+_COMMANDS = {  # in the order of their use
+    "run": _Listed("fly", "run", "Fly a scenario once, by default the paper's."),
+    "resume": _Listed("fly", "resume", "Resume a run that did not finish, from its last checkpoint."),
+    "view": _Listed("look", "view", "Open a finished run in the Rerun viewer."),
+    "picture": _Listed("look", "picture", "Save the Rerun view of a finished run as a PNG file."),
+    "plot": _Listed("look", "plot", "Plot paths and time series of a run, or write them as CSV."),
+    "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
+    "sweep": _Listed("study", "sweep", "Compare several values of one scenario key."),
+    "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),
+    "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),
+    "doctor": _Listed("prepare", "doctor", "Check whether a run would work on this machine."),
+    "plugins": _Listed("prepare", "plugins_command", "List controllers and all other plug-ins, with their options."),
+    "scenario": _Listed("prepare", "scenario_group", "Print a scenario, or the schema of scenario files."),
+    "certs": _Listed("prepare", "certs_group", "Make TLS certificates for the nodes of a swarm."),
+}
+
+
+class _Commands(click.Group):
+    """Command group that imports the module of a command when the command is used; listing commands imports none."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
-        """Names in the order of addition."""
-        return list(self.commands)
+        """Names in the order of the table."""
+        return list(_COMMANDS)
+
+    def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
+        """Import a command; None if there is no such command."""
+        if name not in _COMMANDS:
+            return None
+        listed = _COMMANDS[name]
+        command: click.Command = getattr(
+            import_module(f"meanflock.groundstation.cli.{listed.module}"), listed.attribute
+        )
+        return command
+
+    def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, listed.line) for name, listed in _COMMANDS.items()])
 
 
-@click.group(cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="meanflock")
 def cli() -> None:
     """Fly swarms of UAVs that learn in flight, over a simulated radio on which every bit is counted.
@@ -40,14 +77,6 @@ def cli() -> None:
       1  the run failed or was interrupted
       2  bad input; nothing was written
     """
-
-
-_FLY = (run, resume)
-_LOOK = (view, picture, plot)
-_STUDY = (compare, sweep, leaderboard, paper)
-_PREPARE = (doctor, plugins_command, scenario_group, certs_group)
-for _command in (*_FLY, *_LOOK, *_STUDY, *_PREPARE):
-    cli.add_command(_command)
 
 
 def _of_output(error: OSError) -> bool:

@@ -13,7 +13,7 @@ from meanflock import swarm
 from meanflock.agent import prefork
 from meanflock.groundstation.launch.children import Child, Family, has_members, kill_all, sweep
 from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, RunFailed, printable_lines
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied, printable_lines
 from meanflock.swarm.net.access import STATION, Identity
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.net.session import ZenohBus
@@ -185,10 +185,6 @@ class Swarm(Family):
         """Start or restart a child."""
         self._restarts.started(child.name)
         child.process = self.popen(child.command, child.log, {**_environment(), **_import_path()})
-
-
-class ProcessDied(RunFailed):
-    """A process died that a run needs."""
 
 
 def _failed(child: Child) -> MeanflockError:

@@ -7,25 +7,27 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from logging import WARNING
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from meanflock.groundstation import doctor
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.processes import ProcessDied, Swarm
 from meanflock.groundstation.launch.progress import FlightProgress
 from meanflock.groundstation.launch.resume import Back
 from meanflock.groundstation.launch.station import Sink, Station
 from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
-from meanflock.swarm.errors import BadInput, BusError, RunFailed
+from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
 from meanflock.swarm.net.access import STATION
 from meanflock.swarm.net.address import Address, check_free
-from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.summary import every_uav_was_lost
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.launch.processes import Swarm
+    from meanflock.swarm.net.session import ZenohBus
 
 _CONNECT_S = 60.0
 _JOIN_S = 60.0
@@ -215,6 +217,8 @@ def _processes(
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
+    from meanflock.groundstation.launch.processes import Swarm  # it loads Zenoh
+
     with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
         outputs.kill = swarm.kill
         outputs.progress.say("starting processes")
@@ -257,7 +261,7 @@ def _processes(
     return station.summary
 
 
-def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> ZenohBus:
+def _connect(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> "ZenohBus":
     """Waits for the world in short steps, so that a world that cannot start is noticed at once."""
     end = time.monotonic() + _CONNECT_S
     while True:
@@ -274,7 +278,7 @@ def _connect(swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> Zenoh
                 ) from error
 
 
-def _listen(bus: ZenohBus, station: Station, swarm: Swarm, interrupted: Interrupted, folder: RunFolder) -> None:
+def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> None:
     asked = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)

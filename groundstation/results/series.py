@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
@@ -34,8 +33,8 @@ class Reported(NamedTuple):
     @classmethod
     def within(cls, rows: pa.Table) -> "Reported":
         """The reports in a time series; its controller need not be installed."""
-        sizes = pc.list_value_length(rows["leader_model"].drop_null())
-        return cls(diagnostics_in(rows.schema), sizes[0].as_py() if len(sizes) else 0)
+        models = rows["leader_model"].drop_null()
+        return cls(diagnostics_in(rows.schema), len(models[0]) if len(models) else 0)
 
     @property
     def drawn(self) -> NDArray[np.intp]:
@@ -100,7 +99,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
 
 def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Telemetry:
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
-    reported = rows.filter(pc.is_valid(rows["leader_model"]))
+    reported = rows.filter(rows["leader_model"].is_valid())
     reports = reported["leader_model"].to_pylist()
     names = diagnostics_in(rows.schema)
     return Telemetry(
@@ -147,7 +146,7 @@ def long_form(rows: pa.Table) -> pa.Table:
     shared = rows.select(["tick", "sim_time_s"]).take(ticks)
     fields = [*shared.schema, pa.field("uav", pa.int32()), *(field.with_type(field.type.value_type) for field in lists)]
     numbers = np.tile(np.arange(uavs, dtype=np.int32), len(rows))
-    values = [pc.list_flatten(rows[field.name]) for field in lists]
+    values = [rows[field.name].combine_chunks().flatten() for field in lists]
     return pa.table([*shared.columns, numbers, *values], schema=pa.schema(fields))
 
 

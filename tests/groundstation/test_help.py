@@ -1,12 +1,17 @@
 """The help of every command: an example, each option described, nothing wider than a terminal of 80 columns."""
 
+import json
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import click
 import pytest
 
 from meanflock.groundstation.cli.command import cli
+from tests.groundstation.conftest import QUICK
+from tests.polling import DEADLINE_S
 
 _COLUMNS = 80
 
@@ -14,7 +19,10 @@ _COLUMNS = 80
 def _commands(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
     yield path, command
     if isinstance(command, click.Group):
-        for name, below in command.commands.items():
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
             yield from _commands(below, (*path, name))
 
 
@@ -57,4 +65,37 @@ def test_every_option_is_described(path) -> None:
 def test_commands_are_listed_in_the_order_of_their_use(told) -> None:
     listed = re.findall(r"^  ([a-z]+)  ", told(()).partition("Commands:\n")[2], re.MULTILINE)
     assert listed[:3] == ["run", "resume", "view"]
-    assert sorted(listed) == sorted(cli.commands)
+    assert listed == cli.list_commands(click.Context(cli))
+
+
+def test_a_line_of_the_list_is_the_first_of_the_help_of_its_command(told) -> None:
+    lines = re.findall(r"^  ([a-z]+)  +(.+)$", told(()).partition("Commands:\n")[2], re.MULTILINE)
+    context = click.Context(cli)
+    commands = [(name, cli.get_command(context, name)) for name in cli.list_commands(context)]
+    assert lines == [(name, command and command.get_short_help_str(_COLUMNS)) for name, command in commands]
+
+
+LOADED = """
+import json, sys
+from meanflock.groundstation.cli.command import main
+code = main(json.loads(sys.argv[1]))
+found = ({name.split(".")[0] for name in sys.modules} | set(sys.modules)) & set(json.loads(sys.argv[2]))
+print(*sorted(found), file=sys.stderr)
+sys.exit(code)
+"""
+DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "forbidden"),
+    [
+        (["--help"], [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh", "meanflock.groundstation.cli.fly"]),
+        (["run", "--help"], [*DRAWING, "zenoh", "pyarrow.compute"]),
+        ([*QUICK, "--json"], [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client"]),
+    ],
+    ids=["help", "help of run", "run"],
+)
+def test_a_command_loads_only_what_it_needs(tmp_path, arguments: list[str], forbidden: list[str]) -> None:
+    command = [sys.executable, "-c", LOADED, json.dumps(arguments), json.dumps(forbidden)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "")
