@@ -1,11 +1,14 @@
 """Post: the world's part in the rounds. It carries, counts and keeps models, and never reads one."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.account import Account
+from meanflock.federation.mailbox import Mailbox
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
@@ -14,92 +17,12 @@ from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
-Note: TypeAlias = Callable[[str, str], None]  # kind and text of an event
 
 
-class Mailbox:
-    """The mail of all UAVs that average for one hop, until the round is averaged.
+class Note(Protocol):
+    """Records an event of a kind, with a text and the UAVs concerned."""
 
-    A node reads each frame for its UAVs once. A node that takes UAVs over reads all that there is for them.
-
-    Attributes:
-        addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
-    """
-
-    def __init__(self, uavs: int) -> None:
-        self._frames: list[Frames] = []
-        self._read = np.zeros(uavs, dtype=np.intp)  # of these frames, for each UAV, by this node:
-        self._reader = np.full(uavs, "", dtype=object)
-        self.addressed = np.zeros(uavs, dtype=bool)
-
-    def put(self, frames: Frames, awake: Mask) -> None:
-        """Adds frames for the UAVs that are awake (N,)."""
-        assert frames.links is not None
-        target = frames.links[:, 1]
-        self.addressed[target] = True
-        received = awake[target]
-        if received.any():
-            self._frames.append(frames if received.all() else _picked(frames, received))
-
-    def read(self, reader: str, uavs: Indices) -> list[Frames]:
-        """The frames for some UAVs (M,) that a node, by name, has not read yet."""
-        begun = np.where(self._reader[uavs] == reader, self._read[uavs], 0)
-        self._reader[uavs], self._read[uavs] = reader, len(self._frames)
-        found = []
-        for first in np.unique(begun).tolist():
-            reading = np.zeros(len(self._read), dtype=bool)
-            reading[uavs[begun == first]] = True
-            for frames in self._frames[first:]:
-                assert frames.links is not None
-                here = reading[frames.links[:, 1]]
-                if here.any():
-                    found.append(frames if here.all() else _picked(frames, here))
-        return found
-
-    def fragments(self, hop: Hop, uav: int) -> Mask:
-        """The fragments that a UAV averages and sends in a hop, (F,): those that arrived; in a last hop from others."""
-        assert hop.mail is not None
-        cut = hop.mail.coding.fragments
-        arrived = np.zeros(hop.coding.count, dtype=bool)
-        for frames in self._frames:
-            assert frames.links is not None
-            here = frames.links[frames.links[:, 1] == uav, 0]
-            if hop.is_last and hop.mail.mail is None:
-                here = here[frames.source[here] != uav]
-            if cut is None:
-                arrived |= len(here) > 0
-            else:
-                arrived[cut.numbers(frames.payload[here])] = True
-        return arrived
-
-    def receivers(self, number: int) -> Mask:
-        """The UAVs that a model of a round was delivered to, (N,)."""
-        received = np.zeros(len(self._read), dtype=bool)
-        for frames in self._frames:
-            if frames.round == number:
-                assert frames.links is not None
-                received[frames.links[:, 1]] = True
-        return received
-
-    def close(self, number: int) -> None:
-        """Drops the mail of a round and of all before it."""
-        kept = [place for place, frames in enumerate(self._frames) if frames.round > number]
-        self._read = np.searchsorted(kept, self._read)
-        self._frames = [self._frames[place] for place in kept]
-        self.addressed[:] = False
-
-    def snapshot(self) -> list[Any]:
-        """The mail, for `restore`; the nodes that average after it read everything."""
-        frames = [[int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for f in self._frames]
-        return [np.flatnonzero(self.addressed).astype(np.int32), frames]
-
-    def restore(self, snapshot: list[Any]) -> None:
-        """Goes on with the mail of a snapshot."""
-        addressed, frames = snapshot
-        self.addressed[:] = False
-        self.addressed[addressed] = True
-        self._frames = [Frames(FrameKind(kind), *fields) for kind, *fields in frames]
-        self._read[:], self._reader[:] = 0, ""
+    def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
 class Transmission:
@@ -166,11 +89,15 @@ class Post:
         self.silent = 0
         self.isolated = 0
         self._averaged = 0  # number of the last round that was
+        self._accounts: dict[int, Account] = {}  # of the rounds that are open
+        self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
         self.rule_record = b""
         self._cut = any(hop.coding.fragments is not None for hop in self._hops)
         self._transmissions: list[Transmission] = []
         self._boxes = [(hop, Mailbox(scenario.uavs)) for hop in self._hops if hop.mail is not None]
         self._open: list[tuple[Hop, Mailbox]] = []  # those that mail was sent to
+        # Ticks from the opening of a round until its uploads are averaged, by their label
+        self._uploads = {hop.mail.label: hop.after for hop in self._hops if hop.mail and hop.mail.mail is None}
 
     # -- before a tick's requests -------------------------------------------------------------------------------
 
@@ -270,6 +197,10 @@ class Post:
                 return MessageRejected("wrong-round", f"UAVs {strangers} take no part in round {expected}")
         return None
 
+    def refuse(self, uavs: Iterable[int]) -> None:
+        """Takes notice that a node did not average the models of some UAVs in this tick."""
+        self._refused.update(uavs)
+
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
     def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
@@ -302,28 +233,35 @@ class Post:
         self,
         tick: int,
         frames: Iterable[Frames],
+        on_air: Iterable[Frames],
         links: NDArray[np.int32],
         awake: NDArray[np.bool_],
         has_leader: Callable[[], bool],
         note: Note,
     ) -> None:
-        """Closes the hops in which nodes sent `frames` in this tick, over `links` (K, 5), and notes what came of it."""
-        if not self._schedule.is_busy(tick):
+        """Closes the hops in which nodes sent `frames` in this tick, and notes what came of it.
+
+        Args:
+            on_air: what was transmitted in this tick, over `links` (K, 5).
+        """
+        is_busy = self._schedule.is_busy(tick)
+        if is_busy:
+            self._open_accounts(tick, frames, awake)
+        self._follow(tick, on_air, links)
+        if not is_busy:
             return
-        for hop in self._hops:
-            if hop.mail is None and (number := self._schedule.number(hop, tick)):
-                sent = sum(len(batch.source) for batch in frames if batch.kind == hop.label)
-                self.silent += int(awake[self._schedule.participants(number)].sum()) - sent
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
                 continue
+            self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
             if hop.is_local:
                 received = box.receivers(number) & awake
-                self.isolated += int(np.count_nonzero(awake & ~received))
-                self._end(hop, number, int(np.count_nonzero(received)), awake, has_leader, note)
+                isolated, averaging = (int(np.count_nonzero(uavs)) for uavs in (awake & ~received, received))
+                self.isolated += isolated
+                self._end(hop, number, averaging, f"averaged by {averaging} UAVs", awake, has_leader, note, isolated)
             elif hop.is_last:
-                self._end(hop, number, len(senders), awake, has_leader, note)
+                self._end(hop, number, len(senders), _broadcast(hop, links), awake, has_leader, note)
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
                 for uav in hop.senders.tolist():
@@ -332,6 +270,7 @@ class Post:
                         note("void", f"round {number} goes on without the cluster of UAV {uav}: {why}")
             box.close(number)
             self._list_open()
+        self._refused.clear()
 
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
@@ -340,6 +279,7 @@ class Post:
             "rule": self.rule_record,
             "transmissions": [one.snapshot() for one in self._transmissions],
             "boxes": [box.snapshot() for _, box in self._boxes],
+            "accounts": [[number, account.snapshot()] for number, account in self._accounts.items()],
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -350,6 +290,7 @@ class Post:
         self._transmissions = [Transmission.restored(one) for one in snapshot["transmissions"]]
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)
+        self._accounts = {number: Account.restored(account) for number, account in snapshot["accounts"]}
         self._list_open()
 
     def _list_open(self) -> None:
@@ -362,21 +303,60 @@ class Post:
             None,
         )
 
+    def _open_accounts(self, tick: int, frames: Iterable[Frames], awake: NDArray[np.bool_]) -> None:
+        """Counts who sends in the rounds that open in this tick, and who is silent."""
+        for hop in self._hops:
+            if hop.mail is None and (number := self._schedule.number(hop, tick)):
+                sent = [uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()]
+                participants = self._schedule.participants(number)
+                there = int(awake[participants].sum())
+                self.silent += there - len(sent)
+                self._accounts[number] = Account(len(participants), len(participants) - there, sent)
+
+    def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
+        """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
+        for batch in on_air:
+            account = self._accounts.get(batch.round)
+            after = self._uploads.get(batch.kind, 0)
+            if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
+                continue
+            used = links[links[:, 3] == batch.kind]
+            rows = np.bincount(batch.source, minlength=self._scenario.uavs)[used[:, 1]]
+            is_late = age + self._scenario.delivery_ticks(np.maximum(used[:, 4], 0) // rows) > after
+            account.transmit(used, rows, is_late & (used[:, 4] >= 0))
+
+    def _receive(self, hop: Hop, box: Mailbox, number: int) -> None:
+        """Counts the uploads that are averaged in a hop."""
+        account = self._accounts.get(number)
+        if account is not None and hop.mail is not None and hop.mail.mail is None:
+            account.receive(*box.arrived(number))
+            account.earlier += len(box.arrived(number - 1)[0])
+            account.refused |= self._refused
+
     def _end(
         self,
         hop: Hop,
         number: int,
         averaging: int,
+        end: str,
         awake: NDArray[np.bool_],
         has_leader: Callable[[], bool],
         note: Note,
+        isolated: int = 0,
     ) -> None:
-        """Counts a round that ends, and notes it. averaging: number of UAVs that averaged in it."""
+        """Counts a round that ends, and notes it.
+
+        Args:
+            averaging: number of UAVs that averaged in it. end: what came of it, if any did. isolated: number of UAVs
+                that received nothing to average.
+        """
+        account = self._accounts.pop(number, Account(0, 0, ()))
+        account.isolated = isolated
+        words = account.words(*self._terms)
         if averaging:
             self.rounds += 1
             self._averaged = number
-            end = f"averaged by {averaging} UAVs" if hop.is_local else "averaged and broadcast"
-            note("round", f"round {number} {end}")
+            note("round", f"round {number}: {words}; {end}", account.sent)
             return
         self.rounds_void += 1
         why = "no model of another UAV was averaged"
@@ -384,26 +364,23 @@ class Post:
             why = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
         elif hop.role == "leader" and not has_leader():
             why = "there is no leader"
-        note("void", f"round {number} is void: {why}")
+        note("void", f"round {number} is void: {why}; {words}", account.sent)
+
+    @cached_property
+    def _terms(self) -> tuple[str, str]:
+        """Which UAV receives the uploads, if it is one, and the name of their copies, if an upload has several."""
+        upload = next(hop for hop in self._hops if hop.mail is None)
+        targets = [] if upload.targets is None else np.unique(upload.targets[upload.senders]).tolist()
+        copies = "fragments" if upload.coding.fragments is not None else "" if targets else "copies"
+        return f" by UAV {targets[0]}" if len(targets) == 1 else "", copies
 
 
-def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | None = None) -> Frames:
-    """Frames reduced to some of their links (K, 2), which took `slots` (K,)."""
-    used = np.zeros(len(frames.source), dtype=bool)
-    used[links[:, 0]] = True
-    if len(used) == 1 or np.logical_and.reduce(used):
-        if links is frames.links:
-            return frames
-        return Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
-    place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
-    renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
-    return Frames(frames.kind, frames.round, frames.source[used], frames.payload[used], renumbered, slots)
-
-
-def _picked(frames: Frames, picked: Mask) -> Frames:
-    """Frames reduced to the links that are `picked` (K,)."""
-    assert frames.links is not None
-    return only(frames, frames.links[picked], None if frames.slots is None else frames.slots[picked])
+def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
+    """What came of the average that is broadcast in a hop, over links (K, 5)."""
+    if hop.coding.fragments is not None:
+        return f"averaged and broadcast in {hop.coding.count} fragments"
+    received = np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0))
+    return f"averaged and broadcast, received by {received} UAVs"
 
 
 def _receipt(frames: Frames) -> Frames:

@@ -89,8 +89,13 @@ class Schedule:
     def _draw_next(self, first: int, count: int) -> None:
         self._drawn = {}
         for number in range(first, first + count):
-            draw = generator(self._scenario.seed, "participants", number)
-            drawn = np.sort(draw.choice(self._scenario.uavs, self._scenario.participants, replace=False))
-            rows = np.flatnonzero(contains(drawn, self._uavs))
-            drawn.flags.writeable = rows.flags.writeable = False
-            self._drawn[number] = drawn, rows
+            participants = drawn(self._scenario, number)
+            rows = np.flatnonzero(contains(participants, self._uavs))
+            participants.flags.writeable = rows.flags.writeable = False
+            self._drawn[number] = participants, rows
+
+
+def drawn(scenario: Scenario, number: int) -> NDArray[np.intp]:
+    """The participants of a round of a scenario, ascending."""
+    draw = generator(scenario.seed, "participants", number)
+    return np.sort(draw.choice(scenario.uavs, scenario.participants, replace=False))

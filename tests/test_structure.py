@@ -131,6 +131,7 @@ RECORDING = (
     "recorder",
     "drawing",
     "flight",
+    "rounds",
     "disturbances",
     "mission_map",
     "blueprint",

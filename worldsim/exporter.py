@@ -78,6 +78,7 @@ class Exporter(Collector):
         yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         yield _counter("uploads_silent", "Uploads that participants did not send.", post.silent)
         yield _counter("uploads_late", "Uploads that were delivered after the deadline.", post.late)
+        yield _counter("uploads_refused", "Uploads that a node received and did not average.", counters.uploads_refused)
         yield _counter("rounds_isolated", "Rounds in which a UAV that averages received no other model.", post.isolated)
         drops = CounterMetricFamily("meanflock_dropped_messages", "Messages not let in, by reason.", labels=["reason"])
         for reason, count in sorted(counters.dropped.items()):

@@ -5,7 +5,7 @@ station that comes back gets what it missed.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -157,9 +157,9 @@ class Reporter:
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
 
-    def note(self, kind: str, text: str) -> None:
-        """Record an event of this tick."""
-        self.events.append(Event(self._flight.tick, kind, text))
+    def note(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None:
+        """Record an event of this tick, which concerns some UAVs."""
+        self.events.append(Event(self._flight.tick, kind, text, tuple(uavs)))
 
     def learned(
         self, tick: int, asked: Mapping[str, Member], acts: Mapping[str, Act], alive: NDArray[np.bool_]

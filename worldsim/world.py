@@ -286,7 +286,7 @@ class World:
         self.models.add(frames)
         on_air = self.post.transmitted(frames, self._awake)
         links = self.air.send(tick, on_air, self.flight.states, self._script.cut(tick, self.flight.states))
-        self.post.close(tick, frames, links, self._awake, self._has_leader, self._note)
+        self.post.close(tick, frames, on_air, links, self._awake, self._has_leader, self._note)
         # 5. Move.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Report.
@@ -371,7 +371,8 @@ class World:
             self.post.rule_record = act.memory
         if len(uploads := ~act.refused[act.refused < 0]):
             self.counters.uploads_refused += len(uploads)
-            self._note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged")
+            self.post.refuse(uploads.tolist())
+            self._note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged", uploads.tolist())
         return set(act.refused[act.refused >= 0].tolist())
 
     def _count_disbelieved(self, uavs: set[int]) -> None:

@@ -17,6 +17,7 @@ from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.recording import drawing, mission_map, plots
 from meanflock.groundstation.recording.drawing import Part, circle
 from meanflock.groundstation.results.series import Reported
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 
@@ -77,18 +78,45 @@ LANE_COLORS = {
 }
 
 
+OUTCOMES = {  # of the uploads of a round: name and colour of a node
+    "received": drawing.GREEN,
+    "late": drawing.ORANGE,
+    "lost": drawing.RED,
+    "refused": drawing.VIOLET,
+    "silent": drawing.GREY,
+    "no part": drawing.DISC,
+}
+CENTRE = drawing.WHITE  # of the UAV that averages for all
+
+
 def lane(uav: int, now: Lane) -> str:
     """The text of a UAV's lane, with its number because lanes have no names."""
     return f"UAV {uav}: {now.name.lower().replace('_', ' ')}"
 
 
+def centre(scenario: Scenario) -> int | None:
+    """The UAV that averages the models of a round at last; None if each UAV averages for itself."""
+    try:
+        hops = scenario.hops
+    except BadInput:  # a plug-in of the recorded flight is not installed here
+        hops = ()
+    return None if hops and hops[-1].is_local else scenario.federation.leader
+
+
 def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of the UAVs in the graph of a round, and their places, (N, 2): heads between their UAVs and the leader."""
+    """Names of the nodes in the graph of a round, and their places, (N + outcomes, 2): the UAVs, then the key.
+
+    Heads are between their UAVs and the leader.
+    """
     angle = np.arange(scenario.uavs) * (2 * math.pi / scenario.uavs)
-    places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * max(80.0, 9.0 * scenario.uavs)
-    places[Division(scenario).heads] *= 0.5
-    places[scenario.federation.leader] = 0.0
-    return [str(uav) for uav in range(scenario.uavs)], places
+    radius = max(80.0, 9.0 * scenario.uavs)
+    places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius
+    middle = centre(scenario)
+    if middle is not None:
+        places[Division(scenario).heads] *= 0.5
+        places[middle] = 0.0
+    key = np.stack([np.full(len(OUTCOMES), 1.5), np.linspace(-0.8, 0.8, len(OUTCOMES))], axis=-1) * radius
+    return [*map(str, range(scenario.uavs)), *OUTCOMES], np.concatenate([places, key])
 
 
 def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
@@ -113,7 +141,7 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     log(WORDS, rr.Points2D.from_fields(colors=[drawing.WHITE], radii=0.0, show_labels=True))
 
     spread = [plots.SPREAD] if reported.weights else []
-    for plot in (*plots.OF_EVERY_FLIGHT, *map(plots.diagnostic, reported.diagnostics), *spread):
+    for plot in (*plots.OF_EVERY_FLIGHT, plots.ROUNDS, *map(plots.diagnostic, reported.diagnostics), *spread):
         log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
     log(plots.HITS, rr.SeriesPoints(names="collision", colors=drawing.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
@@ -124,6 +152,8 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
         texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
         colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
         log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
+        names, places = graph(scenario)
+        log(ROUND, rr.GraphNodes(node_ids=names, positions=places))
     _log_close_up(part, scenario)
 
 
@@ -159,6 +189,7 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
+    details.append(_series(plots.ROUNDS, "rounds, %"))
     grid = rrb.Grid(*map(_series, plots.OF_EVERY_FLIGHT), *in_grid, grid_columns=2)
     below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3])
     return window(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
@@ -253,10 +284,10 @@ def _tabs(views: list[rrb.View], name: str) -> list[rrb.Container]:
     ]
 
 
-def _series(plot: plots.Plot) -> rrb.TimeSeriesView:
+def _series(plot: plots.Plot, name: str | None = None) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"/{plot.entity}",
-        name=plot.title,
+        name=name or plot.title,
         axis_x=whole_flight(),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
     )

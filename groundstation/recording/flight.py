@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
@@ -30,7 +29,6 @@ MARKS = {  # kinds of events with a mark: entity, shape, colour
 _POINTS, _COLORS = rr.Points2D.descriptor_positions(), rr.Points2D.descriptor_colors()
 _VECTORS, _ORIGINS = rr.Arrows2D.descriptor_vectors(), rr.Arrows2D.descriptor_origins()
 _TRANSLATION = rr.Transform3D.descriptor_translation()
-_NODE_COLORS, _EDGES = rr.GraphNodes.descriptor_colors(), rr.GraphEdges.descriptor_edges()
 _TEXT = rr.TextLog.descriptor_text()
 _LEVEL = rr.TextLog.descriptor_level()
 _COLOR = rr.TextLog.descriptor_color()
@@ -89,49 +87,13 @@ class Trails:
             yield blueprint.TRAILS, ticks[ends - begun], cut(pieces, *parts)
 
 
-class LinkRows:
-    """Draws the transmissions of one scenario as lines on the map, and the last round as a graph.
-
-    A large swarm has no graph.
-    """
-
-    def __init__(self, scenario: Scenario) -> None:
-        self._uavs, self._leader = scenario.uavs, scenario.federation.leader
-        self._round = np.zeros((0, 5), dtype=np.int32)  # links of the last round
-        names, places = blueprint.graph(scenario)
-        nodes = rr.GraphNodes.columns(node_ids=names, labels=names, positions=places)
-        self._names, self._nodes = pa.array(names), nodes.partition([scenario.uavs])
-
-    def rows(self, ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
-        """Links (K, 5), the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
-        if not len(links):
-            return
-        links = links[np.argsort(links[:, 0], kind="stable")]
-        models = links[:, 3] != FrameKind.STATE
-        for entity, chosen in ((blueprint.MODEL_LINKS, links[models]), (blueprint.STATE_LINKS, links[~models])):
-            if len(chosen):
-                yield _link_lines(entity, ticks, positions, chosen)
-        if self._uavs > blueprint.LARGE_SWARM:
-            return
-        for kind in (FrameKind.UPLOAD, FrameKind.RELAY):
-            of_kind = links[links[:, 3] == kind]
-            if len(of_kind):
-                last = of_kind[of_kind[:, 0] == of_kind[-1, 0]]
-                self._round = last if kind == FrameKind.UPLOAD else np.concatenate([self._round, last])
-                yield self._graph(last[:1, 0].astype(np.int64))
-
-    def _graph(self, at: Ticks) -> Sent:
-        """The last round as a graph: uploads delivered (green), uploads lost (red), UAVs that did not upload (grey)."""
-        sent = self._round
-        colors = np.full(self._uavs, drawing.GREY, dtype=np.uint32)
-        colors[sent[:, 1]] = np.where(sent[:, 4] < 0, drawing.RED, drawing.GREEN)
-        colors[self._leader] = drawing.WHITE
-        delivered = sent[(sent[:, 4] >= 0) & (sent[:, 1] != sent[:, 2])]
-        kind = rr.components.GraphEdgeBatch._ARROW_DATATYPE
-        ends = [self._names.take(pa.array(column)) for column in delivered[:, 1:3].T]
-        edges = rr.components.GraphEdgeBatch(pa.StructArray.from_arrays(ends, fields=list(kind)))
-        parts = (_NODE_COLORS, rr.components.ColorBatch(colors)), (_EDGES, edges)
-        return blueprint.ROUND, at, [*self._nodes, *cut(1, *parts)]
+def link_rows(ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
+    """Links (K, 5) as lines on the map, the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
+    links = links[np.argsort(links[:, 0], kind="stable")]
+    models = links[:, 3] != FrameKind.STATE
+    for entity, chosen in ((blueprint.MODEL_LINKS, links[models]), (blueprint.STATE_LINKS, links[~models])):
+        if len(chosen):
+            yield _link_lines(entity, ticks, positions, chosen)
 
 
 def _link_lines(entity: str, ticks: Ticks, positions: Floats, links: Links) -> Sent:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
+from meanflock.federation.account import Shares
 from meanflock.groundstation.recording.drawing import (
     BLUE,
     COLLISION,
@@ -81,6 +82,13 @@ FAILURES = Plot(
     legend=True,
 )
 OF_EVERY_FLIGHT = (ENERGY, SPEED, BITS, FAILURES, ALIGNMENT, RISK)
+ROUNDS = Plot(
+    "plots/rounds",
+    "rounds, %: uploads received in time, late; participants silent",
+    ("received", "late", "silent"),
+    (GREEN, ORANGE, GREY),
+    legend=True,
+)
 SPREAD = Plot("plots/spread", quantities.SPREAD.title("RMS distance from their mean"), ("spread",), (VIOLET,))
 
 
@@ -138,6 +146,12 @@ def _diagnostic_rows(plot: Plot, ticks: Ticks, values: NDArray[Any], active: NDA
     else:
         flown = active.any(axis=1) & (ticks > 0)
         yield from scalars(plot.entity, ticks[flown], span_where(values[flown], active[flown]))
+
+
+def percentages(rounds: Sequence[Shares]) -> NDArray[np.float64]:
+    """The lines of `ROUNDS`, (R, 3)."""
+    lines = [(each.received, each.late, each.silent) for each in rounds]
+    return 100.0 * np.array(lines, dtype=np.float64).reshape(len(rounds), len(ROUNDS.names))
 
 
 def report_rows(blocks: Sequence[Telemetry], reported: Reported) -> Iterator[Sent]:

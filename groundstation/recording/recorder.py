@@ -19,8 +19,9 @@ import rerun.blueprint as rrb
 from meanflock.groundstation.recording import blueprint, mission_map
 from meanflock.groundstation.recording.disturbances import Disturbances
 from meanflock.groundstation.recording.drawing import Part, Sent, Ticks
-from meanflock.groundstation.recording.flight import LinkRows, Trails, event_rows, uav_colors, uav_rows
+from meanflock.groundstation.recording.flight import Trails, event_rows, link_rows, uav_colors, uav_rows
 from meanflock.groundstation.recording.plots import plot_rows, report_rows
+from meanflock.groundstation.recording.rounds import RoundRows
 from meanflock.groundstation.recording.viewer import await_listener, listening_address
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import durable, state
@@ -71,7 +72,7 @@ class Writer:
         self._large = scenario.uavs > blueprint.LARGE_SWARM
         self._disturbances = Disturbances(scenario)
         self._trails = Trails(scenario)
-        self._links = LinkRows(scenario)
+        self._rounds = RoundRows(scenario)
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
         self._batch_ticks = min(_BATCH_TICKS_AT_MOST, max(BATCH_TICKS, _BATCH_STATES // scenario.uavs))
@@ -124,7 +125,8 @@ class Writer:
             self._send(uav_rows(rows, states[chosen], colors[chosen], self._scenario.federation.leader))
             self._send(self._disturbances.rows(rows, states[chosen]))
         self._send(self._trails.rows(ticks, positions, colors))
-        self._send(self._links.rows(ticks, positions, links))
+        self._send(link_rows(ticks, positions, links))
+        self._send(self._rounds.rows(ticks, links, events, status))
         self._send(report_rows(blocks, self._reported))
         self._send(event_rows(ticks, positions, swarm, events))
         if not self._large:

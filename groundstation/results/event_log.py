@@ -21,8 +21,9 @@ FIELDS = {  # of a line
 KINDS = {  # of events
     "joined": "all nodes have joined; the flight begins",
     "resumed": "the flight continues from a checkpoint",
-    "round": "the average of a round was broadcast",
-    "void": "a round, or a cluster's part of it, had nothing to average",
+    "round": "a round was averaged: how many participants sent, were silent or absent (lost or paused), how many "
+    "uploads were received, lost, late or refused, and how many UAVs received the average; `uavs`: those that sent",
+    "void": "a round, or a cluster's part of it, had nothing to average; the account of a round is as above",
     "leader": "another leader takes over, or a leader reports a failure",
     "agent": "an agent reports a failure",
     "refused": "an upload or a received state was not used (all are counted), or a node may not rejoin",

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from meanflock.groundstation.recording import drawing
+from meanflock.groundstation.recording import blueprint, drawing
 
 # Linear RGB as it is seen: Machado, Oliveira and Fernandes, IEEE TVCG 15 (2009), severity 1.
 VISION = {
@@ -41,5 +41,5 @@ def test_colours_differ_with_every_common_colour_vision() -> None:
     assert difference(0xFFFFFFFF, 0x000000FF) == pytest.approx(100.0, abs=0.1)  # by definition
     assert difference(drawing.GREEN, drawing.RED) > 30.0
     assert difference(drawing.COLLISION, drawing.RED) > 20.0
-    for one, other in combinations(drawing.LINES[:6], 2):
+    for one, other in (*combinations(drawing.LINES[:6], 2), *combinations(blueprint.OUTCOMES.values(), 2)):
         assert difference(one, other) > 15.0, f"{one:08X} {other:08X}"

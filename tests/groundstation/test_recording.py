@@ -16,7 +16,7 @@ from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Federation, Scenario
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Telemetry
 from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -143,11 +143,18 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, -8 if uav == 7 else 4) for uav in range(25) if uav % 5]
     on = [(3, head, 0, FrameKind.RELAY, -8 if head == 10 else 4) for head in (5, 10, 15, 20)]
     links = np.array(up + on, dtype=np.int32)
-    record(path, [msgspec.structs.replace(block, links=links)], federation=Federation(clusters=5))
+    sent = tuple(uav for uav in range(25) if uav != 9)
+    text = "round 1: 24 of 25 participants sent, 1 silent, 23 received, 1 lost; averaged and broadcast"
+    events = (Event(3, "refused", "upload of UAV 11", (11,)), Event(3, "round", text, sent))
+    federation = Federation(clusters=5, fraction=1.0)
+    record(path, [msgspec.structs.replace(block, links=links, events=events)], federation=federation)
     ticks, edges = column(path, look.ROUND, "GraphEdges:edges")
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [2, 3]
     assert [len(of_tick) for of_tick in edges] == [20 - 1, 20 - 1 + 4 - 1]
+    assert (colors[0][9], colors[1][9], colors[1][11]) == (drawing.GREEN, drawing.GREY, drawing.VIOLET)
+    ticks, values = scalars(path, plots.ROUNDS)
+    assert (ticks.tolist(), values.tolist()) == ([3], [[pytest.approx(2300 / 24), 0.0, 4.0]])
     expected = [drawing.WHITE, drawing.GREEN, drawing.GREEN, drawing.RED, drawing.RED]
     assert [colors[1][uav] for uav in (0, 5, 6, 7, 10)] == expected
     ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")

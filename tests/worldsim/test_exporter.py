@@ -74,8 +74,8 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str) -> 
     assert scraped("simulated_seconds_total") == summary["sim_time_s"]
     fastest = summary["sim_time_s"] / engine.world.ticks.total_s
     assert 0.0 < summary["real_time_factor"] <= scraped("real_time_factor") <= fastest
-    assert scraped("rounds_total") == summary["rounds"]
-    assert scraped("rounds_void_total") == summary["rounds_void"]
+    for name in ("rounds", "rounds_void", "rounds_isolated", "uploads_silent", "uploads_late", "uploads_refused"):
+        assert scraped(f"{name}_total") == summary[name]
     assert summary["rounds"] + summary["rounds_void"] > 0
     for traffic, bill in summary["radio"]["traffic"].items():
         assert scraped("payload_bits_total", traffic=traffic) == summary["payload_bits"][traffic]

@@ -1,0 +1,124 @@
+"""Account of a round: which UAVs sent a model and what became of it, as the event of the round says it."""
+
+import re
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+_NAMED = 10  # UAVs that a text names, at most
+
+
+class Shares(NamedTuple):
+    """Shares of a round, NaN where there is nothing to share.
+
+    received: delivered in time, of all copies of uploads. silent: of the participants. late: of the UAVs that sent.
+    isolated: number of UAVs that averaged for themselves and received nothing.
+    """
+
+    number: int
+    received: float
+    silent: float
+    late: float
+    isolated: int
+
+
+class Account:
+    """What became of the uploads of one round.
+
+    Attributes:
+        participants: N_h. absent: those of them that were lost or paused.
+        sent: UAVs that sent, ascending.
+        copies: messages over links to other UAVs; a model in fragments is one message for each. arrived: those that
+            were there when the round was averaged.
+        received, late: UAVs whose upload, or a part of it, reached any UAV that averages in time, or later.
+        refused: UAVs whose upload was received and could not be averaged.
+        earlier: late uploads of the round before, which count in this one.
+        isolated: UAVs that average for themselves and received nothing.
+    """
+
+    def __init__(self, participants: int, absent: int, sent: Iterable[int]) -> None:
+        self.participants, self.absent, self.sent = participants, absent, sorted(sent)
+        self.copies = self.arrived = self.earlier = self.isolated = 0
+        self.received: set[int] = set()
+        self.late: set[int] = set()
+        self.refused: set[int] = set()
+
+    def transmit(self, links: NDArray[np.int32], rows: NDArray[np.intp], is_late: NDArray[np.bool_]) -> None:
+        """Counts uploads on the air over links (K, 5), with `rows` (K,) messages each, and which of them are late."""
+        self.copies += int(rows.sum())
+        self.late.update(links[is_late, 1].tolist())
+
+    def receive(self, senders: Iterable[int], copies: int) -> None:
+        """Counts the mail of this round that is there when it is averaged."""
+        self.received.update(senders)
+        self.arrived += copies
+
+    def words(self, at: str, name: str) -> str:
+        """The account in words.
+
+        Args:
+            at: the UAV that received them, if it is one. name: of the copies, if they are more than one an upload.
+        """
+        late = sorted(self.late - self.received)
+        lost = len(self.sent) - len(self.received.union(late) & set(self.sent))
+        parts = [
+            f"{len(self.sent)} of {self.participants} participants sent",
+            _some(self.participants - self.absent - len(self.sent), "silent"),
+            _some(self.absent, "absent"),
+            f"{len(self.received)} received{at}",
+            _some(lost, "lost"),
+            _some(len(late), f"late ({_uavs(late)})"),
+            _some(len(self.refused), f"refused ({_uavs(sorted(self.refused))})"),
+            f"{self.arrived} of {self.copies} {name} arrived" if name and self.copies else "",
+            _some(self.earlier, "late from the round before averaged, too"),
+            _some(self.isolated, "isolated"),
+        ]
+        return ", ".join(part for part in parts if part)
+
+    def snapshot(self) -> list[Any]:
+        """All of it, for `restored`."""
+        sets = [sorted(each) for each in (self.received, self.late, self.refused)]
+        return [self.participants, self.absent, self.sent, self.copies, self.arrived, self.earlier, *sets]
+
+    @classmethod
+    def restored(cls, snapshot: list[Any]) -> "Account":
+        """The account of a snapshot."""
+        participants, absent, sent, copies, arrived, earlier, received, late, refused = snapshot
+        account = cls(participants, absent, sent)
+        account.copies, account.arrived, account.earlier = copies, arrived, earlier
+        account.received, account.late, account.refused = set(received), set(late), set(refused)
+        return account
+
+
+def shares(text: str) -> Shares | None:
+    """The shares in the text of an event of kind `round` or `void`; None: it has no account of a round."""
+    sent = re.search(r"^round (\d+)\b.*?(\d+) of (\d+) participants sent", text)
+    if sent is None:
+        return None
+    number, senders, participants = map(int, sent.groups())
+
+    def count(pattern: str) -> int:
+        found = re.search(rf"(\d+) {pattern}", text)
+        return int(found[1]) if found else 0
+
+    arrived, copies = count("received"), senders
+    if over_links := re.search(r"(\d+) of (\d+) \w+ arrived", text):
+        arrived, copies = map(int, over_links.groups())
+    return Shares(
+        number,
+        arrived / copies if copies else np.nan,
+        count("silent") / participants,
+        count(r"late \(") / senders if senders else np.nan,
+        count("isolated"),
+    )
+
+
+def _some(count: int, what: str) -> str:
+    return f"{count} {what}" if count else ""
+
+
+def _uavs(uavs: list[int]) -> str:
+    named = ", ".join(map(str, uavs[:_NAMED]))
+    return f"UAV{'s' * (len(uavs) > 1)} {named}{', …' * (len(uavs) > _NAMED)}"
