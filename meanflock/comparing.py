@@ -22,8 +22,9 @@ class Comparison:
     """The result of a study. Iterate over it to get one row for each point.
 
     A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
-    under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. In means over UAVs a
-    UAV that never arrived counts with the duration.
+    under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. `uplink_bits`,
+    `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic. In means over UAVs a UAV
+    that never arrived counts with the duration.
     """
 
     def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:

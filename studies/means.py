@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation import statistics
 from meanflock.groundstation.results import quantities
 from meanflock.swarm import durable
@@ -30,7 +31,8 @@ class Means:
 
     def rows(self) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
         """The values of each point, and by name `n` (flights), `uavs`, and of every metric the mean under the name of
-        its column and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown.
+        its column and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. The mean payload of
+        each kind of traffic follows under `uplink_bits`, `relay_bits`, `broadcast_bits` and `state_bits`.
         """
         for values, summaries in self.points.items():
             row: dict[str, Any] = {"n": len(summaries), "uavs": summaries[0]["uavs"]}
@@ -40,6 +42,8 @@ class Means:
                 low, high = (found.low, found.high) if found.bounded else (None, None)
                 row[column] = None if found.value != found.value else found.value
                 row |= {f"{column}_low": low, f"{column}_high": high}
+            for kind in TRAFFIC.values():
+                row[f"{kind}_bits"] = sum(summary["payload_bits"][kind] for summary in summaries) / len(summaries)
             yield values, row
 
     def write_csv(self, path: Path) -> Path:

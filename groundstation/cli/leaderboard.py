@@ -129,7 +129,7 @@ def _tell(board: "Board") -> None:
         table = terminal.table(course)
         console_for(table).print(table)
         conditions = tables.conditions(course, board.policies).replace("`", "")
-        for note in (conditions, *tables.notes(course)):
+        for note in (conditions, *tables.notes(course), *tables.mixed(course)):
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()
     console.print(terminal.CAPTION, style="dim italic", highlight=False)

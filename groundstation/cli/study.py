@@ -148,7 +148,7 @@ def _fly(
     """Fly all runs that `out` does not have; print the table of means, and write it and the runs. Returns the
     summaries.
     """
-    from meanflock.groundstation.cli.tables import console_for, means_table
+    from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
     from meanflock.studies import study
     from meanflock.studies.means import Means
 
@@ -159,8 +159,8 @@ def _fly(
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
     title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
-    table = means_table(means, title, [one.duration for one in scenarios.values()])
-    console_for(table).print(table)
+    for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
+        console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
     report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
     return flown

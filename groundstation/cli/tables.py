@@ -1,11 +1,13 @@
 """Tables in a terminal: the means of a study in 80 columns, without numbers that are cut off."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.results import quantities
 from meanflock.studies.means import METRICS, Means
 
@@ -21,16 +23,10 @@ MEANS = (
 def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
     """Table of means in 80 columns, without names that are cut off."""
     note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
-    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    shown.show_edge = False
-    shown.title_justify = "left"
-    shown.caption_justify = "left"
-    for name in means.names:
-        shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
+    shown = _empty(means, title, note)
     shown.add_column("n", justify="right", no_wrap=True)
     rows = list(means.rows())
-    most = max(row["payload_bits"] for _, row in rows)
-    scale, prefix = next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
+    scale, prefix = _scale(rows)
     for metric in METRICS:
         shown.add_column(_heading(quantities.quantity(metric), prefix), justify="right", no_wrap=True)
     for values, row in rows:
@@ -41,6 +37,36 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
     if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
         shown.padding = 0
     return shown
+
+
+def payload_table(means: Means) -> Table:
+    """Table of the mean payload by kind of traffic, of those that any flight has."""
+    rows = list(means.rows())
+    scale, prefix = _scale(rows)
+    shown = _empty(means, "\npayload by kind of traffic", "")
+    kinds = [kind for kind in TRAFFIC.values() if any(row[f"{kind}_bits"] for _, row in rows)]
+    for kind in kinds:
+        shown.add_column(f"{kind}\n({prefix}bit)", justify="right", no_wrap=True)
+    for values, row in rows:
+        shown.add_row(*map(str, values), *(f"{row[f'{kind}_bits'] / scale:.4g}" for kind in kinds))
+    return shown
+
+
+def _empty(means: Means, title: str, note: str) -> Table:
+    """A table whose first columns are the varied values."""
+    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    shown.show_edge = False
+    shown.title_justify = "left"
+    shown.caption_justify = "left"
+    for name in means.names:
+        shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
+    return shown
+
+
+def _scale(rows: Sequence[tuple[tuple[Any, ...], dict[str, Any]]]) -> tuple[float, str]:
+    """The prefix of the unit of all payloads, and its size."""
+    most = max(row["payload_bits"] for _, row in rows)
+    return next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
 
 
 def _heading(quantity: quantities.Quantity, prefix: str) -> str:

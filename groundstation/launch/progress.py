@@ -13,6 +13,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
 _BAR, _BAR_NARROW = 24, 10  # columns
+_UPLOADS = {"uploads_silent": "not sent", "uploads_late": "late", "uploads_refused": "refused"}  # of the summary
 _WIDE = 120  # columns of a terminal with room for everything
 
 
@@ -132,6 +133,11 @@ def summary_table(summary: dict[str, object]) -> Table:
             "slots" if theory is None else f"slots, closed form {theory:.2f}",
         )
     add("rounds", summary["rounds"], f"{void} more were void" if (void := summary["rounds_void"]) else "")
+    for field, name in _UPLOADS.items():
+        if summary[field]:
+            add(name, summary[field], "uploads")
+    if summary["rounds_isolated"]:
+        add("isolated UAVs", summary["rounds_isolated"], "summed over rounds")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)
     if isinstance(realtime := summary["realtime"], dict):

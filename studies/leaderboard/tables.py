@@ -114,6 +114,11 @@ def kinds(row: Standing) -> str:
     return ", ".join(f"{kind} {kbit:,.{0 if kbit >= 100 else 1}f}" for kind, kbit in row.kbit_by_kind.items()) or "–"
 
 
+def mixed(course: Course) -> list[str]:
+    """A line about the payload of each row that has several kinds of traffic."""
+    return [f"{row.name}, radio by kind, kbit: {kinds(row)}" for row in course.standings if len(row.kbit_by_kind) > 1]
+
+
 def notes(course: Course) -> list[str]:
     """Notes on rows: failed flights, lost UAVs, missing rows."""
     remarks = []

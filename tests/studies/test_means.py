@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.cli.tables import console_for, means_table
+from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
 from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.swarm.errors import EXIT_DONE
@@ -12,8 +12,12 @@ from meanflock.swarm.scenario import Scenario
 from tests.studies.studies import QUICK, flown, rows
 
 
+def payload(uplink: int, state: int) -> dict[str, int]:
+    return {"uplink": uplink, "relay": 0, "broadcast": 0, "state": state, "total": uplink + state}
+
+
 def summary(arrived: int, t_avg_s: float | None, **more: Any) -> dict[str, Any]:
-    rest = {"energy_mean_J": 2.0, "payload_bits": {"total": 1.5e6}, "phi_A": 1.0, "phi_C_distinct": 1e-3}
+    rest = {"energy_mean_J": 2.0, "payload_bits": payload(10**6, 500_000), "phi_A": 1.0, "phi_C_distinct": 1e-3}
     return {"uavs": 4, "arrived": arrived, "t_avg_s": t_avg_s, "collisions": 0, **rest, **more}
 
 
@@ -46,7 +50,7 @@ def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
 
 LARGE = summary(
     25, 161.3456, uavs=25, t_avg_censored_s=161.3456, phi_C_distinct=1.234567e-5, phi_A=1.23456, collisions=99.875
-) | {"energy_mean_J": 148.2859, "payload_bits": {"total": 987_654_321}}
+) | {"energy_mean_J": 148.2859, "payload_bits": payload(900_000_000, 87_654_321)}
 DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
 
 
@@ -59,7 +63,19 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     points = {(value, method): [LARGE] * 8 for value in values for method in ("mfgfl-hf", "offline")}
-    table = means_table(Means((key, "method"), points), "sweep: 25 UAVs", [300.0])
+    means = Means((key, "method"), points)
+    by_kind = payload_table(means)
+    console_for(by_kind).print(by_kind)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= max(80, columns)
+    assert [word in shown for word in ("uplink", "relay", "state", "(Mbit)", "87.65")] == [
+        True,
+        False,
+        True,
+        True,
+        True,
+    ]
+    table = means_table(means, "sweep: 25 UAVs", [300.0])
     console_for(table).print(table)
     shown = capsys.readouterr().out
     lines = shown.splitlines()
