@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.recording import drawing, mission_map, plots
 from meanflock.groundstation.recording.drawing import Part, circle
@@ -96,11 +97,15 @@ def lane(uav: int, now: Lane) -> str:
 
 def centre(scenario: Scenario) -> int | None:
     """The UAV that averages the models of a round at last; None if each UAV averages for itself."""
-    try:
-        hops = scenario.hops
-    except BadInput:  # a plug-in of the recorded flight is not installed here
-        hops = ()
+    hops = _hops(scenario)
     return None if hops and hops[-1].is_local else scenario.federation.leader
+
+
+def _hops(scenario: Scenario) -> tuple[Hop, ...]:
+    try:
+        return scenario.hops
+    except BadInput:  # a plug-in of the recorded flight is not installed here
+        return ()
 
 
 def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
@@ -186,12 +191,15 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
         rrb.TextLogView(origin=f"/{EVENTS}", name="events", columns=columns),
         *_tabs(in_tabs, "learning" if reported.weights else "diagnostics"),
     ]
+    shown = 0  # the tab in front: the rounds if there are any, else lanes or events
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
-    details.append(_series(plots.ROUNDS, "rounds, %"))
+        if _hops(scenario) and not scenario.faults:
+            shown = len(details) - 1
+    details.append(_series(plots.ROUNDS, "rounds"))
     grid = rrb.Grid(*map(_series, plots.OF_EVERY_FLIGHT), *in_grid, grid_columns=2)
-    below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=0), column_shares=[2, 3])
+    below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=shown), column_shares=[2, 3])
     return window(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
 
 

@@ -84,8 +84,8 @@ FAILURES = Plot(
 OF_EVERY_FLIGHT = (ENERGY, SPEED, BITS, FAILURES, ALIGNMENT, RISK)
 ROUNDS = Plot(
     "plots/rounds",
-    "rounds, %: uploads received in time, late; participants silent",
-    ("received", "late", "silent"),
+    "rounds: uploads received in time, late; participants silent",
+    ("received, %", "late, %", "silent, %"),
     (GREEN, ORANGE, GREY),
     legend=True,
 )

@@ -22,6 +22,8 @@ from meanflock.swarm.wire.messages import Event, FrameKind, Status
 
 Links = NDArray[np.int32]  # (K, 5), as in `Telemetry.links`
 
+EDGES = 2000  # of a graph, at most; the colours and the plot count all
+
 _COLORS, _LABELS = rr.GraphNodes.descriptor_colors(), rr.GraphNodes.descriptor_labels()
 _EDGES = rr.GraphEdges.descriptor_edges()
 _NO_LINKS = np.zeros((0, 5), dtype=np.int32)
@@ -130,9 +132,10 @@ class RoundRows:
         return links[links[:, 1] != links[:, 2]]
 
     def _edges(self) -> NDArray[np.int32]:
-        """The pairs of UAVs between which an upload or an average was delivered, (E, 2)."""
-        pairs: NDArray[np.int32] = self._delivered()[:, 1:3]
-        return np.unique(pairs, axis=0) if len(pairs) else pairs
+        """The pairs of UAVs between which an upload or an average was delivered, (E, 2), at most `EDGES`."""
+        links, uavs = self._delivered(), self._scenario.uavs
+        pairs = np.unique(links[:, 1] * uavs + links[:, 2])[:EDGES]
+        return np.stack(np.divmod(pairs, uavs), axis=-1)
 
     def _columns(self, drawings: list[Drawing]) -> list[rr.ComponentColumn]:
         """The columns of some graphs, each with all nodes, those of the key included."""
