@@ -122,11 +122,9 @@ def add_mail(mails: dict[int, Mail], frames: Frames, coding: Coding, uavs: NDArr
 def close_mail(
     mails: dict[int, Mail], number: int, coding: Coding, uavs: NDArray[np.intp], *, takes_late: bool
 ) -> Joined:
-    """All that a round averages, with late mail of the round before or without; forgets all mail up to this round."""
-    first = number - 1 if takes_late else number
-    due = {of_round: mails[of_round] for of_round in range(first, number + 1) if of_round in mails}
-    for of_round in [of_round for of_round in mails if of_round <= number]:
-        del mails[of_round]
+    """All that a round averages, with late mail of earlier rounds or without; forgets all mail up to this round."""
+    closed = {of_round: mails.pop(of_round) for of_round in sorted(mails) if of_round <= number}
+    due = {of_round: mail for of_round, mail in closed.items() if takes_late or of_round == number}
     return Joined(due, coding, uavs)
 
 

@@ -79,9 +79,9 @@ def usable(values: Floats) -> Mask:
 
 
 class Joined:
-    """All that some UAVs average in a round: its mail, and mail of the round before that came after that was averaged.
+    """All that some UAVs average in a round: its mail, and mail of earlier rounds that came after these were averaged.
 
-    Of two models of a sender the later one counts, in each fragment that arrived of it.
+    Of several models of a sender the latest one counts, in each fragment that arrived of it.
 
     Attributes:
         senders, sent: (S,) UAVs, ascending, and the rounds in which they sent these models, ascending for each UAV.
@@ -90,7 +90,7 @@ class Joined:
     """
 
     def __init__(self, mails: dict[int, Mail], coding: Coding, uavs: Indices) -> None:
-        """`mails`: by the round in which they were sent, ascending; at most two."""
+        """`mails`: by the round in which they were sent, ascending."""
         self._floats, self._uavs = coding.floats, uavs
         parts = list(mails.values()) or [Mail(coding, uavs)]
         numbers = list(mails) or [0]
@@ -106,7 +106,10 @@ class Joined:
         self.arrived = np.concatenate([mail.arrived for mail in parts], axis=1)[:, order]
         self.slots = np.concatenate([mail.slots for mail in parts], axis=1)[:, order]
         again = np.flatnonzero(self.senders[1:] == self.senders[:-1])  # models whose UAVs sent another one later
-        self.arrived[:, again] &= ~self.arrived[:, again + 1]
+        newer = self.arrived.copy()
+        for place in again[::-1].tolist():
+            newer[:, place] |= newer[:, place + 1]
+            self.arrived[:, place] &= ~newer[:, place + 1]
 
     def models(self) -> Floats:
         """The models, (S, L)."""

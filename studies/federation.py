@@ -1,6 +1,6 @@
 """Flies ways of sharing a model against each other, and writes the tables of federation.md.
 
-python -m meanflock.studies.federation          # 1,140 flights; ten minutes on two cores
+python -m meanflock.studies.federation          # 1,260 flights; ten minutes on two cores
 python -m meanflock.studies.federation --page   # the tables again, from docs/results/federation.json
 """
 
@@ -53,7 +53,23 @@ SPARING: dict[str, dict[str, Any]] = {  # of `mfgfl-hf` on `paper`: fewer upload
     "threshold 0.2": _threshold(0.2),
     "threshold 0.4": _threshold(0.4),
 }
-KEPT = ("t_avg_censored_s", "energy_mean_J", "collisions_all", "arrived", "uavs", "uploads_silent", "rounds_isolated")
+SLOW = {"radio.coherence_time_s": 0.5, "radio.latency_threshold_slots": 15}  # uploads take up to 7.5 s
+LATE: dict[str, dict[str, Any]] = {
+    "leader": {},
+    "leader, deadline 3 s": {"federation.deadline": 3.0},
+    "leader, deadline 1.5 s": {"federation.deadline": 1.5},
+    "neighbours, deadline 1.5 s": NEIGHBOURS | {"federation.deadline": 1.5},
+}
+KEPT = (
+    "t_avg_censored_s",
+    "energy_mean_J",
+    "collisions_all",
+    "arrived",
+    "uavs",
+    "uploads_silent",
+    "uploads_late",
+    "rounds_isolated",
+)
 Case = tuple[str, str, str]  # table, mission or trouble, and way
 Flight = dict[str, Any]
 
@@ -83,6 +99,7 @@ def cases() -> list[Case]:
     return [
         *(("calm", mission, way) for mission in CALM for way in WAYS),
         *(("trouble", trouble, way) for trouble in TROUBLES for way in TROUBLED),
+        *(("late", "unknown", way) for way in LATE),
         *(("sparing", "paper", way) for way in SPARING),
     ]
 
@@ -90,10 +107,12 @@ def cases() -> list[Case]:
 def scenario(case: Case, seed: int) -> Scenario:
     """One flight of a case: behind the filter, with the acceleration limit of the leaderboard."""
     kind, where, way = case
-    mission = where if kind == "calm" else "unknown" if kind == "trouble" else "paper"
-    settings = {"calm": WAYS, "trouble": TROUBLED, "sparing": SPARING}[kind][way]
+    mission = "unknown" if kind == "trouble" else where
+    settings = {"calm": WAYS, "trouble": TROUBLED, "late": LATE, "sparing": SPARING}[kind][way]
     if kind == "trouble":
         settings = settings | TROUBLES[where]
+    if kind == "late":
+        settings = settings | SLOW
     row = Row(way, "mfgfl-hf" if kind == "sparing" else "fed-lspi", settings=ECBF | settings)
     (found,) = missions.chosen([mission])
     return row.scenario(found.table(), seed, mission)
@@ -118,7 +137,7 @@ def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
 def tables(flights: Sequence[Flight]) -> dict[str, list[str]]:
     """The tables of the page, by their marks."""
     found: dict[str, list[str]] = {}
-    for kind, mark in (("calm", "ways"), ("trouble", "troubles"), ("sparing", "sparing")):
+    for kind, mark in (("calm", "ways"), ("trouble", "troubles"), ("late", "late"), ("sparing", "sparing")):
         rows = []
         for where in dict.fromkeys(flight["where"] for flight in flights if flight["table"] == kind):
             here = [flight for flight in flights if (flight["table"], flight["where"]) == (kind, where)]
