@@ -94,12 +94,11 @@ class Averager:
             RuleFailed: the aggregation rule failed.
         """
         uploads, counts = joined.to(int(self.uavs.searchsorted(uav)), number)
-        first = np.arange(self._coding.count) * joined.values.shape[2]  # weight of each fragment
-        behind = counts[:, first].sum(axis=0)
+        behind = counts.sum(axis=0)
         if not len(uploads.uavs) or (self.hop.is_last and not self._is_shared(number, uav, uploads, behind)):
             return None, behind
         if self._rule is None:
-            return mean(uploads.models, counts), behind
+            return mean(uploads.models, joined.by_weight(counts)), behind
         self._state, model = self._rule.step(self._state, uploads)
         return model, behind
 

@@ -144,7 +144,7 @@ class Coding:
     def received(self, rows: np.ndarray) -> Pieces:
         """What is in rows `(R, …)` that arrived and passed `check_received`: fragments, or whole models as one each."""
         if self.fragments is not None:
-            return self.fragments.read(rows)[0]
+            return self.fragments.read(rows)
         numbers, weights = self.unpack(rows)
         return Pieces(np.zeros(len(rows), dtype=np.intp), self.decode(numbers), weights)
 
@@ -170,10 +170,9 @@ class Coding:
             self.check(source, rows)
             return
         self.fragments.check(source, rows)
-        pieces, sound = self.fragments.read(rows)
-        self.check_weights(pieces.weights)
+        self.check_weights(self.fragments.weights(rows))
         scales = self.fragments.scales(rows)
-        if not (sound.all() and ((scales >= FINEST) & (scales <= COARSEST)).all()):
+        if not (self.fragments.is_sound(rows) and ((scales >= FINEST) & (scales <= COARSEST)).all()):
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
 
     def check_weights(self, weights: Floats) -> None:
@@ -238,7 +237,7 @@ class Counted(Coding):
         """See `Coding.check_received`; validates the numbers of models, too."""
         super().check_received(source, rows)
         if self.fragments is not None:
-            self._check_counts(source, self.fragments.read(rows)[0].weights[:, None], 1)
+            self._check_counts(source, self.fragments.weights(rows)[:, None], 1)
 
     def _check_counts(self, source: np.ndarray, counts: Floats, least: int) -> None:
         if ((counts < least) | (counts > self._most[source][:, None]) | (np.floor(counts) != counts)).any():

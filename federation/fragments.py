@@ -12,7 +12,7 @@ All of it is transmitted, paid for, and lost or delivered as one message.
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -48,7 +48,7 @@ class Pieces(NamedTuple):
     """
 
     numbers: NDArray[np.intp]
-    values: Floats
+    values: NDArray[np.floating]
     weights: Floats
 
 
@@ -123,21 +123,30 @@ class Fragments:
         """The numbers of fragments `(R, width)`, (R,)."""
         return np.ascontiguousarray(rows[:, : _NUMBER.itemsize]).view(_NUMBER)[:, 0].astype(np.intp)
 
-    def read(self, rows: NDArray[np.uint8]) -> tuple[Pieces, NDArray[np.bool_]]:
-        """Fragments `(R, width)` with numbers below F, and whether each can be used, (R,): finite, steps in bounds."""
+    def read(self, rows: NDArray[np.uint8]) -> Pieces:
+        """What is in fragments `(R, width)` that can be used; floats have the width that they have on the air."""
         numbers = self.numbers(rows)
-        written = np.ascontiguousarray(rows[:, self._head : self._end])
-        weights = np.ones(len(rows))
-        if self._weighted:
-            weights = np.ascontiguousarray(rows[:, _NUMBER.itemsize : self._head]).view(_FLOAT32)[:, 0].astype(float)
-        if self._counted:
-            weights = np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
         if not self._scaled:
-            values = written.view(self._item)
-            return Pieces(numbers, values.astype(np.float64), weights), np.asarray(np.isfinite(values).all(axis=-1))
-        steps = written.view(np.int8)
+            return Pieces(numbers, self._written(rows), self.weights(rows))
         spread = np.take_along_axis(self.scales(rows), self._own_scale[numbers], axis=-1).astype(np.float64)
-        return Pieces(numbers, steps * spread, weights), np.asarray((steps > -128).all(axis=-1))
+        return Pieces(numbers, self._written(rows) * spread, self.weights(rows))
+
+    def weights(self, rows: NDArray[np.uint8]) -> Floats:
+        """The weights of models in fragments `(R, width)`, (R,): declared, numbers of models, or 1."""
+        if self._weighted:
+            return np.ascontiguousarray(rows[:, _NUMBER.itemsize : self._head]).view(_FLOAT32)[:, 0].astype(float)
+        if self._counted:
+            return np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
+        return np.ones(len(rows))
+
+    def is_sound(self, rows: NDArray[np.uint8]) -> bool:
+        """Whether all fragments `(R, width)` have floats that are finite, or steps that are ever sent."""
+        written = self._written(rows)
+        return bool((written > -128).all() if self._scaled else np.isfinite(written).all())
+
+    def _written(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        """The numbers for the weights, (R, n): floats, or steps."""
+        return np.ascontiguousarray(rows[:, self._head : self._end]).view(np.int8 if self._scaled else self._item)
 
     def scales(self, rows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The scales in fragments `(R, width)`, (R, scales of a fragment): none but of 8-bit steps."""

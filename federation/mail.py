@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
 from meanflock.federation.rules.base import Uploads
-from meanflock.federation.rules.fedavg import mean
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.messages import Frames
 
@@ -49,10 +48,13 @@ class Mail:
             np.add.at(self.slots, (target, place[row]), frames.payload[row, 0])
             return
         pieces = self._coding.received(frames.payload)
-        new = ~self.arrived[:, place, pieces.numbers].any(axis=0)
-        where = place[new], pieces.numbers[new]
-        self.values[where] = pieces.values[new]
-        self.weights[where] = pieces.weights[new]
+        new = np.zeros(len(place), dtype=bool)
+        new[row] = True
+        new &= ~self.arrived[:, place, pieces.numbers].any(axis=0)
+        chosen = slice(None) if new.all() else new
+        where = place[chosen], pieces.numbers[chosen]
+        self.values[where] = pieces.values[chosen]
+        self.weights[where] = pieces.weights[chosen]
         self.arrived[target, place[row], pieces.numbers[row]] = True
 
     def _make_room(self, source: NDArray[np.integer]) -> None:
@@ -74,8 +76,8 @@ class Mail:
 
 def usable(values: Floats) -> Mask:
     """Which models (S, F, n) can be averaged, (S,): those that are finite and not absurdly large."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(values) < ABSURD).all(axis=(1, 2)))  # NaN is below nothing
+    with np.errstate(invalid="ignore"):  # NaN is neither above nor below anything
+        return np.asarray((values.max(axis=(1, 2)) < ABSURD) & (values.min(axis=(1, 2)) > -ABSURD))
 
 
 class Joined:
@@ -121,7 +123,7 @@ class Joined:
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
 
     def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats]:
-        """The models that one of the UAVs averages, and what each counts by weight (S, L), 0 where it did not arrive.
+        """The models that one of the UAVs averages, and what each counts by fragment (S, F), 0 where it did not arrive.
 
         Args:
             row: place of the UAV.
@@ -130,27 +132,28 @@ class Joined:
         """
         here = np.flatnonzero(self.arrived[row].any(axis=1))
         uavs, place = np.unique(self.senders[here], return_inverse=True)
-        arrived = self.by_weight(self.arrived[row, here])
-        models = np.where(arrived, self.models()[here], 0.0)
-        counts = np.where(arrived, self.by_weight(self.weights[here]), 0.0)
+        arrived, models = self.arrived[row, here], self.models()[here]
+        counts = self.weights[here] * arrived
         sent, slots = self.sent[here], self.slots[row, here]
-        samples = (self.weights[here] * self.arrived[row, here]).max(axis=1, initial=0.0)
-        if len(uavs) < len(here):  # parts of an earlier and of a later model of the same UAVs
-            last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
+        if len(self._uavs) > 1 and not arrived.all():  # fragments that only other UAVs received
+            models = np.where(self.by_weight(arrived), models, 0.0)
+        if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))
+            last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
             models, counts = (np.add.reduceat(table, first, axis=0) for table in (models, counts))
             arrived = np.logical_or.reduceat(arrived, first, axis=0)
-            slots = np.add.reduceat(slots, first)
-            sent, samples = sent[last], samples[last]
+            slots, sent = np.add.reduceat(slots, first), sent[last]
+        samples = counts.max(axis=1, initial=0.0)
         if own is not None:
             at = int(uavs.searchsorted(own.uav))
             uavs, sent, slots = np.insert(uavs, at, own.uav), np.insert(sent, at, number), np.insert(slots, at, 0)
-            samples = np.insert(samples, at, own.samples)
+            samples, counts = np.insert(samples, at, own.samples), np.insert(counts, at, own.samples, axis=0)
             models, arrived = np.insert(models, at, own.model, axis=0), np.insert(arrived, at, True, axis=0)
-            counts = np.insert(counts, at, own.samples, axis=0)
+        by_weight = self.by_weight(arrived)
         if not arrived.all():
-            models = np.where(arrived, models, mean(models, None, arrived))
-        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, arrived, number), counts
+            behind = self.by_weight(np.maximum(arrived.sum(axis=0, keepdims=True), 1))
+            np.copyto(models, np.add.reduce(models, axis=0) / behind, where=~by_weight)
+        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number), counts
 
 
 class Own(NamedTuple):

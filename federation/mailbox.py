@@ -34,7 +34,8 @@ class Mailbox:
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            self._frames.append(frames if received.all() else _picked(frames, received))
+            delivered = only(frames, frames.links, frames.slots) if received.all() else _picked(frames, received)
+            self._frames.append(delivered)
 
     def read(self, reader: str, uavs: Indices) -> list[Frames]:
         """The frames for some UAVs (M,) that a node, by name, has not read yet."""

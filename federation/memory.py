@@ -110,7 +110,8 @@ class GlobalModels:
         own = None
         if not self._seen[rows].all():
             rows, own, _ = learner.tell(rows)
-        models = self._globals[rows].reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats]
+        every = self._globals if len(rows) == len(self._globals) else self._globals[rows]
+        models = every.reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats].copy()
         if own is not None:
             seen = np.repeat(self._seen[rows], self._size, axis=1)[:, : self._floats]
             models = np.where(seen, models, own)
