@@ -364,6 +364,8 @@ class Post:
             why = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
         elif hop.role == "leader" and not has_leader():
             why = "there is no leader"
+        elif account.received - account.refused - {self._scenario.federation.leader}:
+            why = "the aggregation rule returned no model"
         note("void", f"round {number} is void: {why}; {words}", account.sent)
 
     @cached_property

@@ -198,7 +198,11 @@ SUMMARY = (
     ),
     Field("energy_total_J", ENERGY, "energy of all UAVs until the end of the flight: motion, radio and controllers"),
     Field("rounds", "1", "rounds whose average was broadcast"),
-    Field("rounds_void", "1", "rounds without a model of another UAV to average; nothing was broadcast"),
+    Field(
+        "rounds_void",
+        "1",
+        "rounds in which nothing was broadcast: no model of another UAV arrived, or the rule returned none",
+    ),
     Field(
         "models_sha256",
         "",

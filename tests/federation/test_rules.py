@@ -99,6 +99,7 @@ def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -
 
     summary, sink = fly(flown(wrong(step=step)))
     assert (summary["rounds"], summary["rounds_void"]) == (2, 3)
+    assert sum("the aggregation rule returned no model" in text for text in sink.texts) == 3
     assert not [text for text in sink.texts if "failed" in text]
 
 
