@@ -244,6 +244,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         topology = create("topology", self.topology, {}, self)
         try:
             return tuple(topology.hops())
+        except BadInput:
+            raise
         except FAILURES as error:
             raise BadInput(f"topology {self.topology!r}: {last_line(error)}") from error
 

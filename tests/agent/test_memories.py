@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meanflock.agent import node
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
@@ -35,10 +36,11 @@ def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_t
         Engine(flown(other, "duration=110"), "strangers", resume=past)
 
 
-def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on() -> None:
-    large = wrong(
-        init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"map": np.zeros((len(uavs), 1_000_000))}
-    )
+def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(node, "MAX_MEMORY_BYTES", 2**20)
+    large = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"map": np.zeros((len(uavs), 100_000))})
     for rows in (None, 1):
         summary, sink = fly(flown(large, "duration=1"), rows=rows)
         assert not any(block.checkpoint for block in sink.blocks)
