@@ -1,6 +1,6 @@
 # Three images of one source tree, each with what its process needs and no more:
 #   agent     NumPy, msgspec, Zenoh           python -m meanflock.agent, python -m meanflock.leader
-#   world     + SciPy                         python -m meanflock.worldsim
+#   world     + the Prometheus client         python -m meanflock.worldsim
 #   station   + Rerun, PyArrow, the CLI       python -m meanflock.groundstation, meanflock
 # docker build --target agent -t meanflock-agent:local .
 ARG BASE_IMAGE=python:3.12-slim

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from scipy import special
 
+from meanflock.channel import tails
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Floats
 
@@ -29,14 +29,15 @@ def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
 
 def slot_success(radio: Radio, distance_m: Floats) -> Floats:
     """Probability P[SNR ≥ η] = Q₁(ξ/χ, z_η/χ): tail of a non-central χ² with two degrees of freedom; same shape."""
-    variance = radio.rice_chi**2
-    return 1.0 - special.chndtr(squared_threshold(radio, distance_m) / variance, 2.0, radio.rice_xi**2 / variance)
+    return tails.rice_above(squared_threshold(radio, distance_m), radio.rice_xi, radio.rice_chi)
 
 
 def outage(radio: Radio, success: Floats, bits: int) -> Floats:
     """Probability of an outage, P[D_m > D_M] = P[Binomial(D_M, p) < K]; same shape as `success` p."""
     needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
-    return special.bdtr(float(needed - 1), slots, success) if needed <= slots else np.ones_like(success)
+    return (
+        tails.binomial_at_most(needed - 1, slots, success, 1.0 - success) if needed <= slots else np.ones_like(success)
+    )
 
 
 def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
@@ -48,7 +49,7 @@ def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
     needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
     if needed > slots:
         return np.zeros_like(success)
-    reached = special.bdtrc(float(needed), slots + 1, success)
+    reached = tails.binomial_at_most(slots - needed, slots + 1, 1.0 - success, success)  # slots that failed
     return np.divide(needed * reached, success, out=np.zeros_like(success), where=success > 0)
 
 

@@ -150,7 +150,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
         (("rerun", "rerun_sdk"), tuple(f"groundstation/recording/{name}.py" for name in (*RECORDING, "__init__"))),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
-        (("scipy",), (*GROUND, "channel/", "worldsim/")),
+        (("scipy",), GROUND),
     ],
     ids=lambda names: names[0],
 )
@@ -185,8 +185,8 @@ print(*sorted(({{name.split(".")[0] for name in sys.modules}} | set(sys.modules)
 
 
 HEAVY = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis", "matplotlib"]
-HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client"]
-SCIENCE = [*HEAVY, "scipy", "meanflock.channel", "meanflock.worldsim"]
+HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client", "scipy"]
+SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def load(door: Door, name: str) -> type:
             found = getattr(found, part)
     except FAILURES as error:
         what = f"{door} {name!r} of {plugin.source}"
-        ours = lacking(error, what, "world") if module.startswith("meanflock.") else ""
+        ours = lacking(error, what) if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{what}: {last_line(error)}") from error
     return checked(door, name, found, plugin.source)
 

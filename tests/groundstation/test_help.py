@@ -91,7 +91,7 @@ DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
     [
         (["--help"], [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh", "meanflock.groundstation.cli.fly"]),
         (["run", "--help"], [*DRAWING, "zenoh", "pyarrow.compute"]),
-        ([*QUICK, "--json"], [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client"]),
+        ([*QUICK, "--json"], [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client", "scipy"]),
     ],
     ids=["help", "help of run", "run"],
 )
