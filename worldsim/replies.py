@@ -18,6 +18,8 @@ from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim.members import LEADER, Member
 
+_NOBODY = np.zeros(0, dtype=np.intp)
+
 
 class Replies:
     """Reader of the Acts of a run. Nothing behind it checks a reply's size, shape or sender again."""
@@ -156,13 +158,23 @@ class Commands:
         Returns:
             The UAVs that replied with a diverged number; their rows are not stored.
         """
-        bounded = (np.abs(numbers) < BEYOND_SENSE).all(axis=-1)
-        stored = (replied & awake & bounded)[:, None]
-        np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored)
-        self.diagnostics = np.where(stored, numbers[:, state.AXES :], 0.0)
-        self.largest = np.maximum(self.largest, np.abs(self.diagnostics).max(axis=0, initial=0.0))
-        self.summed = self.summed + np.add.reduce(self.diagnostics[on_way], axis=0)
-        return np.flatnonzero(replied & ~bounded)
+        sizes = np.abs(numbers)
+        bounded = np.logical_and.reduce(sizes < BEYOND_SENSE, axis=1)
+        stored = replied & awake
+        stored &= bounded
+        diverged = _NOBODY
+        if b"\0" in stored.tobytes():  # faster than stored.all()
+            np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
+            numbers = np.where(stored[:, None], numbers, 0.0)
+            sizes = np.abs(numbers)
+            diverged = np.flatnonzero(replied & ~bounded)
+        else:
+            self.accelerations[...] = numbers[:, : state.AXES]
+        self.diagnostics = numbers[:, state.AXES :].copy()
+        largest = np.maximum.reduce(sizes[:, state.AXES :], axis=0, initial=0.0)
+        self.largest = np.maximum(self.largest, largest)
+        self.summed = self.summed + np.add.reduce(self.diagnostics.take(on_way.nonzero()[0], axis=0), axis=0)
+        return diverged
 
 
 class FrameMerger:
