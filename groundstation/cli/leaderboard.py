@@ -1,6 +1,5 @@
 """The command `leaderboard`: controllers over missions."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +10,12 @@ from meanflock.groundstation.cli.arguments import number_option, out_option, qui
 from meanflock.groundstation.cli.study_arguments import (
     backend_option,
     jobs_option,
+    lists,
+    names,
     progress_of,
     scheduler_option,
     store_in,
 )
-from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
     from meanflock.studies.leaderboard.board import Board
@@ -24,38 +24,12 @@ _FIRST_SEED = 8001
 _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
-class _Lists(click.Command):
-    """Command whose list options take all words up to the next one: `--missions paper swap --controllers plan`."""
-
-    lists = ("--missions", "--controllers", "--policies")
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeat the option before each of its words."""
-        given: list[str] = []
-        taking = ""
-        for word in args:
-            if word.startswith("-"):
-                taking = word if word in self.lists else ""
-                given += [] if taking else [word]
-            else:
-                given += [taking, word] if taking else [word]
-        for flag in self.lists:
-            if flag in args and flag not in given and not any(word.startswith(f"{flag}=") for word in args):
-                raise BadInput(f"{flag}: name one or more, or all")
-        return super().parse_args(ctx, given)
-
-
 def _several(flag: str, what: str) -> Any:
     about = f"{what}, or all.  [default: all]"
     return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about)
 
 
-def _names(given: Sequence[str]) -> list[str]:
-    """Split a list at spaces and commas."""
-    return [name for word in given for name in word.split(",") if name]
-
-
-@click.command(cls=_Lists)
+@click.command(cls=lists("--missions", "--controllers", "--policies"))
 @_several("--missions", "Missions to fly")
 @_several("--controllers", "Controllers or named rows")
 @click.option(
@@ -102,11 +76,11 @@ def leaderboard(
     from meanflock.studies.runner import terminable, workers
 
     contest = Contest(
-        known.chosen(_names(missions)),
-        rows.chosen(_names(controllers)),
+        known.chosen(names(missions)),
+        rows.chosen(names(controllers)),
         seeds,
         first_seed,
-        rows.policies(_names(policies)),
+        rows.policies(names(policies)),
     )
     with terminable(out):
         with (

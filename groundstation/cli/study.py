@@ -22,6 +22,8 @@ from meanflock.groundstation.cli.study_arguments import (
     SEEDS,
     backend_option,
     jobs_option,
+    lists,
+    names,
     progress_of,
     scenario_option,
     scheduler_option,
@@ -81,9 +83,9 @@ def compare(
             report([out / "compare.rrd"])
 
 
-@click.command()
+@click.command(cls=lists("--methods"))
 @click.argument("swept", metavar="KEY=V1,V2,…")
-@click.option("--methods", metavar="M1,M2,…", help="Controllers to sweep with.  [default: the scenario's]")
+@click.option("--methods", multiple=True, metavar="NAME…", help="Controllers to sweep with.  [default: the scenario's]")
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @seeds_option
@@ -92,7 +94,7 @@ def compare(
 @quiet_option
 def sweep(
     swept: str,
-    methods: str | None,
+    methods: tuple[str, ...],
     file: Path | None,
     seeds: int | None,
     jobs: int,
@@ -107,7 +109,7 @@ def sweep(
     fly only what is missing.
 
     \b
-    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb,mfgfl-hf --seeds 4
+    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb mfgfl-hf --seeds 4
     """
     from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.groundstation.results.quantities import with_unit
@@ -115,15 +117,14 @@ def sweep(
     from meanflock.studies.swept import Swept, refuse_setting
 
     varied = Swept.parse(swept)
-    of_key = {"method": {"--methods": methods}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
+    of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
     varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
-    if methods is not None:
+    if methods:
         refuse_setting("method", settings, "is what --methods names")
-    named = [name.strip() for name in (methods or "").split(",") if name.strip()]
-    names: list[str | None] = [*dict.fromkeys(named)] or [None]
+    flown_by: list[str | None] = [*dict.fromkeys(names(methods))] or [None]
     scenarios: dict[tuple[Any, ...], Scenario] = {}
     for value in varied.values:
-        for name in names:
+        for name in flown_by:
             one = load_scenario(file, (*settings, varied.setting(value)), method=name, **given)
             scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
     columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")

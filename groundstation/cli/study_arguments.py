@@ -1,6 +1,6 @@
 """Options of the commands that fly many times, their progress bar, and their store of flights."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,3 +94,33 @@ def store_in(out: Path) -> Iterator["Store"]:
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+def lists(*flags: str) -> type[click.Command]:
+    """A kind of command whose list options take all words up to the next option: `--missions paper swap --seeds 2`.
+
+    A word with = in it, as a key and its values, is none of a list.
+    """
+
+    class Lists(click.Command):
+        def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+            """Repeat the option before each of its words."""
+            given: list[str] = []
+            taking = ""
+            for word in args:
+                if word.startswith("-"):
+                    taking = word if word in flags else ""
+                    given += [] if taking else [word]
+                else:
+                    given += [taking, word] if taking and "=" not in word else [word]
+            for flag in flags:
+                if flag in args and flag not in given and not any(word.startswith(f"{flag}=") for word in args):
+                    raise BadInput(f"{flag}: name one or more, or all")
+            return super().parse_args(ctx, given)
+
+    return Lists
+
+
+def names(given: Sequence[str]) -> list[str]:
+    """Split a list at spaces and commas."""
+    return [name for word in given for name in word.replace(",", " ").split()]
