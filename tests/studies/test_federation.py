@@ -55,6 +55,11 @@ def test_the_findings_have_the_numbers_of_the_flights() -> None:
         assert np.exp(np.log(quiet / leader).mean()) < (0.6 if where == "lossy" else 1.045)
         for name in ("t_avg_censored_s", "energy_mean_J"):
             assert share(name, where) == pytest.approx(1.0, abs=2e-3)
+    late = [np.array(column("tracking", "late", "unknown", way)) for way in federation.LATE]
+    ratios = [f"{np.exp(np.log(one / late[0]).mean()):.2f}" for one in late]
+    assert ratios == ["1.00", "0.60", "0.61", "0.45"]
+    assert total("uploads_late", "late", "unknown", "leader") == 0
+    assert total("uploads_late", "late", "unknown", "leader, deadline 1.5 s") > 0
     wrong = "a fifth of the uploads has the wrong sign"
     assert [total("arrived", "trouble", wrong, way) for way in ("leader", "neighbours")] == [75, 0]
     near = ("trouble", "uploads reach 2 m", "leader")
