@@ -100,7 +100,8 @@ class Medium:
             slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
 
-        ends, spent, all_arrive = links.ends, None, bool(np.logical_and.reduce(delivered))
+        ends, spent = links.ends, None
+        all_arrive = bool(np.logical_and.reduce(delivered))
         if batch.kind != FrameKind.STATE:  # an aggregation rule may weigh models by their slots
             spent = np.zeros(len(ends), dtype=np.int32)
             spent[links.by_radio] = slots

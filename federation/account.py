@@ -39,7 +39,9 @@ class Account:
     """
 
     def __init__(self, participants: int, absent: int, sent: Iterable[int]) -> None:
-        self.participants, self.absent, self.sent = participants, absent, sorted(sent)
+        self.participants = participants
+        self.absent = absent
+        self.sent = sorted(sent)
         self.copies = self.arrived = self.earlier = self.isolated = 0
         self.received: set[int] = set()
         self.late: set[int] = set()
@@ -87,8 +89,12 @@ class Account:
         """The account of a snapshot."""
         participants, absent, sent, copies, arrived, earlier, received, late, refused = snapshot
         account = cls(participants, absent, sent)
-        account.copies, account.arrived, account.earlier = copies, arrived, earlier
-        account.received, account.late, account.refused = set(received), set(late), set(refused)
+        account.copies = copies
+        account.arrived = arrived
+        account.earlier = earlier
+        account.received = set(received)
+        account.late = set(late)
+        account.refused = set(refused)
         return account
 
 

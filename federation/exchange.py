@@ -109,13 +109,13 @@ class Exchange:
         Raises:
             MessageRejected: they do not fit.
         """
-        kept = {
+        restored = {
             name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
             for name, array in self.state().items()
         }
-        self._copies, self._copied = kept.pop(_COPIES), kept.pop(_COPIED)
-        self._samples = kept.pop(_SAMPLES)
-        self._states = {name.removeprefix(_RULE): array for name, array in kept.items()}
+        self._copies, self._copied = restored.pop(_COPIES), restored.pop(_COPIED)
+        self._samples = restored.pop(_SAMPLES)
+        self._states = {name.removeprefix(_RULE): array for name, array in restored.items()}
 
     def _one(self, row: int, number: int, joined: Joined) -> Floats | None:
         """The average of one row by a rule that is not linear; None where the rule waits for more."""

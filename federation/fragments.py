@@ -86,7 +86,9 @@ class Fragments:
         self.count = -(-floats // cut.size)
         size = cut.size
         self._floats, self._item = floats, item
-        self._counted, self._weighted, self._scaled = counted, weighted, scaled
+        self._counted = counted
+        self._weighted = weighted
+        self._scaled = scaled
         self._head = _NUMBER.itemsize + _FLOAT32.itemsize * weighted
         self._end = self._head + size * item.itemsize
         self._scale_of: NDArray[np.intp] = np.zeros((self.count, 0), dtype=np.intp)  # (F, scales of a fragment)

@@ -63,15 +63,11 @@ class Mail:
         if len(senders) == len(self.senders):
             return
         place = senders.searchsorted(self.senders)
-        grown = Mail(self._coding, self._uavs)
-        count = len(senders)
-        self.values, values = np.zeros((count, *grown.values.shape[1:])), self.values
-        self.weights, weights = np.zeros((count, *grown.weights.shape[1:])), self.weights
-        self.arrived, arrived = np.zeros((len(self._uavs), count, self._coding.count), dtype=bool), self.arrived
-        self.slots, slots = np.zeros((len(self._uavs), count), dtype=np.int64), self.slots
         self.senders = senders
-        self.values[place], self.weights[place] = values, weights
-        self.arrived[:, place], self.slots[:, place] = arrived, slots
+        self.values = _spread(self.values, place, len(senders))
+        self.weights = _spread(self.weights, place, len(senders))
+        self.arrived = _spread(self.arrived, place, len(senders), axis=1)
+        self.slots = _spread(self.slots, place, len(senders), axis=1)
 
 
 def usable(values: Floats) -> Mask:
@@ -146,9 +142,13 @@ class Joined:
         samples = counts.max(axis=1, initial=0.0)
         if own is not None:
             at = int(uavs.searchsorted(own.uav))
-            uavs, sent, slots = np.insert(uavs, at, own.uav), np.insert(sent, at, number), np.insert(slots, at, 0)
-            samples, counts = np.insert(samples, at, own.samples), np.insert(counts, at, own.samples, axis=0)
-            models, arrived = np.insert(models, at, own.model, axis=0), np.insert(arrived, at, True, axis=0)
+            uavs = np.insert(uavs, at, own.uav)
+            sent = np.insert(sent, at, number)
+            slots = np.insert(slots, at, 0)
+            samples = np.insert(samples, at, own.samples)
+            counts = np.insert(counts, at, own.samples, axis=0)
+            models = np.insert(models, at, own.model, axis=0)
+            arrived = np.insert(arrived, at, True, axis=0)
         by_weight = self.by_weight(arrived)
         if not arrived.all():
             behind = self.by_weight(np.maximum(arrived.sum(axis=0, keepdims=True), 1))
@@ -162,6 +162,15 @@ class Own(NamedTuple):
     uav: int
     model: Floats
     samples: float
+
+
+def _spread(table: NDArray[Any], place: Indices, count: int, axis: int = 0) -> NDArray[Any]:
+    """A table of `count` rows along an axis: those of a smaller table at the places `place`, all others 0."""
+    shape = list(table.shape)
+    shape[axis] = count
+    made = np.zeros(shape, table.dtype)
+    made[(slice(None),) * axis + (place,)] = table
+    return made
 
 
 def _in_order(tables: list[Floats], order: Indices) -> Floats:

@@ -91,9 +91,9 @@ class Mailbox:
 
     def close(self, number: int) -> None:
         """Drops the mail of a round and of all before it."""
-        kept = [place for place, frames in enumerate(self._frames) if frames.round > number]
-        self._read = np.searchsorted(kept, self._read)
-        self._frames = [self._frames[place] for place in kept]
+        later = [place for place, frames in enumerate(self._frames) if frames.round > number]
+        self._read = np.searchsorted(later, self._read)
+        self._frames = [self._frames[place] for place in later]
         self.addressed[:] = False
 
     def snapshot(self) -> list[Any]:

@@ -128,8 +128,10 @@ class GlobalModels:
         Raises:
             MessageRejected: they do not fit.
         """
-        kept = {
+        restored = {
             name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
             for name, array in self.state().items()
         }
-        self._globals, self._seen, self._fresh = kept[_GLOBALS], kept[_SEEN], kept[_FRESH]
+        self._globals = restored[_GLOBALS]
+        self._seen = restored[_SEEN]
+        self._fresh = restored[_FRESH]

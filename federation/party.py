@@ -132,12 +132,12 @@ class Party:
     def state(self) -> dict[str, NDArray[Any]]:
         """Arrays of M rows that a checkpoint keeps."""
         residuals = None if self._feedback is None else self._feedback.residuals
-        kept = {} if residuals is None else {_RESIDUALS: residuals}
+        state = {} if residuals is None else {_RESIDUALS: residuals}
         if self._trigger is not None:
-            kept[_SENT] = self._trigger.sent
+            state[_SENT] = self._trigger.sent
         if self._globals is not None:
-            kept |= self._globals.state()
-        return kept if self._exchange is None else kept | self._exchange.state()
+            state |= self._globals.state()
+        return state if self._exchange is None else state | self._exchange.state()
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Takes the arrays of `state` out of a checkpoint.
@@ -146,8 +146,8 @@ class Party:
             MessageRejected: they do not fit.
         """
         if self._feedback is not None and (residuals := self._feedback.residuals) is not None:
-            kept = expect(_RESIDUALS, state.pop(_RESIDUALS, NOBODY), residuals.shape, residuals.dtype)
-            self._feedback.residuals = kept.copy()
+            found = expect(_RESIDUALS, state.pop(_RESIDUALS, NOBODY), residuals.shape, residuals.dtype)
+            self._feedback.residuals = found.copy()
         if (trigger := self._trigger) is not None:
             trigger.sent = expect(_SENT, state.pop(_SENT, NOBODY), trigger.sent.shape, trigger.sent.dtype).copy()
         if self._globals is not None:

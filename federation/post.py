@@ -37,7 +37,11 @@ class Transmission:
             per_tick: fragments that a UAV transmits in a tick.
             sent: fragments of each whose turn is over.
         """
-        self._frames, self._rows, self._wanted, self._per_tick, self._sent = frames, rows, wanted, per_tick, sent
+        self._frames = frames
+        self._rows = rows
+        self._wanted = wanted
+        self._per_tick = per_tick
+        self._sent = sent
 
     @property
     def is_over(self) -> bool:
