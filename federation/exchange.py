@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from meanflock.federation.averager import Rule, RuleFailed, add_mail, close_mail
 from meanflock.federation.mail import Joined, Mail, Own
+from meanflock.federation.memory import taken_from
 from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
-from meanflock.swarm.wire.control import expect
-from meanflock.swarm.wire.messages import NOBODY, Frames
+from meanflock.swarm.wire.messages import Frames
 
 _COPIES, _COPIED, _SAMPLES = "meanflock.copies", "meanflock.copied", "meanflock.samples"  # in a checkpoint
 _RULE = "meanflock.rule."
@@ -109,10 +109,7 @@ class Exchange:
         Raises:
             MessageRejected: they do not fit.
         """
-        restored = {
-            name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
-            for name, array in self.state().items()
-        }
+        restored = taken_from(state, self.state())
         self._copies, self._copied = restored.pop(_COPIES), restored.pop(_COPIED)
         self._samples = restored.pop(_SAMPLES)
         self._states = {name.removeprefix(_RULE): array for name, array in restored.items()}

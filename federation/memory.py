@@ -30,6 +30,17 @@ class Learner(Protocol):
         ...
 
 
+def taken_from(state: dict[str, NDArray[Any]], wanted: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Copies of the arrays of `state` with the names, shapes and dtypes of those `wanted`; `state` loses them.
+
+    Raises:
+        MessageRejected: one is missing or does not fit.
+    """
+    return {
+        name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy() for name, array in wanted.items()
+    }
+
+
 class Feedback:
     """Error feedback for M rows: what coding takes from an upload is added to the row's next upload.
 
@@ -128,10 +139,7 @@ class GlobalModels:
         Raises:
             MessageRejected: they do not fit.
         """
-        restored = {
-            name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy()
-            for name, array in self.state().items()
-        }
+        restored = taken_from(state, self.state())
         self._globals = restored[_GLOBALS]
         self._seen = restored[_SEEN]
         self._fresh = restored[_FRESH]
