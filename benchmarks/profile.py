@@ -48,7 +48,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
     ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
-    ("meanflock.worldsim.replies:Replies.read", "read and check replies"),
+    ("meanflock.worldsim.barrier:Replies.read", "read and check replies"),
     ("meanflock.worldsim.world:World._collect", "collect commands and frames"),
     ("meanflock.worldsim.world:World._begin_faults", "fault script"),
     ("meanflock.worldsim.checkpoint:Checkpoints.keep", "checkpoints"),
@@ -61,7 +61,7 @@ WORLD: list[Part] = [
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
     ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),
-    ("meanflock.worldsim.physics:Physics.__call__", "flight: motion, energy"),
+    ("meanflock.worldsim.vehicles.base:Physics.__call__", "flight: motion, energy"),
     ("meanflock.worldsim.flight:pairs", "flight: close pairs"),
 ]
 MEMORY_BUS: list[Part] = [("meanflock.swarm.net.bus:MemoryBus.put", "bus: put")]

@@ -1,11 +1,18 @@
-"""Account of a round: which UAVs sent a model and what became of it, as the event of the round says it."""
+"""Records of the rounds: an account of each, which says what became of its models, and a hash of all models shared.
 
+Flights whose federations did the same, to the last bit, have equal hashes.
+"""
+
+import hashlib
 import re
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Frames
 
 _NAMED = 10  # UAVs that a text names, at most
 
@@ -128,3 +135,29 @@ def _some(count: int, what: str) -> str:
 def _uavs(uavs: list[int]) -> str:
     named = ", ".join(map(str, uavs[:_NAMED]))
     return f"UAV{'s' * (len(uavs) > 1)} {named}{', …' * (len(uavs) > _NAMED)}"
+
+
+class ModelsHash:
+    """Hash of the global models, as they are coded, in the order in which they are broadcast.
+
+    Where no global model goes by radio, as with the topology `neighbours`, the uploads count in their place.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        by_radio = [hop.label for hop in scenario.hops if not hop.is_local]
+        self._label = by_radio[-1] if by_radio else None
+        self.digest = b""  # after the models so far; empty before the first
+
+    @property
+    def hexdigest(self) -> str | None:
+        """The hash as text; None if no model was sent."""
+        return self.digest.hex() or None
+
+    def add(self, frames: Iterable[Frames]) -> None:
+        """Add the models among the frames of a tick, sources ascending."""
+        for batch in frames:
+            if batch.kind == self._label:
+                form = f"{batch.round} {batch.payload.dtype.str} {batch.payload.shape}".encode()
+                whole = hashlib.sha256(self.digest + form + batch.source.astype("<i4").tobytes())
+                whole.update(np.ascontiguousarray(batch.payload).data)
+                self.digest = whole.digest()

@@ -31,8 +31,7 @@ with needed("the world", "world"):
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
-    from meanflock.worldsim.summary import every_uav_was_lost
-    from meanflock.worldsim.timing import factor
+    from meanflock.worldsim.summary import every_uav_was_lost, factor
     from meanflock.worldsim.world import World
 
 LINGER_S = 20.0  # wait for a recorder that is slow, or that is restarted

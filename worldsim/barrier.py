@@ -1,4 +1,4 @@
-"""The barrier of a tick: the requests to the nodes, the frames that go with them, and the replies that have come."""
+"""The barrier of a tick: requests to the nodes with their frames; replies, validated as they are read, and merged."""
 
 import threading
 import time
@@ -8,15 +8,247 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.meter import Meter
 from meanflock.federation.mailbox import only
+from meanflock.federation.post import Post
+from meanflock.federation.topology.base import Role
+from meanflock.swarm import state
+from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.state import States, contains
-from meanflock.swarm.wire import tick
-from meanflock.swarm.wire.messages import Act, Frames, Sense
-from meanflock.worldsim.members import Member
-from meanflock.worldsim.replies import Replies
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, States, contains
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
+from meanflock.worldsim.members import LEADER, Member
+
+_NOBODY = np.zeros(0, dtype=np.intp)
+
+
+class Replies:
+    """Reader of the Acts of a run. Nothing behind it checks a reply's size, shape or sender again."""
+
+    def __init__(self, scenario: Scenario, run: int, post: Post, longest: Callable[[int], int]) -> None:
+        """`run`: the run's fingerprint. `longest`: most bytes of the Act of a node with so many UAVs."""
+        declared = scenario.declared
+        self._scenario = scenario
+        self._run = run
+        self._post = post
+        self._longest = longest
+        self._columns = state.AXES + len(declared.diagnostics)
+        self._weights = declared.weights
+        self._broadcast_numbers = declared.broadcast_numbers
+        self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
+        self._leader = np.array([scenario.federation.leader])
+
+    def table(self) -> Floats:
+        """Zeros of the shape (N, 2 + K) of the numbers of all UAVs in a tick."""
+        return np.zeros((self._scenario.uavs, self._columns))
+
+    def read(self, member: Member, tick: int, raw: bytes, into: Floats | None = None) -> Act:
+        """Read and validate the Act of a node that replies to the request of a tick.
+
+        Args:
+            member: the node.
+            tick: the tick of the request.
+            raw: the message.
+            into: (N, 2 + K), where the node's numbers are written, even if the Act is then rejected; None: nowhere.
+
+        Raises:
+            MessageRejected: not a valid Act of this node; the reasons are those of `errors.MessageRejected`.
+        """
+        if len(raw) > (longest := self._longest(member.rows)):
+            raise MessageRejected("oversized", f"{len(raw)} bytes, at most {longest} expected")
+        rows = np.zeros((member.rows, self._columns)) if into is None else into[member.place]
+        act = wire.read_act(raw, rows)
+        if into is not None and not isinstance(member.place, slice):
+            into[member.place] = rows
+        if act.run != self._run:
+            raise MessageRejected("wrong-run", f"run {act.run:#x}, this is {self._run:#x}")
+        if act.tick != tick:
+            raise MessageRejected("stale", f"reply to tick {act.tick} in tick {tick}")
+        if act.models is not None and act.models.shape[1] != self._weights:
+            raise MessageRejected(
+                "wrong-shape", f"models: expected {(member.rows, self._weights)}, got {act.models.shape}"
+            )
+        if len(act.refused):
+            self._check_refused(member, tick, act.refused)
+        if len(act.lost) and not contains(member.uavs, act.lost).all():
+            raise MessageRejected("wrong-shape", "lost names UAVs of another node")
+        if act.outbox:
+            self._check_outbox(member, act.outbox)
+        return act
+
+    def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
+        """Negative numbers name uploads (~UAV), which only a node that averages may refuse; the others name states."""
+        uavs = self._scenario.uavs
+        if len(np.unique(refused)) < len(refused) or not ((refused >= -uavs) & (refused < uavs)).all():
+            raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
+        uploads = ~refused[refused < 0]
+        states = refused[refused >= 0]
+        if member.role == LEADER and len(states):
+            raise MessageRejected("wrong-shape", "a leader receives no states")
+        if len(uploads):
+            self._post.check_refused(_role(member), tick, uploads, member.uavs)
+        if member.rows == 1 and contains(member.uavs, states).any():
+            raise MessageRejected("wrong-shape", "refused names the node's own UAV")
+
+    def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:
+        if len(outbox) > 1:
+            batches = {(frames.kind, frames.round if frames.kind == FrameKind.STATE else 0) for frames in outbox}
+            if len(batches) != len(outbox) or len(outbox) > MAX_BROADCASTS + len(FrameKind):
+                raise MessageRejected("wrong-shape", "two batches of one kind in one outbox, or too many")
+        for frames in outbox:
+            self._check_frames(member, frames)
+
+    def _check_frames(self, member: Member, frames: Frames) -> None:
+        kind = frames.kind
+        source = frames.source
+        payload = frames.payload
+        if kind != FrameKind.STATE:
+            self._post.check(_role(member), frames)
+        elif member.role == LEADER:
+            raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
+        else:
+            if payload.dtype.kind == "f" and payload.dtype != self._float:
+                raise MessageRejected("wrong-shape", f"payload: expected floats {self._float}, got {payload.dtype}")
+            if not 0 < payload.shape[1] <= self._broadcast_numbers or frames.round >= MAX_BROADCASTS:
+                raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {payload.shape[1]} numbers")
+        own = self._leader if member.role == LEADER else member.uavs
+        if not len(source) or not (_equal(own, source) or _ascending_part(own, source)):
+            raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
+        if frames.links is not None:
+            raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
+
+
+def _role(member: Member) -> Role:
+    return "leader" if member.role == LEADER else "agent"
+
+
+def _equal(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
+    # `np.array_equal` takes twice as long.
+    return len(own) == len(source) and bool(np.logical_and.reduce(own == source))
+
+
+def _ascending_part(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
+    return bool(contains(own, source).all() and (source[1:] > source[:-1]).all())
+
+
+class Commands:
+    """The current command of each UAV, and the diagnostics of the last tick.
+
+    Attributes:
+        accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
+        diagnostics: (N, K). The row of a UAV without a reply is 0.
+        largest: (K,), maximum of |diagnostics| over the flight.
+        summed: (K,), sum of the diagnostics of UAVs on the way over the flight.
+    """
+
+    def __init__(self, uavs: int, diagnostics: int) -> None:
+        self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
+        self.diagnostics: Floats = np.zeros((uavs, diagnostics))
+        self.largest: Floats = np.zeros(diagnostics)
+        self.summed: Floats = np.zeros(diagnostics)
+
+    def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> NDArray[np.intp]:
+        """Store the numbers (N, 2 + K) of the UAVs that replied and are awake.
+
+        Args:
+            numbers: of the replies, finite.
+            replied: (N,), UAVs whose node replied.
+            awake: (N,), UAVs that take part in the tick.
+            on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
+
+        Returns:
+            The UAVs that replied with a diverged number; their rows are not stored.
+        """
+        sizes = np.abs(numbers)
+        bounded = np.logical_and.reduce(sizes < BEYOND_SENSE, axis=1)
+        stored = replied & awake
+        stored &= bounded
+        diverged = _NOBODY
+        if b"\0" in stored.tobytes():  # faster than stored.all()
+            np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
+            numbers = np.where(stored[:, None], numbers, 0.0)
+            sizes = np.abs(numbers)
+            diverged = np.flatnonzero(replied & ~bounded)
+        else:
+            self.accelerations[...] = numbers[:, : state.AXES]
+        self.diagnostics = numbers[:, state.AXES :].copy()
+        largest = np.maximum.reduce(sizes[:, state.AXES :], axis=0, initial=0.0)
+        self.largest = np.maximum(self.largest, largest)
+        self.summed = self.summed + np.add.reduce(self.diagnostics.take(on_way.nonzero()[0], axis=0), axis=0)
+        return diverged
+
+
+class FrameMerger:
+    """Joins the frames of a tick by kind, broadcast number and form; drops those that may not be sent now."""
+
+    def __init__(self, post: Post, drop: Callable[[MessageRejected, str], None]) -> None:
+        """`drop`: counts a batch that is dropped."""
+        self._post = post
+        self._drop = drop
+
+    def merged(self, tick: int, sent: Iterable[Frames], awake: Mask, meter: Meter) -> list[Frames]:
+        """The joined frames of a tick.
+
+        Args:
+            tick: the tick.
+            sent: one batch for each node, kind and broadcast, nodes in order of their UAVs.
+            awake: (N,), UAVs that may send.
+            meter: counts the bytes of the batches.
+        """
+        alike: dict[tuple[int, int, str, int], list[Frames]] = {}
+        for batch in sent:
+            broadcast = batch.round if batch.kind == FrameKind.STATE else 0
+            form = batch.kind, broadcast, batch.payload.dtype.str, batch.payload.shape[1]
+            alike.setdefault(form, []).append(batch)
+        # Sorted by form, so that the order does not depend on how UAVs are divided among processes.
+        ordered = [alike[form] for form in sorted(alike)] if len(alike) > 1 else alike.values()
+        return [frames for batches in ordered if (frames := self._joined(tick, batches, awake, meter))]
+
+    def _joined(self, tick: int, batches: list[Frames], awake: Mask, meter: Meter) -> Frames | None:
+        if batches[0].kind != FrameKind.STATE:
+            batches = self._in_round(tick, batches)
+        if b"\0" in awake.tobytes():  # faster than awake.all()
+            batches = [part for batch in batches if (part := _by_awake(batch, awake)) is not None]
+        for batch in batches:
+            meter.wire(batch.kind, wire.bytes_of_batch(batch))
+        return _join(batches) if batches else None
+
+    def _in_round(self, tick: int, batches: list[Frames]) -> list[Frames]:
+        """The batches that belong to a round that transmits in this tick, each UAV once."""
+        accepted: list[Frames] = []
+        senders: set[int] = set()
+        for batch in batches:
+            uavs = batch.source.tolist()
+            error = self._post.stray(batch, tick)
+            if error is None and not senders.isdisjoint(uavs):
+                error = MessageRejected("duplicate", f"two {batch.kind.name} frames of one UAV")
+            if error is None:
+                accepted.append(batch)
+                senders.update(uavs)
+            else:
+                self._drop(error, f"frames of UAV {uavs[0]}")
+        return accepted
+
+
+def _by_awake(batch: Frames, awake: Mask) -> Frames | None:
+    """The frames of UAVs that are awake; None if there are none."""
+    sending = awake[batch.source]
+    if sending.all():
+        return batch
+    return Frames(batch.kind, batch.round, batch.source[sending], batch.payload[sending]) if sending.any() else None
+
+
+def _join(batches: list[Frames]) -> Frames:
+    """One batch of all frames of batches of one kind and round."""
+    if len(batches) == 1:
+        return batches[0]
+    source = np.concatenate([batch.source for batch in batches])
+    return Frames(batches[0].kind, batches[0].round, source, np.concatenate([batch.payload for batch in batches]))
 
 
 class Barrier:
@@ -97,7 +329,7 @@ class Barrier:
             memory: state of the aggregation rule, for a new leader.
         """
         report = self.reporting and len(states) > 0
-        request = tick.write_sense(Sense(self._fingerprint, self._tick, states, report, checkpoint, received, memory))
+        request = wire.write_sense(Sense(self._fingerprint, self._tick, states, report, checkpoint, received, memory))
         name = member.name
         with self._gate:
             self.asked[name] = self._silent[keys.act(self._run, name)] = member

@@ -15,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.medium import Medium
+from meanflock.federation.account import ModelsHash
 from meanflock.federation.post import Post
 from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
-from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.barrier import Barrier, Commands
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.models_hash import ModelsHash
-from meanflock.worldsim.replies import Commands
 from meanflock.worldsim.reporting import Reporter
 from meanflock.worldsim.summary import Counters
 

@@ -22,7 +22,7 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.swarm import __version__
 from meanflock.swarm.net.address import Address
 from meanflock.swarm.wire.messages import Status
-from meanflock.worldsim.timing import Durations
+from meanflock.worldsim.summary import Durations
 from meanflock.worldsim.world import World
 
 _TRAFFIC_FIELDS = {  # field of `Traffic` → name and help of the metric

@@ -21,9 +21,9 @@ from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.state import BEYOND_SENSE, Floats
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Act, Event, Finished, FrameKind, Status, Telemetry
+from meanflock.worldsim.barrier import Commands
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.replies import Commands
 from meanflock.worldsim.summary import Counters, weight_spread
 
 STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick: telemetry has all their outages, and a sample of the rest

@@ -11,8 +11,7 @@ from meanflock.swarm.scenario import tables
 from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.members import LEADER, Member
-from meanflock.worldsim.summary import Counters
-from meanflock.worldsim.timing import Durations, Schedule
+from meanflock.worldsim.summary import Counters, Durations, Schedule
 
 log = logging.getLogger("meanflock.world")
 

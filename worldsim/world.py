@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.channel.medium import NO_LINKS, Medium
+from meanflock.federation.account import ModelsHash
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import RunFailed
@@ -16,17 +17,14 @@ from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, Frames
 from meanflock.worldsim.admission import Admission
-from meanflock.worldsim.barrier import Barrier, reaching, received_by
+from meanflock.worldsim.barrier import Barrier, Commands, FrameMerger, Replies, reaching, received_by
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Checkpoints, Resumption
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import Limits
 from meanflock.worldsim.members import LEADER, Member, Members
-from meanflock.worldsim.models_hash import ModelsHash
-from meanflock.worldsim.replies import Commands, FrameMerger, Replies
 from meanflock.worldsim.reporting import Reporter
-from meanflock.worldsim.summary import Counters, protocol_summary, summary
-from meanflock.worldsim.timing import Durations, Schedule
+from meanflock.worldsim.summary import Counters, Durations, Schedule, protocol_summary, summary
 from meanflock.worldsim.waiting import Pace, Waiting
 
 REPORT_EVERY_TICKS = 10

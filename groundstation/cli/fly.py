@@ -33,8 +33,7 @@ from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_e
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.address import Address
-from meanflock.worldsim.summary import every_uav_was_lost
-from meanflock.worldsim.timing import factor
+from meanflock.worldsim.summary import every_uav_was_lost, factor
 
 
 class _Run(click.Command):

@@ -13,7 +13,7 @@ from meanflock.swarm.net.address import Address
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.exporter import exported
-from meanflock.worldsim.timing import BOUNDS_S
+from meanflock.worldsim.summary import BOUNDS_S
 from tests.polling import DEADLINE_S
 
 RUN = "watched"

@@ -14,8 +14,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field.interaction import empirical
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Energy, Truth, load
-from meanflock.worldsim.encounters import Pairs, pairs
-from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.flight import Flight, Pairs, pairs
 from tests.worldsim.flights import power
 
 ORACLES = Path(__file__).parents[1] / "oracle"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from meanflock.federation.account import ModelsHash
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.models_hash import ModelsHash
 from tests.telemetry import fly
 
 SETTINGS = ["uavs=5", "federation.period=10", 'stop="duration"', "duration=102"]

@@ -8,7 +8,7 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS
-from meanflock.worldsim.timing import factor
+from meanflock.worldsim.summary import factor
 from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
 
 

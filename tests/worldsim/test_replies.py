@@ -19,10 +19,9 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.worldsim.barrier import Barrier
+from meanflock.worldsim.barrier import Barrier, Commands, FrameMerger, Replies
 from meanflock.worldsim.checkpoint import Memories
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.replies import Commands, FrameMerger, Replies
 from meanflock.worldsim.summary import Counters, protocol_summary
 from tests.swarm.examples import same
 
