@@ -35,6 +35,7 @@ _COMMANDS = {  # in the order of their use
     "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),
     "doctor": _Listed("prepare", "doctor", "Check whether a run would work on this machine."),
     "plugins": _Listed("prepare", "plugins_command", "List controllers and all other plug-ins, with their options."),
+    "new": _Listed("new", "new", "Write a package for your own controller or other plug-in."),
     "scenario": _Listed("prepare", "scenario_group", "Print a scenario, or the schema of scenario files."),
     "certs": _Listed("prepare", "certs_group", "Make TLS certificates for the nodes of a swarm."),
 }

@@ -51,9 +51,13 @@ def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
     from importlib.metadata import entry_points  # only here: it takes time to load
 
     found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
+    packages: dict[Any, str] = {}  # name and version by distribution: reading them takes time
+    points = entry_points()  # one search for all groups
     for door, group in GROUPS.items():
-        for point in entry_points(group=group):
-            package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else "unknown package"
+        for point in points.select(group=group):
+            if point.dist not in packages:
+                packages[point.dist] = f"{point.dist.name} {point.dist.version}" if point.dist else "unknown package"
+            package = packages[point.dist]
             plugin = Plugin(door, point.name, package, point.value, package)
             others = found.get((door, point.name), ())
             if all(other.reference != plugin.reference for other in others):  # a package on the path twice is one
