@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import numpy as np
+
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event
+from meanflock.worldsim.checkpoint import Resumption
 
 
 class Record(Kept):
@@ -21,6 +24,14 @@ class Record(Kept):
 
     def kinds(self, *kinds: str) -> list[tuple[int, str]]:
         return [(event.tick, event.kind) for event in self.events if event.kind in kinds]
+
+    @property
+    def checkpoints(self) -> list[Resumption]:
+        """All that the flight could continue from, in order of time."""
+        carriers = [number for number, block in enumerate(self.blocks) if block.checkpoint]
+        states = [np.concatenate([block.states for block in self.blocks[: number + 1]]) for number in carriers]
+        raws = [self.blocks[number].checkpoint for number in carriers]
+        return [Resumption.decode(raw, history) for raw, history in zip(raws, states, strict=True)]
 
 
 def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Record]:

@@ -19,18 +19,23 @@ UAVS = (2, 3, 5)  # of eight
 
 
 def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
-    return load(None, ["uavs=8", "federation.period=5", *settings], method=method)
+    return load(None, ["uavs=8", "federation.period=5", f"method={method}", *settings])
 
 
 def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
+    """Of an agent, or of the leader if there are no UAVs."""
     plan = starts(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
-    return Welcome(NUMBER, f"agent-{uavs[0]}", uavs, 0, scenario.encode(of), plan)
+    return Welcome(NUMBER, f"agent-{uavs[0]}" if uavs else "leader", uavs, 0, scenario.encode(of), plan)
 
 
 def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
     """Made-up states of some UAVs: the same UAV is at the same place whoever holds it."""
     everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, state.SIZE))
     return everyone[list(uavs)]
+
+
+def sense_of(tick: int, uavs: tuple[int, ...], *inbox: Frames) -> Sense:
+    return Sense(NUMBER, tick, states_at(tick, uavs), True, False, inbox)
 
 
 def sense(tick: int, *inbox: Frames, states: np.ndarray | None = None, report: bool = True) -> Sense:

@@ -28,15 +28,15 @@ from meanflock.agent.node import Agent
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 
-scenario = b'{"method": "METHOD", "uavs": 4, "federation": '
-scenario += b'{"period": 2, "fraction": 1.0, "payload": "int8", "fragment": 0}}'
 plan = np.arange(16, dtype="<f4").reshape(4, 4)
-agent = Agent(control.decode(control.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
 heard = Frames(FrameKind.STATE, 0, np.array([0, 2], "<i4"), plan[[0, 2]], np.array([[0, 1], [1, 1]], "<i4"))
-inbox = (heard,) if "METHOD" == "hjb" else ()
-acts = [agent.act(Sense(1, now, plan[1:2].astype("<f8"), True, True, inbox)) for now in range(5)]
-raw = [tick.write_act(act) for act in acts]
-assert sum(len(act.outbox) for act in acts) >= 2
+for method, inbox in ((b"mfgfl-hf", ()), (b"hjb", (heard,))):
+    scenario = b'{"method": "%s", "uavs": 4, "federation": ' % method
+    scenario += b'{"period": 2, "fraction": 1.0, "payload": "int8", "fragment": 0}}'
+    agent = Agent(control.decode(control.encode(Welcome(1, "agent-1", (1,), 0, scenario, plan))))
+    acts = [agent.act(Sense(1, now, plan[1:2].astype("<f8"), True, True, inbox)) for now in range(5)]
+    raw = [tick.write_act(act) for act in acts]
+    assert sum(len(act.outbox) for act in acts) >= 2
 print(*(name for name, module in sys.modules.items() if module is not None))
 """
 
@@ -50,13 +50,21 @@ def loaded_by(code: str) -> set[str]:
 
 # Finding plug-ins loads parsers of packages, 2 MiB, which forked agents share.
 FINDING = "import sys, importlib.metadata; print(*sys.modules)"
+FORKED = """
+import sys
+import meanflock.agent.__main__
+from meanflock.agent import prefork
+
+prefork._preload()
+print(*sys.modules)
+"""
 
 
-@pytest.mark.parametrize("method", ["mfgfl-hf", "hjb"])
-def test_an_agent_loads_nothing_it_does_not_need(method: str) -> None:
-    loaded = loaded_by(LIFE.replace("METHOD", method))
+def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_forked() -> None:
+    loaded = loaded_by(LIFE)
     assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < loaded
     assert sorted((loaded & NEEDLESS) - loaded_by(FINDING)) == []
+    assert sorted(loaded - loaded_by(FORKED)) == []
 
 
 IMPORTS = """
@@ -100,17 +108,3 @@ def test_an_agent_flies_plug_ins_that_import_whatever_is_installed(by: str, tmp_
         environment["PYTHONPATH"] = str(tmp_path)
     ran = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
     assert ran.stdout == "linked\n", ran.stderr
-
-
-FORKED = """
-import sys
-import meanflock.agent.__main__
-from meanflock.agent import prefork
-
-prefork._preload()
-print(*sys.modules)
-"""
-
-
-def test_all_modules_of_agents_are_loaded_before_they_are_forked() -> None:
-    assert sorted(loaded_by(LIFE.replace("METHOD", "mfgfl-hf")) - loaded_by(FORKED)) == []

@@ -4,25 +4,22 @@ import numpy as np
 import pytest
 
 from meanflock.agent import node
+from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
-from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.checkpoint import Resumption
 from tests.agent.strangers import Honest, flown, wrong
 from tests.telemetry import fly
 
 
-def checkpointed(of: Scenario) -> Resumption:
-    """The last checkpoint of a flight, with the states up to it."""
-    _, sink = fly(of)
-    last = max(k for k, block in enumerate(sink.blocks) if block.checkpoint)
-    history = np.concatenate([block.states for block in sink.blocks[: last + 1]])
-    return Resumption.decode(sink.blocks[last].checkpoint, history)
+@pytest.fixture(autouse=True)
+def _often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "_checkpoint_every", lambda *_: 10)
 
 
 def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
-    past = checkpointed(of := flown(Honest, "duration=110"))
+    of = flown(Honest, "duration=3")
+    past = fly(of)[1].checkpoints[-1]
     plugin, made = registry.registered["controller", "stranger"]
     registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), made
     with pytest.raises(BadInput, match=r"controller 'stranger' of this process; here it is of sha256 of another"):
@@ -30,10 +27,10 @@ def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> N
 
 
 def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_the_uavs() -> None:
-    past = checkpointed(flown(Honest, "duration=110"))
+    past = fly(flown(Honest, "duration=3"))[1].checkpoints[-1]
     other = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"more": np.zeros(len(uavs))})
     with pytest.raises(BadInput, match=r"UAV 0, 1, 2, 3, 4.* does not fit this controller: .*'more'"):
-        Engine(flown(other, "duration=110"), "strangers", resume=past)
+        Engine(flown(other, "duration=3"), "strangers", resume=past)
 
 
 def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on(

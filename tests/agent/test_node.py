@@ -1,14 +1,12 @@
-"""The agent node: frames it receives, rows that diverge, frames that do not fit."""
+"""The agent node: frames it receives, and rows that diverge. Frames that do not fit: tests/federation."""
 
 import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.kernels.mean_field import layout
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
+from meanflock.swarm.wire.messages import Act, FrameKind
 from tests.agent.nodes import flown, frames, models, sense, states_at, welcome
 
 
@@ -50,9 +48,6 @@ def test_hjb_knows_of_others_only_what_the_radio_brought() -> None:
         assert one.commands[2, 3] != other.commands[2, 3]  # φ_G
 
 
-# -- divergence ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
 def test_a_row_that_diverges_is_silenced_for_good_and_reported_and_the_others_never_notice(method: str) -> None:
     of = flown(method=method)
@@ -84,40 +79,3 @@ def test_a_state_beyond_the_radio_s_floats_is_not_sent_and_the_others_are() -> N
         act = agent.act(sense(1, states=states))
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
     assert ([batch.source.tolist() for batch in act.outbox], len(act.lost)) == ([[2, 5]], 0)
-
-
-# -- what does not fit --------------------------------------------------------------------------------------------
-
-
-ZERO = np.zeros((1, layout.MODEL_FLOATS))
-MISFITS: dict[str, Sense] = {
-    "an upload": sense(1, frames(FrameKind.UPLOAD, [0], ZERO, [[0, 2]])),
-    "a relay": sense(1, frames(FrameKind.RELAY, [0], np.zeros((1, 247)), [[0, 2]])),
-    "no links": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, None)),
-    "a model too short": sense(1, frames(FrameKind.GLOBAL, [0], ZERO[:, :-1], [[0, 2]])),
-    "more sources than payload": sense(1, frames(FrameKind.GLOBAL, [0, 1], ZERO, [[0, 2]])),
-    "a UAV that is not here": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[0, 4]])),
-    "a UAV that is nowhere": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[0, 99]])),
-    "a source that is nowhere": sense(1, frames(FrameKind.GLOBAL, [8], ZERO, [[0, 2]])),
-    "a negative source": sense(1, frames(FrameKind.GLOBAL, [-1], ZERO, [[0, 2]])),
-    "a link beyond the payload": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[1, 2]])),
-    "a negative link": sense(1, frames(FrameKind.GLOBAL, [0], ZERO, [[-1, 2]])),
-    "a payload in doubles": sense(1, Frames(FrameKind.GLOBAL, 1, np.zeros(1, "<i4"), ZERO, np.array([[0, 2]], "<i4"))),
-    "a good frame before a bad one": sense(
-        1,
-        frames(FrameKind.GLOBAL, [0], ZERO, [[0, 2]]),
-        frames(FrameKind.STATE, [0], np.zeros((1, 4)), [[1, 2]]),
-    ),
-}
-
-
-@pytest.mark.parametrize("what", MISFITS)
-def test_a_sense_that_does_not_fit_is_rejected_and_nothing_has_changed(what: str) -> None:
-    of = flown()
-    agent, untouched = Agent(welcome(of)), Agent(welcome(of))
-    agent.act(sense(0))
-    untouched.act(sense(0))
-    with pytest.raises(MessageRejected):
-        agent.act(MISFITS[what])
-    after, expected = agent.act(sense(1)), untouched.act(sense(1))
-    assert wire.write_act(after) == wire.write_act(expected)

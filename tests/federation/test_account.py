@@ -1,10 +1,11 @@
-"""The event of a round says in words, from which the shares can be read, what became of its uploads."""
+"""The event of a round says in words what became of its uploads; the hash of the models."""
 
 import numpy as np
 import pytest
 
-from meanflock.federation.account import Account, shares
+from meanflock.federation.account import Account, ModelsHash, shares
 from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.telemetry import fly
 
 FIVE = ("uavs=5", "duration=12", 'stop="duration"', "federation.period=50", "federation.fraction=1.0")
@@ -54,3 +55,25 @@ def test_the_event_of_a_round_is_its_account(settings: tuple[str, ...], expected
     event = next(event for event in sink.events if event.kind in ("round", "void"))
     assert event.text == expected
     assert len(event.uavs) == int(expected.split(" of 5")[0].split()[-1])
+
+
+def test_every_bit_of_the_models_counts_in_their_hash_but_uploads_do_not_where_a_leader_broadcasts() -> None:
+    assert fly(load(None, FIVE, method="plan"))[0]["models_sha256"] is None
+
+    def hashed(label: FrameKind, *models: float, number: int = 1) -> str | None:
+        made = ModelsHash(load(None, FIVE, method="mfgfl-h"))
+        for model in models:
+            made.add([Frames(label, number, np.array([0], np.int32), np.array([[model]], np.float32))])
+        return made.hexdigest
+
+    two = hashed(FrameKind.GLOBAL, 1.0, 2.0)
+    assert two == hashed(FrameKind.GLOBAL, 1.0, 2.0)
+    assert two is not None
+    others = [
+        hashed(FrameKind.GLOBAL, 2.0, 1.0),
+        hashed(FrameKind.GLOBAL, 1.0, float(np.nextafter(np.float32(2.0), np.float32(3.0)))),
+        hashed(FrameKind.GLOBAL, 1.0, 2.0, number=2),
+        hashed(FrameKind.GLOBAL, 1.0),
+    ]
+    assert len({two, *others}) == 5
+    assert hashed(FrameKind.UPLOAD, 1.0) is None

@@ -1,6 +1,7 @@
 """Models that are too long for one message: how they are cut, billed, lost, put together, and resumed in mid-round."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,41 +20,10 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
-from meanflock.worldsim.checkpoint import Resumption
+from tests.federation.long_model import Long
 from tests.telemetry import fly
 
 LENGTH = 100_000
-
-
-class Long(mf.Controller):
-    """Shares a long model: a walk of its own from round to round, so that every round has something to average."""
-
-    name = "long"
-    period_ticks = 20
-
-    class Options(mf.Options, frozen=True):
-        length: int = 3000
-        decay: float = 0.999
-
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        super().__init__(options, scenario)
-        self.parameters, self.weights = options.length, 0
-        self.parts = (options.length // 3, options.length - options.length // 3)
-
-    def init(self, uavs: np.ndarray, plan: np.ndarray) -> dict[str, Any]:
-        return {"model": np.stack([np.random.default_rng(int(uav)).normal(size=self.parameters) for uav in uavs])}
-
-    def step(self, memory: dict[str, Any], tick: int, own: np.ndarray, received: Any) -> mf.Step:
-        pull = memory["model"][:, :2] * 0.01  # so that the flight depends on the model
-        return mf.Step({"model": memory["model"] * self.options.decay}, pull - 0.05 * own[:, :2] - 0.3 * own[:, 2:])
-
-    def get(self, memory: dict[str, Any]) -> np.ndarray:
-        return np.asarray(memory["model"])
-
-    def set(self, memory: dict[str, Any], rows: np.ndarray, models: np.ndarray) -> dict[str, Any]:
-        after = memory["model"].copy()
-        after[rows] = models
-        return {"model": after}
 
 
 @pytest.fixture(autouse=True)
@@ -147,46 +117,6 @@ def test_without_losses_a_round_in_fragments_is_the_mean(topology: str) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("topology", "keys"),
-    [
-        ("leader", ("federation.payload=int8",)),
-        ("clusters=2", ()),
-        ("neighbours", ("federation.upload_threshold=0.01",)),
-        ("neighbours", ("federation.aggregation=median",)),
-    ],
-)
-def test_a_flight_in_fragments_is_the_same_in_any_number_of_nodes_and_resumed_in_mid_round(
-    topology: str, keys: tuple[str, ...]
-) -> None:
-    slow = ("radio.coherence_time_s=0.0125", "radio.bandwidth_hz=800", "radio.target_snr_db=109")
-    of = of_topology(
-        topology,
-        *slow,
-        "federation.period=45",
-        "controller.length=360",
-        "duration=125.0",
-        "federation.fragment=3",
-        *keys,
-    )
-    count = of.hops[0].coding.count
-    assert of.hops[0].coding.ticks == count > 10  # one a tick
-    whole, record = fly(of)
-    assert whole["rounds"] + whole["rounds_void"] == 27
-    assert whole["radio"]["outages"] > 0
-    others = [fly(of, rows=2)[0]]
-    blocks = [number for number, block in enumerate(record.blocks) if block.checkpoint]
-    middles = set()
-    for last in blocks:
-        history = np.concatenate([block.states for block in record.blocks[: last + 1]])
-        past = Resumption.decode(record.blocks[last].checkpoint, history)
-        middles.add(past.tick % 45 // count)
-        others.append(fly(of, resume=past)[0])
-    assert len(middles & {0, 1}) >= 1  # while uploads, or averages, are transmitted
-    for name in ("trajectory_sha256", "models_sha256", "payload_bits", "rounds", "uploads_silent"):
-        assert [other[name] for other in others] == [whole[name]] * len(others), name
-
-
 def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_own() -> None:
     way = Coding("float64", (4,), Cut(1, 2, 9))
     kept = GlobalModels(way, 2)
@@ -273,51 +203,34 @@ def test_what_cannot_fly_in_fragments_is_refused(what: str) -> None:
         Engine(flown(*keys, length=LENGTH if what != "no room" else 3000), "refused")
 
 
-def test_zero_slots_and_an_ideal_channel_leave_models_whole() -> None:
-    assert flown("federation.fragment=0").hops[0].coding.fragments is None
-    assert flown("radio.model=ideal").hops[0].coding.fragments is None
-    assert flown(length=300).hops[0].coding.fragments is None
+def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_size_of_fragments() -> None:
+    for whole in (flown("federation.fragment=0"), flown("radio.model=ideal"), flown(length=300)):
+        assert whole.hops[0].coding.fragments is None
+        assert resolved(whole).federation.fragment == 0
     assert flown("federation.fragment=2", length=300).hops[0].coding.count == 2
-
-
-def test_nodes_get_the_size_of_fragments_written_out() -> None:
-    of = flown()
-    told = resolved(of)
+    told = resolved(flown())
     assert told.federation.fragment == 3
-    assert told.hops[0].coding.cut == of.hops[0].coding.cut
-    assert resolved(flown(length=300)).federation.fragment == 0
+    assert told.hops[0].coding.cut == flown().hops[0].coding.cut
 
 
-def hostile(rows: np.ndarray, source: np.ndarray, how: str) -> tuple[np.ndarray, np.ndarray]:
-    """Fragments and their UAVs, changed in one way."""
-    rows, source = rows.copy(), source.copy()
-    match how:
-        case "out of order":
-            rows[[0, 1]] = rows[[1, 0]]
-        case "twice":
-            rows[1] = rows[0]
-        case "beyond the model":
-            rows[-1, :4] = np.array([99], dtype="<u4").view(np.uint8)
-        case "of another size":
-            rows = rows[:, :-1]
-        case "of another type":
-            rows = rows.astype(np.int16)
-        case "not a number":
-            rows[0, 4:8] = np.array([np.nan], dtype="<f4").view(np.uint8)
-    return rows, source
+Rows = np.ndarray
+FALSE: dict[str, Callable[[Rows], Rows]] = {  # fragments, changed in one way
+    "out of order": lambda rows: rows[[1, 0, 2, 3, 4, 5]],
+    "twice": lambda rows: rows[[0, 0, 2, 3, 4, 5]],
+    "beyond the model": lambda rows: np.where(np.arange(rows.shape[1]) == 0, np.uint8(99), rows),
+    "of another size": lambda rows: rows[:, :-1],
+    "of another type": lambda rows: rows.astype(np.int16),
+    "not a number": lambda rows: np.where(np.arange(rows.shape[1]) >= 4, np.uint8(255), rows),
+}
 
 
-@pytest.mark.parametrize(
-    "how", ["out of order", "twice", "beyond the model", "of another size", "of another type", "not a number"]
-)
+@pytest.mark.parametrize("how", FALSE)
 def test_false_fragments_are_rejected(how: str) -> None:
     way = Coding("float32", (10,), Cut(1, 4, 9))
-    rows = way.on_air(way.encode(np.ones((2, 10)))).reshape(6, -1)
-    source = np.arange(2).repeat(3)
+    rows, source = way.on_air(way.encode(np.ones((2, 10)))).reshape(6, -1), np.arange(2).repeat(3)
     way.check_received(source, rows)
-    false, uavs = hostile(rows, source, how)
     with pytest.raises(MessageRejected):
-        way.check_received(uavs, false)
+        way.check_received(source, FALSE[how](rows))
 
 
 def test_int8_fragments_have_scales_of_their_own() -> None:

@@ -7,14 +7,12 @@ import pytest
 
 import meanflock as mf
 from meanflock.federation.exchange import Exchange
-from meanflock.federation.post import Post
 from meanflock.federation.rules.base import State, Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
-from tests.faults.dying import dead, flight, resumed, steady
 from tests.federation.momentum import Momentum
 from tests.telemetry import fly
 
@@ -170,22 +168,6 @@ def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_o
     summary = Engine(paused, "neighbours").complete()
     assert summary["rounds_void"] >= 2
     assert summary["lost"] == 0
-
-
-def test_a_flight_that_died_in_a_round_resumes_to_the_same_bits_with_the_state_of_the_rule(tmp_path: Any) -> None:
-    mf.register(Momentum)
-    slow = scenario(6, *SLOW, "federation.aggregation=momentum", "federation.upload_threshold=0.01")
-    whole = flight(tmp_path / "whole", slow)
-    folder = dead(tmp_path / "dies", slow, at=145, rows=2)  # the last checkpoint is of tick 101, in the fifth round
-    assert steady(resumed(folder)) == steady(whole)
-
-
-@pytest.mark.parametrize("kind", [FrameKind.GLOBAL, FrameKind.RELAY])
-def test_an_agent_sends_nothing_but_uploads(kind: FrameKind) -> None:
-    of = scenario(4)
-    frames = Frames(kind, 1, np.zeros(1, dtype=np.int32), np.zeros((1, of.declared.parameters), dtype=np.float32))
-    with pytest.raises(MessageRejected, match="frames from a node of role agent"):
-        Post(of).check("agent", frames)
 
 
 # -- silence --------------------------------------------------------------------------------------------------------

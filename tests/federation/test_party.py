@@ -1,18 +1,17 @@
 """A node's part in the rounds: heads of clusters collect uploads, relay averages and refuse what does not fit."""
 
 import numpy as np
-import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from tests.federation.rows import Rows
 
 OPENS, RELAYS = 10, 11  # of round 1
 
@@ -23,31 +22,12 @@ def flown(*settings: str) -> Scenario:
     return load(None, [*fixed, *settings], method="mfgfl-h")
 
 
-class Rows:
-    """A learner whose rows share no model; `silence` names the UAVs that send nothing."""
-
-    def __init__(self, uavs: tuple[int, ...]) -> None:
-        self.uavs, self.silence = np.array(uavs), np.zeros(0, dtype=int)
-
-    def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rows[:0], np.zeros((0, 108))
-
-    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
-        raise AssertionError("nothing was broadcast")
-
-    def silent(self) -> np.ndarray:
-        return np.isin(self.uavs, self.silence)
-
-
 class Heads:
     """A party of agents, asked at the ticks of a round's relays."""
 
     def __init__(self, *uavs: int, flight: Scenario | None = None) -> None:
         self.rows = Rows(uavs)
         self.party = Party(flight or flown(), "agent", np.array(uavs, dtype=np.intp), [], self.rows)
-
-    def check(self, frames: Frames) -> None:
-        self.party.check(frames)
 
     def collect(self, frames: Frames, number: int = 1) -> None:
         self.party.receive(frames, 10 * number + 1)
@@ -128,29 +108,6 @@ def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
 
 
-def short(dtype: str, floats: int) -> Frames:
-    """An upload of UAV 1 to its head with models of another form."""
-    return Frames(FrameKind.UPLOAD, 1, np.array([1], "<i4"), np.zeros((1, floats), dtype), np.array([[0, 0]], "<i4"))
-
-
-@pytest.mark.parametrize(
-    "frames",
-    [uploads([4], [5]), uploads([1], [4]), short("<f4", 107), short("<f8", 108)],
-    ids=["to a UAV that heads nothing", "to another cluster", "too short", "in doubles"],
-)
-def test_a_head_rejects_uploads_that_do_not_fit(frames: Frames) -> None:
-    node = Heads(0, 4, 5, 6)
-    node.check(uploads([1, 3, 7], [0, 4, 6]))
-    with pytest.raises(MessageRejected):
-        node.check(frames)
-
-
-@pytest.mark.parametrize("node", [Heads(1, 2, 3), Heads(0, 4, flight=load(None, ["uavs=8"], method="mfgfl-h"))])
-def test_an_agent_that_heads_nothing_receives_no_uploads(node: Heads) -> None:
-    with pytest.raises(MessageRejected, match="wrong-kind"):
-        node.check(uploads([1], [0]))
-
-
 def agent(*uavs: int) -> Agent:
     flight = flown()
     return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(flight), starts(flight).astype(np.float32)))
@@ -174,11 +131,3 @@ def test_an_agent_relays_for_its_heads_and_learns_as_if_it_had_not() -> None:
     assert acts[1].outbox == ()
     np.testing.assert_array_equal(acts[0].models, acts[1].models)  # type: ignore[arg-type]
     assert isinstance(wire.read_act(wire.write_act(acts[0])), Act)
-
-
-def test_an_agent_that_rejects_a_sense_keeps_none_of_its_uploads() -> None:
-    node = agent(0, 1)
-    node.act(sense(OPENS, 2))
-    with pytest.raises(MessageRejected):
-        node.act(sense(RELAYS, 2, uploads([1], [0]), uploads([4], [1])))
-    assert node.act(sense(RELAYS, 2)).outbox == ()

@@ -11,7 +11,6 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.worldsim.checkpoint import Resumption
 from tests.federation.momentum import Momentum
 from tests.telemetry import fly
 
@@ -26,17 +25,6 @@ def flown(made: type[Aggregator], *settings: str) -> Scenario:
 
 def wrong(**methods: Any) -> type[Aggregator]:
     return type("Wrong", (Momentum,), methods)
-
-
-def test_a_resumed_flight_averages_as_the_undisturbed_one() -> None:
-    of = flown(Momentum, "duration=110")
-    summary, sink = fly(of)
-    last = max(k for k, block in enumerate(sink.blocks) if block.checkpoint)
-    past = Resumption.decode(sink.blocks[last].checkpoint, np.concatenate([b.states for b in sink.blocks[: last + 1]]))
-    assert past.tick > 100
-    resumed, _ = fly(of, resume=past)
-    assert resumed["rounds"] == summary["rounds"] > 100
-    assert resumed["trajectory_sha256"] == summary["trajectory_sha256"]
 
 
 @pytest.mark.parametrize("tick", [15, 31, 32])

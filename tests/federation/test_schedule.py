@@ -50,18 +50,22 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
 
 
 @pytest.mark.parametrize(("uavs", "fraction", "expected"), [(25, 0.8, 20), (1, 0.8, 1), (7, 1.0, 7), (10, 0.01, 1)])
-def test_every_process_draws_the_agreed_number_of_distinct_uavs_ascending(
-    uavs: int, fraction: float, expected: int
+@pytest.mark.parametrize("duration", [2.0, 900.0])
+def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_they_are_needed(
+    uavs: int, fraction: float, expected: int, duration: float
 ) -> None:
-    rounds_of = scenario(f"uavs={uavs}", f"federation.fraction={fraction}")
-    rounds = Schedule(rounds_of)
-    for number in range(1, 20):
-        drawn = rounds.participants(number)
+    of = scenario("method=mfgfl-h", f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}")
+    of, some = of.replace(**{"federation.period": 20}), np.array([0, 2, 3, 11])
+    ahead, rows, late = Schedule(of, some), Schedule(of, some), Schedule(of)
+    ahead.draw_ahead()
+    for number in (1, 10, 11, 128, 129, 130, 2):
+        drawn = late.participants(number)
         assert len(drawn) == expected
-        assert (np.diff(drawn) > 0).all()
-        assert drawn.min() >= 0
-        assert drawn.max() < uavs
-        np.testing.assert_array_equal(drawn, Schedule(rounds_of).participants(number))
+        assert (np.diff(drawn, prepend=-1, append=uavs) > 0).all()
+        for other in (ahead, rows):
+            np.testing.assert_array_equal(drawn, other.participants(number))
+            assert some[other.rows(number)].tolist() == sorted(set(some) & set(drawn))
+    assert len(late.rows(1)) == 0
 
 
 def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
@@ -115,23 +119,3 @@ def test_every_hop_transmits_once_a_round_and_its_frames_are_known_when_they_arr
             if opens:
                 assert rounds.sent(hop.label, opens, tick + hop.after + 1) is hop
                 assert rounds.sent(hop.label, opens, tick + hop.after) is None
-
-
-@pytest.mark.parametrize("duration", [1.9, 2.0, 20.1, 900.0])
-def test_participants_drawn_ahead_are_those_drawn_when_needed(duration: float) -> None:
-    of = scenario("method=mfgfl-h", "federation.period=20", f"duration={duration}")
-    rounds = Schedule(of, np.array([3]))
-    rounds.draw_ahead()
-    for number in (1, 10, 11, 128, 129, 130, 2):
-        np.testing.assert_array_equal(rounds.participants(number), Schedule(of).participants(number))
-        np.testing.assert_array_equal(rounds.rows(number), Schedule(of, np.array([3])).rows(number))
-
-
-def test_rows_that_take_part_are_the_participants_among_them() -> None:
-    of = scenario("method=mfgfl-h", "federation.fraction=0.4")
-    uavs = np.array([2, 3, 11, 17, 24])
-    rounds = Schedule(of, uavs)
-    for number in (1, 2, 9, 30, 4):
-        assert uavs[rounds.rows(number)].tolist() == sorted(set(uavs) & set(rounds.participants(number)))
-        np.testing.assert_array_equal(rounds.participants(number), Schedule(of).participants(number))
-    assert len(Schedule(of).rows(1)) == 0

@@ -19,28 +19,13 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH
 from tests.faults.conftest import Lab, scenario
-
-
-class Rows:
-    """A learner whose rows share no model."""
-
-    def __init__(self, uavs: int) -> None:
-        self._silent = np.zeros(uavs, dtype=bool)
-
-    def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rows[:0], np.zeros((0, FLOATS))
-
-    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
-        raise AssertionError("the leader's broadcast is not delivered here")
-
-    def silent(self) -> np.ndarray:
-        return self._silent
+from tests.federation.rows import Rows
 
 
 def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
     """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through all hops, and the air."""
     rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
-    agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(flight.uavs))
+    agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(range(flight.uavs)))
     leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(flight), states))
     tick, relays = PERIOD, np.zeros((0, 5))
     source = rounds.participants(1).astype(np.int32)

@@ -7,7 +7,6 @@ from meanflock.federation.coding import Coding
 from meanflock.federation.schedule import Schedule
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
@@ -108,37 +107,3 @@ def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
     act = node.act(sense(closing(of, 1), batch))
     assert act.refused.tolist() == [~0]
     np.testing.assert_array_equal(act.outbox[0].payload[0], model_of(6)[:108])
-
-
-HEADS = ("federation.clusters=3",)
-
-
-def changed(**changes: object) -> Frames:
-    good = upload([0, 1])
-    return Frames(**{name: getattr(good, name) for name in good.__struct_fields__} | changes)
-
-
-MISFITS = {  # settings, and frames that do not fit them
-    "a global model": ((), changed(kind=FrameKind.GLOBAL)),
-    "a state": ((), changed(kind=FrameKind.STATE)),
-    "models too short": ((), changed(payload=np.zeros((2, 107), np.float32))),
-    "too few models": ((), changed(payload=np.zeros((1, 108), np.float32))),
-    "models in doubles": ((), changed(payload=np.zeros((2, 108)))),
-    "models in floats for bytes": (("federation.payload=int8",), upload([0, 1])),
-    "floats for doubles": (("radio.bits_per_float=64",), upload([0, 1])),
-    "a relay where there are no heads": ((), relayed({3: 2})),
-    "an upload where there are heads": (HEADS, upload([0, 1])),
-    "a relay of more models than the cluster has": (HEADS, relayed({3: 4})),
-    "a relay of a UAV that is no head": (HEADS, relayed({4: 1})),
-}
-
-
-@pytest.mark.parametrize("name", MISFITS)
-def test_a_leader_rejects_frames_that_do_not_fit_and_keeps_nothing_of_their_message(name: str) -> None:
-    settings, misfit = MISFITS[name]
-    of = flown(*settings)
-    node, end = leader(of), closing(of, 1)
-    valid = () if settings else (upload([7]),)
-    with pytest.raises(MessageRejected):
-        node.act(sense(end, *valid, misfit))
-    assert not node.act(sense(end)).outbox

@@ -9,7 +9,7 @@ import pytest
 import meanflock as mf
 from meanflock.agent.controllers.barriers import Barrier, Braking, Ecbf
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.swarm.scenario import Filter, Scenario, Sharing, Wind, load
+from meanflock.swarm.scenario import Filter, Scenario, Wind, load
 
 AIR = Wind(drag=0.3, mean=(3.0, -2.0))
 
@@ -123,14 +123,6 @@ def test_a_motion_beyond_the_limit_is_limited_and_keeps_its_direction() -> None:
     assert infeasible.tolist() == [[0.0]]
 
 
-def test_two_uavs_in_one_place_part_to_opposite_sides() -> None:
-    """No direction leads apart, so it is x: the lower number to the left. Both are infeasible, and say so."""
-    own = np.zeros((2, 4))
-    acceleration, infeasible = admit(filtered(Scenario(uavs=2, wind=Wind(drag=0.0))), own, np.zeros((2, 2)))
-    np.testing.assert_allclose(acceleration, [[-3.0, 0.0], [3.0, 0.0]], atol=1e-3)
-    assert infeasible.tolist() == [[1.0], [1.0]]
-
-
 def test_a_uav_that_cannot_keep_all_conditions_violates_them_least() -> None:
     """Between two UAVs that close in from both sides it stays in the middle."""
     own = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, -4.0, 0.0], [-0.5, 0.0, 4.0, 0.0]])
@@ -140,53 +132,6 @@ def test_a_uav_that_cannot_keep_all_conditions_violates_them_least() -> None:
     assert infeasible[0, 0] == 1.0
 
 
-# -- states by radio ----------------------------------------------------------------------------------------------
-
-
-def flown(scenario: Scenario, own: np.ndarray, heard: list[Received], at: int, until: int) -> tuple[Barrier, Step]:
-    """UAV 0 hovers in `own` from tick 0 on, and receives something in a tick."""
-    made, plan = filtered(scenario), np.zeros((scenario.uavs, 4))
-    plan[:, 0] = 500.0 + 50.0 * np.arange(scenario.uavs)
-    plan[0] = own
-    made.inner.wanted = np.zeros((1, 2))  # type: ignore[attr-defined]
-    memory = made.init(np.array([0]), plan)
-    for tick in range(until + 1):
-        step = made.step(memory, tick, own[None], heard if tick == at else ())
-        memory = step.memory
-    return made, step
-
-
-def said(source: int, x: float, y: float = 0.0, vx: float = 0.0, vy: float = 0.0) -> list[Received]:
-    payload = np.array([[x, y, vx, vy]])
-    return [Received(0, np.array([source]), payload, np.array([[0, 0]]))]
-
-
-OWN = np.array([40.0, 0.0, 0.0, 0.0])
-EVERY_TICK = Scenario(
-    uavs=3, wind=Wind(drag=0.0), filter=Filter(kind="ecbf"), sharing=Sharing(policy="tick", forget_s=2.0)
-)
-
-
-def test_a_received_uav_is_avoided_and_one_not_received_for_long_is_not() -> None:
-    near = said(1, 40.5)
-    assert flown(EVERY_TICK, OWN, near, 3, 3)[1].acceleration[0, 0] < -0.5
-    assert flown(EVERY_TICK, OWN, near, 3, 22)[1].acceleration[0, 0] < -0.5
-    assert flown(EVERY_TICK, OWN, near, 3, 23)[1].acceleration.tolist() == [[0.0, 0.0]]
-
-
-def test_a_false_state_costs_no_more_than_the_limit_and_an_impossible_one_is_refused() -> None:
-    step = flown(EVERY_TICK, OWN, said(1, 38.9, 0.0, 3.0), 3, 3)[1]
-    assert 0.0 < np.linalg.norm(step.acceleration) <= 3.0 + 1e-9
-    assert step.diagnostics is not None
-    assert step.diagnostics[0, 0] == 1.0  # nothing can be done about it, and it is said
-    step = flown(EVERY_TICK, OWN, said(1, 1e30), 3, 3)[1]
-    assert step.acceleration.tolist() == [[0.0, 0.0]]
-    assert step.refused.tolist() == [1]
-
-
-# -- flights ------------------------------------------------------------------------------------------------------
-
-
 def test_a_start_that_already_collides_is_flown_apart_and_counted() -> None:
     run = mf.fly("paper", method="cruise", uavs=9, duration=10, **{"start.spacing": 0.05, "filter.kind": "ecbf"})
     assert run.summary["diagnostics"]["infeasible"] > 0
@@ -194,11 +139,3 @@ def test_a_start_that_already_collides_is_flown_apart_and_counted() -> None:
     last = run.states[-1, :, :2]
     apart = np.linalg.norm(last[:, None] - last, axis=-1)[np.triu_indices(9, 1)]
     assert apart.min() > 0.4
-
-
-@pytest.mark.parametrize("kind", ["ecbf", "braking"])
-def test_uavs_fly_round_discs_and_a_swarm_of_one_flies(kind: str) -> None:
-    """Without the filter the line to the destination leads through them."""
-    discs = [{"centre": [75.0, 50.3], "radius": 3.0}, {"centre": [40.0, 26.0], "radius": 2.0}]
-    summary = mf.fly("paper", method="cruise", uavs=1, obstacles=discs, **{"filter.kind": kind}).summary
-    assert summary["obstacle_hits"] == 0

@@ -1,12 +1,10 @@
 """The density every UAV starts from."""
 
-import tracemalloc
 from itertools import product
 
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field import learner as learner_module
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm.mission import starts
@@ -45,29 +43,3 @@ def test_no_other_weights_fit_the_samples_better(uavs: int) -> None:
     assert (weights == weights[0]).all()  # every UAV fits the same
     rest = np.delete(weights[0], np.arange(246)[layout.DENSITY][: layout.DENSITY_FEATURES])
     assert not rest.any()
-
-
-def test_a_zero_start_never_learns_a_density() -> None:
-    """Why the fit is there at all: F̂ is homogeneous in ŵ_F. Without a density there is no interaction φ_G."""
-    hjb = load(None, method="hjb")
-    weights = Learner(hjb, learns_density=False).init(4, starts(hjb))
-    assert not weights.any()
-    learner, draw = Learner(load(None, method="mfgfl-hf")), np.random.default_rng(3)
-    for _ in range(20):
-        weights, numbers = learner.step(weights, draw.uniform(-1, 1, (4, 4)) * SCALE / 2, None)
-        np.testing.assert_array_equal(numbers[:, 3:], 0.0)
-    assert not weights[:, layout.DENSITY].any()
-    assert weights[:, layout.VALUE].any()
-
-
-def test_a_fit_to_many_needs_no_room_for_all_pairs_of_them_and_gives_the_same_bits() -> None:
-    centres = np.random.default_rng(4).standard_normal((1500, 4)) * [30.0, 30.0, 1.0, 1.0]
-    tracemalloc.start()
-    try:
-        found = learner_module.mixture(centres, centres, BANDWIDTH)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 32 * 2**20 < 4 * 8 * 1500**2
-    some = slice(None, None, 37)  # other points share a block
-    np.testing.assert_array_equal(found[some], learner_module.mixture(centres[some], centres, BANDWIDTH))

@@ -33,10 +33,6 @@ def test_profile_covers_the_distance_within_the_limits_and_no_faster_one_would(
     assert reach < distance
 
 
-def test_a_way_of_no_length_has_no_plan() -> None:
-    assert len(speeds(0.0, 15.0, 3.0, 0.1)) == 0
-
-
 def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
     scenario = load(None, ["wind.sigma=0"], method="offline")
     states = starts(scenario)
@@ -52,6 +48,7 @@ def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> 
 
 def test_the_plan_is_blind_to_the_wind_and_reports_nothing() -> None:
     assert load(None, method="offline").declared.diagnostics == ()
+    assert len(speeds(0.0, 15.0, 3.0, 0.1)) == 0  # of a UAV that starts at its goal
     calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), starts(load(None)))
     windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), starts(load(None)))
     for tick in (0, 50, 100, 10_000):

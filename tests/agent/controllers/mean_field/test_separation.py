@@ -29,12 +29,6 @@ def test_states_are_paid_for_only_where_they_are_shared() -> None:
     assert hjb[0] == hjb[1]  # what it shares already is enough
 
 
-def test_where_nobody_is_near_it_changes_nothing() -> None:
-    spread = ("duration=8", "start.spacing=30", "wind.sigma=0")
-    states = [flown(*spread, *more)["trajectory_sha256"] for more in ((), ("cost.separation=5",))]
-    assert states[0] == states[1]
-
-
 def test_believed_states_fly_on_while_nothing_is_heard() -> None:
     scenario = load(None, ["uavs=2", "cost.separation=5", "start.spacing=100"], method="mfgfl-hf")
     controller = MfgflHf(MfgflHf.Options(), scenario)

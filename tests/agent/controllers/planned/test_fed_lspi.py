@@ -55,14 +55,18 @@ def test_the_tracking_cost_is_that_of_the_states(shared: mf.Run) -> None:
     assert reported(shared, "tracking_cost")[301] == pytest.approx(expected, rel=1e-4)
 
 
-def test_the_ground_and_a_pause_teach_nothing() -> None:
+@pytest.mark.parametrize(("method", "seen"), [("fed-lspi", ("squares", 9)), ("rls", ("covariance", 1))])
+def test_the_ground_and_a_pause_teach_nothing(method: str, seen: tuple[str, int]) -> None:
     start = {"start.formation": "waves", "start.interval": 10.0, "start.group": 5}
-    controller: Any = plugins.create("controller", "fed-lspi", {}, scenario_of("paper", start, uavs=10))
+    controller: Any = plugins.create("controller", method, {}, scenario_of("paper", start, uavs=10))
     plan = mission.starts(controller.scenario)
-    memory = controller.init(np.arange(10), plan)
+    memory, numbers = controller.init(np.arange(10), plan), []
     for tick in (0, 1, 2, 7, 8):
         memory = controller.step(memory, tick, plan, ()).memory
-    assert memory["squares"][:, 9, 9].tolist() == [3] * 5 + [0] * 5  # the number of ticks that were used
+        numbers.append(memory[seen[0]][:, seen[1], seen[1]])
+    learned = np.diff(np.array(numbers), axis=0) != 0.0
+    assert learned[:, :5].all(axis=1).tolist() == [True, True, False, True]
+    assert not learned[:, 5:].any()
 
 
 def test_shared_data_are_the_mean_of_all_measurements() -> None:

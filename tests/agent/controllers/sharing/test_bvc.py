@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import meanflock as mf
 from meanflock.agent.controllers.sharing.bvc import BufferedVoronoi
 from meanflock.agent.controllers.sharing.nearby import stopping_slope, stopping_speed
 from meanflock.swarm.scenario import load
@@ -39,10 +38,3 @@ def test_two_uavs_head_on_stop_in_their_cells(speed: float) -> None:
         own = np.concatenate([own[:, :2] + 0.1 * own[:, 2:], own[:, 2:] + 0.1 * acceleration], axis=1)
         assert own[0, 0] < 20.0 - 0.35  # the lag of the velocity carries it up to 11 cm beyond
     assert own[1, 0] - own[0, 0] == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_swap_ends_without_a_collision() -> None:
-    run = mf.fly(
-        "swap", method="bvc", uavs=16, seed=5, **{"start.radius": 10.0, "vehicle.acceleration_max": 6.0}
-    ).summary
-    assert (run["collisions_all"], run["arrived"]) == (0, 16)

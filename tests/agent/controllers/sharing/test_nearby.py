@@ -27,19 +27,6 @@ def test_pairs_and_sums_are_those_of_a_loop(range_m: float) -> None:
     np.testing.assert_allclose(summed(pairs.row, pairs.apart, 4), sums, atol=1e-13)
 
 
-def test_pairs_in_range_that_do_not_matter_are_left_out() -> None:
-    every = near(OWN, KNOWN, UAVS, 5.0)
-    some = near(OWN, KNOWN, UAVS, 5.0, lambda squared, difference: (squared < 4.0) | (difference > 30.0))
-    matter = (every.distance < 2.0) | ((every.closing**2).sum(axis=1) > 30.0)
-    assert 0 < matter.sum() < len(matter)
-    assert some.other.tolist() == every.other[matter].tolist()
-
-
-def test_two_uavs_in_one_place_part_to_opposite_sides() -> None:
-    pairs = near(np.zeros((2, 4)), np.zeros((2, 2, 4)), np.array([0, 1]), 1.0)
-    assert pairs.away.tolist() == [[-1.0, 0.0], [1.0, 0.0]]
-
-
 def test_the_closest_are_those_within_reach_and_no_more_than_asked_for() -> None:
     others = np.zeros((1, 6, 4))
     others[0, :, 0] = [0.0, 3.0, 1.0, -1.0, 7.0, 2.0]

@@ -6,7 +6,6 @@ import numpy as np
 import pyrvo
 import pytest
 
-import meanflock as mf
 from meanflock.agent.controllers.sharing.nearby import closest
 from meanflock.agent.controllers.sharing.orca import Orca, half_planes
 from meanflock.swarm.scenario import Scenario
@@ -63,21 +62,3 @@ def test_alone_the_velocity_is_the_wished_one_turned_to_the_right() -> None:
     step = made.step(made.init(np.array([0]), plan), 0, own, ())
     still = made.scenario.wind.drag * (own[:, 2:] - made.scenario.wind.mean)
     np.testing.assert_allclose(step.acceleration - still, [[0.0, 2.0 * 0.3 * 2.25]], atol=1e-12)
-
-
-SWAP = {
-    "uavs": 24,
-    "start.formation": "circle",
-    "start.radius": 12.0,
-    "destination.goals": "opposite",
-    "destination.radius": 1.5,
-    "duration": 60,
-}
-
-
-@pytest.mark.parametrize("seed", [1])
-def test_a_swap_through_one_point_needs_a_rule_of_the_road(seed: int) -> None:
-    run = mf.fly("paper", method="orca", seed=seed, **SWAP).summary
-    assert (run["collisions_all"], run["arrived"], run["lost"]) == (0, 24, 0)
-    without = mf.fly("paper", method="orca", seed=seed, **{**SWAP, "controller.right_bias": 0.0}).summary
-    assert without["t_max_s"] is None or without["t_max_s"] > run["t_max_s"]

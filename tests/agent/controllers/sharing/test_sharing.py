@@ -1,46 +1,60 @@
-"""The common part of all controllers that share states: which states they use, and how they fly by them."""
+"""Contract of the controllers and filters that share states: which states they use, and how they fly by them."""
 
 import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.base import Received
+from meanflock.swarm import mission
 from tests.agent.controllers.by_hand import made, stepped
 
 METHODS = ("vasarhelyi", "olfati-saber", "potential-field", "orca", "bvc")
+BEHIND = {kind: ("cruise", f"filter.kind={kind}") for kind in ("ecbf", "braking")}
+SUBJECTS: dict[str, tuple[str, ...]] = {**{method: (method,) for method in METHODS}, **BEHIND}
 STATES = np.array([[70.0, 0.0, 0, 0], [71.0, 0.0, 0, 0], [70.0, 30.0, 0, 0]])
-each = pytest.mark.parametrize("method", METHODS)
+each = pytest.mark.parametrize("subject", SUBJECTS.values(), ids=SUBJECTS)
 
 
 @each
-def test_a_received_state_moves_its_receiver_and_a_false_one_is_named_and_moves_no_uav(method: str) -> None:
-    controller = made(method, "sharing.policy=tick", uavs=3)
+def test_a_received_state_moves_its_receiver_and_a_false_one_is_named_and_not_used(
+    subject: tuple[str, ...],
+) -> None:
+    controller = made(*subject, "sharing.policy=tick", "sharing.forget_s=2", uavs=3)
     memory = controller.init(np.arange(3), STATES)
-    said = [[70.3, 0.4, 0, 0], [70.3, 0.4, 300, 0]]
-    true, false = (Received(0, np.array([2]), np.array([state]), np.array([[0, 0]])) for state in said)
-    alone, pushed, fooled = (controller.step(memory, 1, STATES, received) for received in ([], [true], [false]))
+    said = [[70.3, 0.4, 0, 0], [70.3, 0.4, 300, 0], [1e30, 0, 0, 0]]
+    true, *false = (Received(0, np.array([2]), np.array([state]), np.array([[0, 0]])) for state in said)
+    heard = ([], [true], *([one] for one in false))
+    alone, pushed, *fooled = (controller.step(memory, 1, STATES, received) for received in heard)
     assert np.hypot(*(pushed.acceleration - alone.acceleration)[0]) > 0.01
     assert pushed.acceleration[1:].tobytes() == alone.acceleration[1:].tobytes()
     assert not len(pushed.refused)
-    assert fooled.acceleration.tobytes() == alone.acceleration.tobytes()
-    assert fooled.refused.tolist() == [2]
+    for step in fooled:
+        assert step.acceleration.tobytes() == alone.acceleration.tobytes()
+        assert step.refused.tolist() == [2]
+    later = [controller.step(pushed.memory, tick, STATES, ()).acceleration for tick in (19, 23)]
+    assert np.hypot(*(later[0] - later[1])[0]) > 0.01  # a UAV that was not received for long is not avoided
 
 
 @each
-def test_a_state_beyond_16_bits_is_not_sent_and_counted(method: str) -> None:
-    controller = made(method, uavs=3)
+def test_a_state_beyond_16_bits_is_not_sent_and_counted(subject: tuple[str, ...]) -> None:
+    controller = made(*subject, uavs=3)
     memory = controller.init(np.arange(3), STATES)
-    step = controller.step(memory, 1, STATES + np.array([[0, 0, 0, 0], [900.0, 0, 0, 0], [1.0, 0, 0, 0]]), ())
-    assert step.diagnostics is not None
-    assert step.diagnostics[:, -1].tolist() == [0.0, 1.0, 0.0]
-    assert step.broadcasts[0].rows.tolist() == [2]  # type: ignore[union-attr]
+    halfway = 0.5 * mission.starts(controller.scenario)[:, :1]
+    far = np.concatenate([halfway + np.array([[327.6], [327.8], [-327.8]]), np.zeros((3, 3))], axis=1)
+    fast = STATES + np.array([0, 0, 0, 400.0])
+    for moved, sent, counted in ((far, [0], [0.0, 1.0, 1.0]), (fast, [], [1.0, 1.0, 1.0])):
+        step = controller.step(memory, 1, moved, ())
+        assert step.diagnostics is not None
+        assert step.diagnostics[:, -1].tolist() == counted
+        assert step.broadcasts[0].rows.tolist() == sent  # type: ignore[union-attr]
+    assert not controller.step(step.memory, 2, STATES, ()).diagnostics[:, -1].any()  # type: ignore[index]
 
 
 @each
-def test_two_uavs_in_one_place_come_apart(method: str) -> None:
-    step = stepped(made(method), np.array([[70.0, 0.0, 0, 0], [70.0, 0.0, 0, 0]]))
+def test_two_uavs_in_one_place_come_apart(subject: tuple[str, ...]) -> None:
+    step = stepped(made(*subject), np.array([[70.0, 0.0, 0, 0], [70.0, 0.0, 0, 0]]))
     assert np.isfinite(step.acceleration).all()
-    if method != "olfati-saber":  # whose force vanishes there
+    if subject != ("olfati-saber",):  # whose force vanishes there
         assert step.acceleration[0, 0] < step.acceleration[1, 0] - 1.0
 
 
@@ -56,9 +70,21 @@ def test_the_swarm_arrives_without_a_collision_and_events_take_a_tenth_of_the_bi
     assert events < 0.1 * every_tick
 
 
-@pytest.mark.parametrize(("method", "hits"), [*((method, 0) for method in METHODS), ("cruise", 2)])
-def test_a_uav_alone_arrives_round_discs_that_lie_in_its_way(method: str, hits: int) -> None:
+@pytest.mark.parametrize(("method", "limit"), [("orca", None), ("bvc", 6.0)])
+def test_a_swap_through_one_point_ends_without_a_collision_and_needs_a_rule_of_the_road(
+    method: str, limit: float | None
+) -> None:
+    swap = {"uavs": 16, "start.radius": 10.0, "vehicle.acceleration_max": limit, "duration": 60}
+    run = mf.fly("swap", method=method, seed=5, **swap).summary
+    assert (run["collisions_all"], run["arrived"], run["lost"]) == (0, 16, 0)
+    without = mf.fly("swap", method=method, seed=5, **swap, **{"controller.right_bias": 0.0}).summary
+    assert without["t_max_s"] is None or without["t_max_s"] > run["t_max_s"]
+
+
+@pytest.mark.parametrize(("subject", "hits"), [*((subject, 0) for subject in SUBJECTS), ("cruise", 2)])
+def test_a_uav_alone_arrives_round_discs_that_lie_in_its_way(subject: str, hits: int) -> None:
     discs = [{"centre": [75.0, 50.3], "radius": 3.0}, {"centre": [40.0, 26.0], "radius": 2.0}]
-    summary = mf.fly("paper", method=method, uavs=1, seed=1, obstacles=discs, duration=120).summary
+    method = {"method": "cruise", "filter.kind": subject} if subject in BEHIND else {"method": subject}
+    summary = mf.fly("paper", uavs=1, seed=1, obstacles=discs, duration=120, **method).summary
     assert (summary["obstacle_hits"], summary["arrived"]) == (hits, 1)
     assert summary["radio"]["traffic"]["state"]["sent"] == 0

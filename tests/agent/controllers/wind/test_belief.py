@@ -24,17 +24,6 @@ def test_a_linear_wind_is_interpolated_exactly_and_is_constant_beyond_the_edge()
     assert (share >= 0).all()
 
 
-def test_information_adds_up_in_its_own_row() -> None:
-    map_, draw = grid(), np.random.default_rng(1)
-    rows = np.array([0, 0, 2, 2, 2])
-    places, wind = map_.nodes[3] + draw.uniform(-5, 5, (5, 2)), draw.standard_normal((5, 2))
-    precision = draw.uniform(1, 2, 5)
-    told = map_.informed(rows, places, wind, precision, 3)
-    assert (told[1] == 0).all()
-    assert told[0, :, 2].sum() == pytest.approx(precision[:2].sum())
-    assert told[2, :, :2].sum(axis=0) == pytest.approx((precision[2:, None] * wind[2:]).sum(axis=0))
-
-
 def test_the_mean_is_that_of_a_gaussian_field_measured_at_its_nodes() -> None:
     map_, draw = grid(), np.random.default_rng(2)
     which = np.array([2, 11, 30])
