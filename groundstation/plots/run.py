@@ -58,13 +58,13 @@ def plot_run(folder: Path) -> dict[str, Figure]:
         BadInput: no run there, or one that never wrote a row.
     """
     table = flown_rows(folder)
-    flown = _flown(folder)
+    flown = flown_keys(folder)
     with plotstyle.style():
         return {"paths": _paths(table, flown, folder), "curves": _curves(table, flown)}
 
 
-def _flown(folder: Path) -> Flown:
-    """Raises BadInput if the scenario of the run is damaged."""
+def flown_keys(folder: Path) -> Flown:
+    """The keys of the run in a folder; raises BadInput if its scenario is damaged."""
     path = folder / SCENARIO
     if not path.is_file():
         return Flown()
@@ -87,12 +87,12 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
     ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(*position[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
-    collisions = _places(folder, "collision", position)
+    collisions = places_of(folder, "collision", position)
     if (counted := int(_line(table, "collisions")[-1])) != len(collisions):
         log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(collisions), counted)
     ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
     if len(flown.obstacles):
-        hits = _places(folder, "hit", position)
+        hits = places_of(folder, "hit", position)
         ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
     _draw_mission(ax, flown)
     ax.set_aspect("equal", adjustable="datalim")
@@ -110,7 +110,7 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     return made
 
 
-def _places(folder: Path, kind: str, position: Floats) -> Floats:
+def places_of(folder: Path, kind: str, position: Floats) -> Floats:
     """Mean positions of the UAVs at events of a kind, (K, 2), m; `position` is (T, N, 2)."""
     ticks, uavs, _ = position.shape
     places = [

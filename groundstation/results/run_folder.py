@@ -286,15 +286,15 @@ def completed(folder: Path) -> None:
         raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
 
 
-def flown_rows(folder: Path) -> pa.Table:
-    """The time series of the run in `folder`.
+def flown_rows(folder: Path, columns: list[str] | None = None) -> pa.Table:
+    """The time series of the run in `folder`, or some of its columns.
 
     Raises:
         BadInput: no run there, a damaged file, or a run that never took off.
     """
     path = folder / TIMESERIES
     try:
-        table = read_table(path)
+        table = read_table(path, columns)
     except OSError as error:
         again = f"bring the file back, or fly the run again with `meanflock run {folder / SCENARIO}`"
         mend = again if (folder / SCENARIO).is_file() else "name the folder of a run"

@@ -70,11 +70,14 @@ def _to_parquet(spool: Path, path: Path) -> None:
     _seal(path)
 
 
-def read_table(path: Path) -> pa.Table:
-    """Read the rows of a time series and compare all checksums. Raises OSError if the file is damaged or missing."""
+def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Read the rows of a time series, or some columns, and compare their checksums.
+
+    Raises OSError if the file is damaged or missing.
+    """
     try:
         _check_seal(path)
-        return pq.read_table(path, page_checksum_verification=True)
+        return pq.read_table(path, columns=columns, page_checksum_verification=True)
     except (ValueError, pa.ArrowException) as error:  # what is no Parquet
         raise OSError("damaged: it is no Parquet file, or not all of one") from error
     except OSError as error:

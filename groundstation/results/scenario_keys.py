@@ -1,0 +1,101 @@
+"""The keys of a scenario that was flown: how they differ from their defaults, and from the shipped scenarios."""
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from meanflock.swarm import scenario, scenarios
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, as_builtins
+
+PAPER = "paper"
+_OF_THE_METHOD = ("federation.period", "federation.payload", "federation.broadcast_payload")  # unless they are set
+_COLUMNS = ("method", "uavs", "seed")  # that a list shows beside the mission
+
+
+class Mission(NamedTuple):
+    """The shipped scenario that is nearest to a flight, and the keys that differ from it."""
+
+    name: str
+    changed: dict[str, Any]
+
+    def __str__(self) -> str:
+        return f"{self.name} +{len(self.changed)}" if self.changed else self.name
+
+
+def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """The keys of a table, dotted, without those that are unset."""
+    keys: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            keys |= flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            keys[f"{prefix}{key}"] = value
+    return keys
+
+
+def differing(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """The keys whose values differ, sorted, with both values; None: unset."""
+    keys = sorted(first.keys() | second.keys())
+    return {key: (first.get(key), second.get(key)) for key in keys if first.get(key) != second.get(key)}
+
+
+def changed_keys(keys: Mapping[str, Any], other: Mapping[str, Any] | None = None) -> dict[str, tuple[Any, Any]]:
+    """The keys of a flown scenario that differ from those of another one, by default from the defaults; both values."""
+    return differing(_without_own(keys), _defaults(PAPER) if other is None else _without_own(other))
+
+
+def nearest(keys: Mapping[str, Any]) -> Mission:
+    """The shipped scenario from which the fewest keys differ.
+
+    The changed keys are without options of the controller, and without method, number of UAVs and seed.
+    """
+    own = _without_own(keys)
+    found = {name: differing(own, _defaults(name)) for name in _shipped()}
+    name = min(found, key=lambda name: (len(found[name]), name != PAPER))
+    changed = {
+        key: value
+        for key, (value, _) in found[name].items()
+        if key not in _COLUMNS and not key.startswith("controller.")
+    }
+    return Mission(name, changed)
+
+
+def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """All keys, also those that the file leaves out, without those that have the value which the method decides."""
+    keys = _defaults(PAPER) | dict(keys)
+    radio = f"float{keys.get('radio.bits_per_float')}"
+    decided: dict[str, Any] = dict.fromkeys(_OF_THE_METHOD[1:], radio)
+    decided[_OF_THE_METHOD[0]] = _period(str(keys.get("method")))
+    return {key: value for key, value in keys.items() if key not in decided or value != decided[key]}
+
+
+@cache
+def _period(method: str) -> int | None:
+    """Ticks between rounds of a method, None if it is not installed here."""
+    try:
+        return Scenario(method=method).period_ticks
+    except BadInput:
+        return None
+
+
+@cache
+def _shipped() -> tuple[str, ...]:
+    return tuple(path.stem for path in scenarios.shipped())
+
+
+@cache
+def _defaults(name: str) -> dict[str, Any]:
+    """All keys of a shipped scenario that are set, also those that its file leaves out."""
+    return flat(_values(scenario.load(Path(name))))
+
+
+def _values(table: msgspec.Struct) -> dict[str, Any]:
+    values = {key: getattr(table, key) for key in table.__struct_fields__}
+    return {
+        key: _values(value) if isinstance(value, msgspec.Struct) else as_builtins(value)
+        for key, value in values.items()
+    }

@@ -1,0 +1,140 @@
+"""`list`, `show` and `diff`: stored runs as tables, JSON and a page; damaged and unfinished ones."""
+
+import json
+import re
+import shutil
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from meanflock.groundstation.results.quantities import SUMMARY
+from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.groundstation.results.stored_run import runs_in
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from tests.groundstation.conftest import QUICK
+
+HOSTILE = "<script>alert('&')</script>\x1b[31m"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two runs of one mission and controller, and one of another."""
+    from meanflock.groundstation.cli.command import main
+
+    folder = tmp_path_factory.mktemp("flown")
+    for flags in (("--seed", "1"), ("--seed", "2", "--set", "wind.sigma=0.2"), ("swap", "--method", "plan")):
+        assert main([*QUICK, *flags, "--out", str(folder)]) == EXIT_DONE
+    return folder
+
+
+@pytest.fixture
+def runs(flown: Path, run, tmp_path: Path) -> Path:
+    """A copy of that folder in the working folder."""
+    shutil.copytree(flown, tmp_path / "runs")
+    return Path("runs")
+
+
+def one(runs: Path, end: str) -> Path:
+    (found,) = runs.glob(f"*{end}")
+    return found
+
+
+def spoil(run: Path, **fields: Any) -> None:
+    path = run / "summary.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+
+
+def test_a_list_has_what_was_flown_and_what_came_of_it(run, runs, monkeypatch) -> None:
+    records = {record["run_id"][16:]: record for record in json.loads(run("list", "--json")[1])}
+    assert {name: (each["mission"], each["uavs"], each["seed"], each["status"]) for name, each in records.items()} == {
+        "mfgfl-hf-s1": ("paper", 3, 1, "finished"),
+        "mfgfl-hf-s2": ("paper", 3, 2, "finished"),
+        "plan-s1": ("swap", 3, 1, "finished"),
+    }
+    assert records["mfgfl-hf-s2"]["changed"] == {"duration": 2.0, "wind.sigma": 0.2}
+    summary = json.loads((one(runs, "s2") / "summary.json").read_text())
+    assert records["mfgfl-hf-s2"]["payload_bits"] == summary["payload_bits"]["total"]
+    for columns, headings in ((80, 6), (140, 9)):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        code, out, _ = run("list", "runs")
+        assert (code, len(out.splitlines()), max(map(len, out.splitlines())) <= columns) == (EXIT_DONE, 5, True)
+        assert len(out.splitlines()[0].split()) == headings
+        assert "swap +1" in out
+
+
+def test_show_has_the_changed_keys_the_summary_and_the_files(run, runs) -> None:
+    folder = one(runs, "s2")
+    shown = json.loads(run("show", str(folder), "--json")[1])
+    assert shown["keys"]["wind.sigma"] == {"value": 0.2, "default": 0.1}
+    assert shown["keys"].keys() == {"duration", "seed", "uavs", "wind.sigma"}
+    assert shown["summary"] == json.loads((folder / "summary.json").read_text())
+    assert shown["files"] == {path.name: path.stat().st_size for path in folder.iterdir()}
+    code, out, _ = run("show", str(folder))
+    assert code == EXIT_DONE
+    for part in ("3 UAVs under mfgfl-hf in paper +2, seed 2", "0 of 3 UAVs arrived", "wind.sigma", *shown["files"]):
+        assert part in " ".join(out.split())
+
+
+def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> None:
+    first, second = one(runs, "hf-s1"), one(runs, "hf-s2")
+    found = json.loads(run("diff", str(first), str(second), "--json")[1])
+    assert found["keys"] == {"seed": {"a": 1, "b": 2}, "wind.sigma": {"a": 0.1, "b": 0.2}}
+    a, b = (json.loads((folder / "summary.json").read_text()) for folder in (first, second))
+    plain = [field.key for field in SUMMARY if isinstance(a.get(field.key), int | float)]
+    computer = {"wall_time_s", "real_time_factor"}
+    assert {key for key in found["figures"] if "." not in key} == {key for key in plain if a[key] != b[key]} - computer
+    assert found["figures"]["phi_A"]["change"] == b["phi_A"] - a["phi_A"]
+    assert (found["same_flight"], found["figures"]["phi_A"]["unit"]) == (False, "m/s")
+    code, out, _ = run("diff", str(first), str(second))
+    assert (code, "wind.sigma" in out, "phi_A" in out, max(map(len, out.splitlines())) <= 80) == (0, True, True, True)
+    same = run("diff", str(first), str(first))[1]
+    assert "Keys that differ: none" in same
+    assert "the same flight, to the last bit" in same
+
+
+@pytest.mark.parametrize(
+    ("damage", "status", "says"),
+    [
+        (lambda run: (run / "summary.json").write_text("{"), "damaged", "damaged: not JSON"),
+        (lambda run: (run / "summary.json").write_text("[]"), "damaged", "damaged: no object"),
+        (lambda run: spoil(run, schema=2, version="9.9"), "damaged", "of version 2, written by meanflock 9.9"),
+        (lambda run: spoil(run, rounds=HOSTILE), "damaged", "`rounds` is no number"),
+        (lambda run: (run / "scenario.toml").write_text("="), "damaged", "not TOML"),
+        (lambda run: (run / "scenario.toml").unlink(), "damaged", "No such file"),
+        (lambda run: (run / "summary.json").unlink(), "unfinished", "`meanflock resume"),
+        (lambda run: (run / CHECKPOINT).write_bytes(b""), "interrupted", "`meanflock resume"),
+    ],
+)
+def test_a_run_that_cannot_be_compared_is_listed_and_refused(damage, status: str, says: str, run, runs) -> None:
+    good, bad = one(runs, "hf-s1"), one(runs, "hf-s2")
+    damage(bad)
+    assert {record["status"] for record in json.loads(run("list", "--json")[1])} == {"finished", status}
+    assert run("list")[0] == run("list", "--html", "page.html")[0] == EXIT_DONE
+    assert run("show", str(bad))[0] == (EXIT_BAD_INPUT if status == "damaged" else EXIT_DONE)
+    code, out, err = run("diff", str(good), str(bad))
+    assert (code, out, err.count("\n"), says in err, "\x1b" in err) == (EXIT_BAD_INPUT, "", 1, True, False)
+
+
+def test_folders_without_runs_are_refused(run, runs, tmp_path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert run("list", "empty", "--json")[:2] == (EXIT_DONE, "[]\n")
+    for line in (("list", "none"), ("list", str(one(runs, "plan-s1"))), ("show", "empty"), ("diff", "empty", "none")):
+        code, out, err = run(*line)
+        assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert run("list", "--json", "--html", "page.html")[0] == EXIT_BAD_INPUT
+    assert run("list", "--html", "none/page.html")[0] == EXIT_BAD_INPUT
+
+
+def test_the_page_has_a_picture_of_each_run_escapes_all_text_and_loads_nothing(run, runs) -> None:
+    spoil(one(runs, "hf-s1"), method=HOSTILE)
+    one(runs, "plan-s1").rename(runs / HOSTILE.replace("/", "-"))
+    code, out, _ = run("list", "--html", "page.html")
+    page = Path("page.html").read_text(encoding="utf-8")
+    assert (code, out, page.count("<svg"), page.count("<article")) == (EXIT_DONE, "page.html\n", 3, 3)
+    assert "default-src 'none'" in page
+    assert not re.findall(r"<(?:script|img|link|iframe)|(?:src|srcset)\s*=|url\(|@import|https?:|\x1b", page)
+    assert "<script>alert('&')</script>\\x1b[31m" in unescape(page)
+    assert set(re.findall(r"href='([^']*)'", page)) == {f"#run-{number}" for number in range(3)}
+    assert [run.status for run in runs_in(runs)] == ["finished"] * 3
