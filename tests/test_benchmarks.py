@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 
 from benchmarks import page, peers, profile, scaling, store
@@ -63,14 +62,9 @@ def test_a_ratio_that_grew_by_more_than_noise_is_named_and_one_that_fell_is_not(
     worse = store.worse(found(("tick", 3.0, "lower"), ("speed", 1.0, "higher"), ("size", 2.0, "neither")), before)
     assert [sentence.split(" (")[-1] for sentence in worse] == ["50 % worse)", "100 % worse)"]
     assert "3.00 times its floor, was 2.00" in worse[0]
-
-
-def test_what_cannot_be_measured_any_more_is_named() -> None:
-    before = found(("tick", 2.0, "lower"), ("size", 1.0, "neither"))
     assert store.worse(found(error="it fell over"), before) == ["race: cannot be measured any more: it fell over"]
-    assert store.worse(found(("tick", 2.0, "lower")), before) == ["race: size: not measured any more"]
-    assert store.worse(found(("tick", 2.0, "lower"), effort="quick"), before) == []
-    assert store.worse(found(error="it never ran"), {"races": {}}) == []
+    few = found(("tick", 2.0, "lower"), ("speed", 2.0, "higher"))
+    assert store.worse(few, before) == ["race: size: not measured any more"]
 
 
 # -- peers --------------------------------------------------------------------------------------------------------
@@ -81,29 +75,16 @@ sys.path.insert(0, {scripts!r})
 from serve import serve
 serve(lambda: sum(range(1000)))
 """
-LEAVES_BEHIND = """
-import subprocess, sys, tempfile
-child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-tempfile.mkstemp()
-print("ready", flush=True)
-input()
-print(child.pid, flush=True)
-input()
-"""
 
 
-def test_a_peer_is_timed_in_a_process_that_ends_with_all_it_started_and_wrote() -> None:
+def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
     with environment.Peer([sys.executable, "-c", PEER.format(scripts=str(environment.SCRIPTS))], "peer 1") as peer:
         assert 0.0 < peer.measure(10) < 1000.0
     assert peer._process.poll() is not None
-    with environment.Peer([sys.executable, "-c", LEAVES_BEHIND], "peer 1") as peer:
-        child, folder = psutil.Process(int(peer.measure(1))), Path(peer._folder.name)
-        assert any(folder.iterdir())
-    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
-    assert not folder.exists()
+    assert not Path(peer._folder.name).exists()
 
 
-def test_a_peer_that_cannot_be_timed_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_peer_that_cannot_be_timed_says_why(tmp_path: Path) -> None:
     for race in peers.RACES:
         assert any(pin.startswith(f"{race.peer}==") for pin in environment.pins(race.peer))
         assert (environment.SCRIPTS / f"{race.script}.py").is_file()
@@ -112,12 +93,8 @@ def test_a_peer_that_cannot_be_timed_says_why(tmp_path: Path, monkeypatch: pytes
     fails = "print('ERROR: no wheel'); raise SystemExit(1)"
     with pytest.raises(BenchmarkFailed, match="ERROR: no wheel"):
         environment.install([sys.executable, "-c", fails], tmp_path / "log", time.monotonic() + 60.0)
-    with pytest.raises(BenchmarkFailed, match="not installed in time"):
-        environment.install([sys.executable, "-c", "input()"], tmp_path / "log", time.monotonic())
-    monkeypatch.setattr(environment, "ANSWER_S", 2.0)
-    for code, why in (("raise SystemExit('no wings')", "it ended: no wings"), ("input()", "no answer")):
-        with pytest.raises(BenchmarkFailed, match=why):
-            environment.Peer([sys.executable, "-c", code], "peer 1")
+    with pytest.raises(BenchmarkFailed, match="it ended: no wings"):
+        environment.Peer([sys.executable, "-c", "raise SystemExit('no wings')"], "peer 1")
 
 
 # -- scaling ------------------------------------------------------------------------------------------------------

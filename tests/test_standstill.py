@@ -38,9 +38,7 @@ def test_without_processes():
 """
 
 
-def test_only_a_test_of_processes_in_a_standstill_is_repeated(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_a_test_of_processes_in_a_standstill_is_repeated(pytester, monkeypatch) -> None:
     machine = Standstill()
     for late_s in (0.0, LOOK_S, NOTABLE_S, 1.5, 2.0):
         machine.note(late_s)

@@ -127,18 +127,6 @@ def test_only_the_mean_field_methods_read_their_tables_and_call_their_kernels() 
         assert not reads or name_of(path).startswith(theirs), f"{name_of(path)} reads {reads}"
 
 
-RECORDING = (
-    "recorder",
-    "drawing",
-    "flight",
-    "rounds",
-    "disturbances",
-    "mission_map",
-    "blueprint",
-    "replay",
-    "viewer",
-    "__init__",
-)
 GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
 
 
@@ -147,7 +135,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
     [
         (("zenoh",), ("swarm/net/session.py",)),
         (("prometheus_client",), ("worldsim/exporter.py",)),
-        (("rerun", "rerun_sdk"), tuple(f"groundstation/recording/{name}.py" for name in (*RECORDING, "__init__"))),
+        (("rerun", "rerun_sdk"), ("groundstation/recording/",)),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),

@@ -60,18 +60,14 @@ def test_finished_flights_never_fly_again(tmp_path: Path, monkeypatch: pytest.Mo
         (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **SMALL), "leave it out"),
     ],
 )
-def test_wrong_arguments_are_bad_input_before_anything_flies(
-    call: Any, says: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_arguments_are_bad_input_before_anything_flies(call: Any, says: str, monkeypatch) -> None:
     monkeypatch.setattr(study, "fly_all", lambda *_, **__: pytest.fail("flown in vain"))
     with pytest.raises(mf.BadInput, match=says):
         call()
 
 
 @pytest.mark.parametrize("kept", [True, False])
-def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(
-    kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(kept: bool, tmp_path, monkeypatch) -> None:
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
@@ -81,9 +77,7 @@ def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(
     assert f"kept in {tmp_path / 'data'}" in str(caught.value) if kept else "nothing is kept: name" in str(caught.value)
 
 
-def test_flights_of_another_version_of_a_package_are_flown_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_flights_of_another_version_of_a_package_are_flown_again(tmp_path, monkeypatch) -> None:
     (tmp_path / "stranger.py").write_text(
         "import meanflock as mf\n\nclass Still(mf.Controller):\n    name = 'still'\n"
         "    def step(self, memory, tick, own, received):\n        return mf.Step(memory, 0.0 * own[:, :2])\n"

@@ -140,9 +140,7 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
         ("nowhere.toml", {}, "nowhere.toml"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_flies(
-    scenario: str, options: dict[str, Any], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_input_is_one_line_and_nothing_flies(scenario, options, says, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("meanflock.flying.Engine", lambda *_, **__: pytest.fail("flown in vain"))
     out = {} if "record" in options else {"out": "runs"}
@@ -180,9 +178,7 @@ def test_an_opened_folder_is_the_run_that_was_flown(left: mf.Run) -> None:
 
 
 @pytest.mark.parametrize("per", ["uav", "tick"])
-def test_a_csv_file_holds_every_float_of_the_frame(
-    per: Any, left: mf.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_csv_file_holds_every_float_of_the_frame(per: Any, left, tmp_path, capsys) -> None:
     assert left.folder is not None
     path = left.to_csv(tmp_path / "flight.csv", per)
     with path.open() as file:

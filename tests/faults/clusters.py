@@ -21,9 +21,9 @@ def swarm(*settings_: str, uavs: int = 12, clusters: int = 3) -> Scenario:
     return scenario(f"uavs={uavs}", f"federation.clusters={clusters}", *settings_)
 
 
-def globals_of(of: Scenario) -> list[np.ndarray]:
-    """The models a flight's leader broadcasts, by round."""
-    lab, heard = Lab(of), list[np.ndarray]()
+def globals_of(lab: Lab) -> list[np.ndarray]:
+    """The models that the leader of a flight broadcasts, by round."""
+    heard: list[np.ndarray] = []
     lab.listen(lambda tick, batch: heard.append(batch.payload[0]) if batch.kind == FrameKind.GLOBAL else None)
     lab.fly()
     return heard

@@ -113,9 +113,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a p
 
 
 @pytest.mark.parametrize("name", DAMAGES)
-def test_a_damaged_run_is_not_resumed_and_its_folder_is_left_as_it_was(
-    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_run_is_not_resumed_and_its_folder_is_left_as_it_was(name: str, folder, capsys) -> None:
     damage, part = DAMAGES[name]
     damage(folder)
     (folder / RECORDING).write_bytes(b"as it was")
@@ -140,9 +138,7 @@ def test_a_run_that_is_still_being_written_is_not_resumed(tmp_path: Path, capsys
         pass
 
 
-def test_a_run_whose_plugin_was_changed_names_the_copy_that_flew(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_whose_plugin_was_changed_names_the_copy_that_flew(tmp_path, capsys) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text(SPRING.read_text(encoding="utf-8"), encoding="utf-8")
     plugins.load_file(mine)
@@ -165,9 +161,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return opened
 
 
-def test_a_recording_cut_off_early_is_made_anew_from_the_time_series(
-    flown: Path, tmp_path: Path, shown: list[Path]
-) -> None:
+def test_a_recording_cut_off_early_is_made_anew_from_the_time_series(flown, tmp_path, shown) -> None:
     folder = Path(shutil.copytree(flown, tmp_path / "run"))
     path = folder / RECORDING
     path.write_bytes(path.read_bytes()[:1000])
@@ -177,9 +171,7 @@ def test_a_recording_cut_off_early_is_made_anew_from_the_time_series(
     assert recorded([path]).ticks.tolist() == list(range(151))
 
 
-def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(
-    flown: Path, tmp_path: Path, shown: list[Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_cannot_be_completed_without_events_is_a_verdict(flown, tmp_path, shown, capsys) -> None:
     folder = Path(shutil.copytree(flown, tmp_path / "run"))
     (folder / RECORDING).write_bytes((folder / RECORDING).read_bytes()[:200_000])
     (folder / EVENTS).unlink()

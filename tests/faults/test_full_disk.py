@@ -69,9 +69,7 @@ def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_sa
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(801))
 
 
-def test_a_run_without_room_is_bad_input_and_changes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_room_is_bad_input_and_changes_nothing(tmp_path, monkeypatch, capsys) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 

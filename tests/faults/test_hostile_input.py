@@ -16,12 +16,13 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Sense, Stop
-from tests.faults.clusters import FLOATS
+from tests.faults.clusters import FLOATS, swarm
 from tests.faults.conftest import RUN, Lab, honest, scenario
 from tests.swarm.examples import written
 
 NUMBER = keys.fingerprint(RUN)
-MODELS, STATES = scenario(), scenario(method="hjb")
+MODELS, STATES, HEADS = scenario(), scenario(method="hjb"), swarm()
+BYTES = scenario("federation.payload=int8", "federation.broadcast_payload=int8", method="mfgfl-hf")
 WIDEST = STATES.declared.broadcast_numbers
 Changes = list[tuple[str, dict[str, Any], str]]  # name, changed fields of an Act, and the reason of its drop
 replace = msgspec.structs.replace
@@ -44,6 +45,19 @@ def outbox(
 
 def broadcast(*source: int, number: int = 0, width: int = 4, dtype: str = "<f4") -> dict[str, Any]:
     return {"outbox": (batch(FrameKind.STATE, width, source, number, dtype),)}
+
+
+def relay(head: int = 4, count: float = 4.0, width: int = FLOATS + 1, dtype: str = "<f4", links: Any = None) -> Frames:
+    frames = batch(FrameKind.RELAY, width, (head,), 1, dtype, links)
+    frames.payload[:, -1] = count
+    return frames
+
+
+def in_bytes(weight: int = 0, scale: float = 1.0) -> Frames:
+    frames = batch(FrameKind.UPLOAD, 262, (0,), 1, "u1")
+    frames.payload[0, 17] = weight
+    frames.payload[0, 246:] = np.full(4, scale, "<f4").view("u1")
+    return frames
 
 
 # Acts of agent-0, which has UAV 0 alone of six that upload models.
@@ -83,6 +97,28 @@ BROADCASTS: Changes = [
     ("a state with links", outbox(1, kind=FrameKind.STATE, width=4, links=np.zeros((1, 2), np.int32)), "wrong-shape"),
     ("an upload without rounds", outbox(1), "wrong-kind"),
     ("a relay", outbox(1, kind=FrameKind.RELAY), "wrong-kind"),
+]
+# Acts of agent-4, a head of four UAVs that has just relayed their mean.
+OF_HEADS: Changes = [
+    ("a relay of more models than its cluster has", {"outbox": (relay(count=5.0),)}, "wrong-shape"),
+    ("a relay of half a model", {"outbox": (relay(count=0.5),)}, "wrong-shape"),
+    ("a relay of no model", {"outbox": (relay(count=0.0),)}, "wrong-shape"),
+    ("a relay without a count", {"outbox": (relay(width=FLOATS),)}, "wrong-shape"),
+    ("a relay in doubles", {"outbox": (relay(dtype="<f8"),)}, "wrong-shape"),
+    ("a relay of another head", {"outbox": (relay(8),)}, "wrong-shape"),
+    ("a relay of a UAV that is no head", {"outbox": (relay(5),)}, "wrong-shape"),
+    ("a relay with links", {"outbox": (relay(links=np.zeros((1, 2), np.int32)),)}, "wrong-shape"),
+    *(
+        (f"a refusal of {who}", {"refused": uavs(*who)}, "wrong-shape")
+        for who in ((~0,), (~5, ~5), (~12,), (5, 5), (12,))
+    ),
+]
+# Acts of agent-0, which has UAV 0 alone of six that upload bytes, with a scale of four bytes for each of four blocks.
+OF_BYTES: Changes = [
+    ("an upload too short", outbox(0, width=261, dtype="u1"), "wrong-shape"),
+    ("floats for bytes", outbox(0, width=262), "wrong-shape"),
+    ("a byte that is no weight", {"outbox": (in_bytes(weight=0x80),)}, "non-finite"),
+    ("a scale of zero", {"outbox": (in_bytes(scale=0.0),)}, "non-finite"),
 ]
 OF_LEADERS: Changes = [
     ("a broadcast of states", broadcast(0), "wrong-kind"),
@@ -155,6 +191,12 @@ RECEIVERS = {
     "world: reply with states": Row(
         STATES, 3, lambda lab, tick: at_world(lab, act(tick, 3, WIDTH), "commands", AGENT, BROADCASTS)
     ),
+    "world: reply in bytes": Row(
+        BYTES, 1, lambda lab, tick: at_world(lab, act(tick, 1, 5), "commands", AGENT, OF_BYTES)
+    ),
+    "world: reply of a head": Row(
+        HEADS, 1, lambda lab, tick: at_world(lab, act(tick, 1), "commands", keys.act(RUN, "agent-4"), OF_HEADS)
+    ),
     "world: leader's reply": Row(
         MODELS, 1, lambda lab, tick: at_world(lab, act(tick, 0), "", keys.act(RUN, "leader"), OF_LEADERS)
     ),
@@ -217,7 +259,8 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
     summary = lab.world.finish()
     assert thrown >= 3 * 7
     assert summary["trajectory_sha256"] == honest(flown)
-    assert (summary["lost"], summary["nodes_lost"], summary["telemetry_blocks_dropped"]) == (0, 0, 0)
+    nothing = ("lost", "nodes_lost", "telemetry_blocks_dropped", "uploads_refused", "states_refused")
+    assert not any(summary[name] for name in nothing)
     assert sum(summary["dropped_messages"].values()) == (thrown if name.startswith("world") else 0)
 
 

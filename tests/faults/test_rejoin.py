@@ -1,7 +1,5 @@
 """A node that is lost costs nobody else anything, and another may take its place."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -66,9 +64,7 @@ def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_
 
 @pytest.mark.parametrize("place", ["agent-3", "leader"])
 @pytest.mark.parametrize(("every", "rejoins"), [(3, 5), (7, 8)])
-def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(
-    place: str, every: int, rejoins: int
-) -> None:
+def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(place, every, rejoins) -> None:
     lab = Lab(scenario("pace.rejoin_ticks=20"), uavs_per_node=1)
     names = iter([place, *(f"{place}.{life}" for life in range(2, 10))])
     refused = []
@@ -135,9 +131,6 @@ def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -
     assert summary["dropped_messages"] == {"unknown-node": 1}
 
 
-# -- places --------------------------------------------------------------------------------------------------------
-
-
 def test_a_repeated_join_gets_the_same_place() -> None:
     members = Members(3, leaders=1)
     first = members.admit(Join("agent", 1, token=11))
@@ -147,23 +140,3 @@ def test_a_repeated_join_gets_the_same_place() -> None:
     assert members.admit(Join("agent", 1, token=13)).uavs.tolist() == [2]
     with pytest.raises(JoinRefused, match="every UAV"):
         members.admit(Join("agent", 1, token=14))
-
-
-def test_a_shut_place_is_refused_and_another_is_given() -> None:
-    members = Members(3, leaders=1)
-    first, second, _ = (members.admit(Join("agent", 1, uav)) for uav in range(3))
-    for lost in (first, second):
-        members.lose(lost)
-    members.shut(first, 60.0, "was slow")
-    with pytest.raises(JoinRefused, match="refused for 50 s: the agent of UAV 0 was slow") as for_now:
-        members.admit(Join("agent", 1, 0), 10.0)
-    assert members.admit(Join("agent", 2), 10.0).uavs.tolist() == [1]
-    with pytest.raises(JoinRefused, match="refused for 50 s"):
-        members.admit(Join("agent", 1), 10.0)
-    assert members.admit(Join("agent", 1), 60.0).uavs.tolist() == [0]
-    leader = members.admit(Join("leader", 0))
-    members.lose(leader)
-    members.shut(leader, math.inf, "was slow")
-    with pytest.raises(JoinRefused, match="refused for good: the leader was slow") as for_good:
-        members.admit(Join("leader", 0), 1e9)
-    assert (for_now.value.for_now, for_good.value.for_now) == (True, False)

@@ -39,9 +39,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
     assert [e["tick"] for e in events(folder) if e["kind"] == "resumed"] == [101, 201, 301]
 
 
-def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(
-    undisturbed: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undisturbed, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 20)  # some since the checkpoint
     flown = scenario(LATER)
     folder = dead(tmp_path / "dead", flown, 250)

@@ -117,9 +117,7 @@ def test_a_gust_accelerates_the_uavs_it_hits_while_it_blows() -> None:
         ('{kind="pause", tick=35, duration_s=3.0, uavs=[0]}', [2, 3]),
     ],
 )
-def test_rounds_are_void_while_the_uav_that_averages_is_lost_or_paused(
-    silent: str, void: list[int], clusters: int
-) -> None:
+def test_rounds_are_void_while_the_uav_that_averages_is_lost_or_paused(silent, void, clusters) -> None:
     lab = Lab(flown(silent, settings=(f"federation.clusters={clusters}", *CLEAR)))
     summary = lab.fly()
     assert (summary["rounds"], summary["rounds_void"]) == (5 - len(void), len(void))
@@ -188,7 +186,5 @@ SHIPPED = [
 
 
 @pytest.mark.parametrize(("path", "number", "harmless"), SHIPPED, ids=lambda part: getattr(part, "stem", None))
-def test_every_fault_of_a_shipped_script_changes_the_flight_or_is_declared_harmless(
-    path: Path, number: int, harmless: bool
-) -> None:
+def test_every_fault_of_a_shipped_script_changes_the_flight_or_is_declared_harmless(path, number, harmless) -> None:
     assert (outcome(path, None) == outcome(path, number)) == harmless

@@ -64,9 +64,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     assert sum(len(block.states) for block in late[0].blocks) == 121
 
 
-def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(monkeypatch, caplog) -> None:
     monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 60_000)
     lab = Lab(scenario("duration=40"))
     deafen(lab)

@@ -89,8 +89,6 @@ class Mutator:
                     case _:
                         changed[at] = self._within(changed[at])
                 return changed
-            case Ext():
-                return Ext(value.code, self._array(bytes(value.data)))
             case bytes() if len(value) >= 8 and draw.random() < 0.5:  # other numbers in a table of as many
                 at = 8 * draw.randrange(len(value) // 8)
                 return value[:at] + draw.choice(_TELLING_FLOATS) + value[at + 8 :]
@@ -105,26 +103,6 @@ class Mutator:
                 return draw.choice(_TELLING_TEXTS)
             case _:
                 return draw.choice(_TELLING_VALUES)
-
-    def _array(self, data: bytes) -> bytes:
-        """An array with another head, or other numbers: dtype, axes, shape, payload."""
-        draw, changed = self._draw, bytearray(data)
-        match draw.randrange(6):
-            case 0 if changed:
-                changed[0] = draw.choice((0, 1, 2, 3, 4, 5, 255))
-            case 1 if len(changed) >= 2:
-                changed[1] = draw.choice((0, 1, 2, 3, 4, 32, 255))
-            case 2 if len(changed) >= 6:
-                struct.pack_into("<I", changed, 2, draw.choice((0, 1, 2, 4, 2**16, 2**31, 2**32 - 1)))
-            case 3 if len(changed) >= 10:  # the same numbers in another shape
-                axes = struct.unpack_from("<2I", changed, 2)
-                struct.pack_into("<2I", changed, 2, *axes[::-1])
-            case 4 if len(changed) >= 18:
-                at = len(changed) - 8 * draw.randint(1, (len(changed) - 10) // 8)
-                changed[at : at + 8] = draw.choice(_TELLING_FLOATS)
-            case _:
-                return self._damaged(data)
-        return bytes(changed)
 
     def _damaged(self, raw: bytes) -> bytes:
         """The bytes with one change: a byte, or a span cut, inserted or repeated, or spliced with another message."""

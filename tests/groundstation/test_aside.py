@@ -1,28 +1,10 @@
-"""The background worker does its work in order, all of it, and reports its errors to the caller."""
+"""The next call of the background worker raises the error of its work, once. Its order: test_durable.py."""
 
 import threading
 
 import pytest
 
 from meanflock.groundstation.results.run_folder import BackgroundWorker
-
-
-def test_work_is_done_in_order_and_the_next_waits_for_the_one_before() -> None:
-    aside, go, begun = BackgroundWorker("test"), threading.Event(), threading.Event()
-    done: list[object] = []
-    aside.do(go.wait)
-    second = threading.Thread(target=lambda: (aside.do(lambda: done.append(0)), begun.set()))
-    second.start()
-    assert not begun.wait(0.05)
-    go.set()
-    assert begun.wait(10.0)
-    second.join()
-    for number in range(1, 20):
-        aside.do(lambda number=number: done.append(number))
-    aside.do(lambda: done.append(threading.current_thread()))
-    aside.close()
-    assert done[:-1] == list(range(20))
-    assert done[-1] is not threading.current_thread()
 
 
 @pytest.mark.parametrize("call", ["do", "wait", "close", "look"])

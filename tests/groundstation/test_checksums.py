@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
@@ -9,6 +10,7 @@ import pytest
 
 from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
+from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
 from tests.groundstation.recordings import flight
@@ -40,9 +42,7 @@ def flipped(whole: bytes, place: int) -> bytes:
     return whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :]
 
 
-def test_a_flipped_bit_costs_the_spool_one_block_and_a_warning(
-    folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_flipped_bit_costs_the_spool_one_block_and_a_warning(folder, tmp_path, caplog) -> None:
     path, whole = tmp_path / SPOOL, (folder / SPOOL).read_bytes()
     true = {one.block.block: control.encode(one.block) for one in spooled(folder / SPOOL)}
     assert (sorted(true), caplog.text) == ([0, 1, 2], "")
@@ -69,6 +69,20 @@ def test_every_block_before_a_cut_is_read_and_no_block_after_a_false_one(folder:
         spool.append(block, 0)
     spool.close()
     assert [one.block.block for one in spooled(path)] == [0]
+
+
+def test_a_block_without_room_leaves_no_byte_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(file: Any, content: bytes) -> None:
+        file.write(content[: len(content) // 2])
+        raise OSError(28, "No space left on device")
+
+    spool, path = Spool(tmp_path / SPOOL, 0.1), tmp_path / SPOOL
+    spool.append(BLOCKS[0], 0)
+    before = path.read_bytes()
+    monkeypatch.setattr(durable, "write", half)
+    with pytest.raises(OSError, match="No space"):
+        spool.append(BLOCKS[1], 0)
+    assert path.read_bytes() == before
 
 
 def test_a_flight_does_not_continue_over_a_damaged_block(folder: Path, tmp_path: Path) -> None:

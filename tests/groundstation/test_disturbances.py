@@ -33,25 +33,15 @@ def disturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
     return path, np.concatenate([block.states for block in blocks])[..., :2].astype(np.float32)
 
 
-def test_frozen_and_isolated_uavs_have_a_halo(disturbed: tuple[Path, np.ndarray]) -> None:
+def test_marks_of_faults_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None:
     path, points = disturbed
-    places = rows(path, look.HALOS, "Points2D:positions")
-    colors = rows(path, look.HALOS, "Points2D:colors")
-    assert places[0] == []
-    np.testing.assert_array_equal(places[30], points[30, [3, 4]])
-    np.testing.assert_array_equal(places[36], points[36, [5, 3, 4]])
-    assert colors[36] == [drawing.CUT, drawing.FROZEN, drawing.FROZEN]
-    np.testing.assert_array_equal(places[54], points[54, [5]])
-    assert places[55] == places[75] == []
-    assert sorted(places) == [0, *range(30, 66), *range(70, 76)]
-
-
-def test_jams_gusts_and_words_for_faults_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None:
-    path, points = disturbed
+    halos = rows(path, look.HALOS, "Points2D:positions")
+    for tick, uavs in ((0, []), (30, [3, 4]), (36, [5, 3, 4]), (54, [5]), (55, []), (75, [])):
+        np.testing.assert_array_equal(np.reshape(halos[tick], (-1, 2)), points[tick, uavs])
+    assert rows(path, look.HALOS, "Points2D:colors")[36] == [drawing.CUT, drawing.FROZEN, drawing.FROZEN]
     areas = rows(path, look.AREAS, "LineStrips2D:strips")
     ((circle),) = areas[50]
     np.testing.assert_allclose(np.hypot(*(np.array(circle) - (120.0, 80.0)).T), 7.0, rtol=1e-5)
-    assert rows(path, look.AREAS, "LineStrips2D:colors")[50] == [drawing.JAMMED]
     lines = rows(path, look.JAMS, "LineStrips2D:strips")  # between all UAVs of a jam
     np.testing.assert_array_equal(lines[55], points[55][[[1, 2], [1, 6], [2, 6]]])
     vectors, origins = rows(path, look.GUSTS, "Arrows2D:vectors"), rows(path, look.GUSTS, "Arrows2D:origins")
@@ -82,23 +72,16 @@ def test_lanes_show_frozen_and_isolated_uavs_and_the_lost_stay_lost(tmp_path: Pa
     assert shown[39][4] != drawing.GREY
 
 
-def test_heads_of_clusters_are_marked(tmp_path: Path) -> None:
+def test_heads_of_clusters_are_marked_and_faults_that_are_not_there_are_not(tmp_path: Path) -> None:
     path, blocks = tmp_path / "heads.rrd", flight(ticks=40)
     record(path, blocks, federation=Federation(clusters=5))
     points = np.concatenate([block.states for block in blocks])[:, [0, 5, 10, 15, 20], :2]
     ticks, heads = column(path, look.HEADS, "Points2D:positions")
     np.testing.assert_array_equal(ticks, np.arange(40))
     np.testing.assert_array_equal(heads, points.astype(np.float32))
-    assert fixed(path, "map/legend/head/word", "Points2D:labels") == ["head"]
-
-
-def test_without_faults_and_clusters_their_entities_are_empty(tmp_path: Path) -> None:
-    path = tmp_path / "plain.rrd"
-    record(path, flight(ticks=40))
-    for entity in (look.HALOS, look.GUSTS, look.HEADS):
-        assert not len(column(path, entity, "Points2D:positions")[0])
-    assert fixed(path, "map/legend/delivered/word", "Points2D:labels") == ["delivered"]
-    assert not fixed(path, "map/legend/jammed/word", "Points2D:labels")
+    for word, shown in (("head", ["head"]), ("delivered", ["delivered"]), ("jammed", [])):
+        assert fixed(path, f"map/legend/{word}/word", "Points2D:labels") == shown
+    assert not len(column(path, look.HALOS, "Points2D:positions")[0])
 
 
 def test_the_key_of_the_map_has_every_mark_in_its_colour(disturbed: tuple[Path, np.ndarray]) -> None:

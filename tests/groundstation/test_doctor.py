@@ -25,9 +25,7 @@ def docker(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     monkeypatch.delenv("DOCKER_HOST", raising=False)
 
 
-def test_an_engine_and_its_compose_plugin_are_found_with_their_versions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_engine_and_its_compose_plugin_are_found_with_their_versions(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     (missing,) = doctor.engine()
     assert (missing.verdict, missing.found, "install" in missing.mend) == ("warning", "not found", True)
@@ -100,28 +98,7 @@ def test_a_port_in_use_is_a_warning() -> None:
     assert doctor._port("bus port", port, "end it").verdict == "ok"
 
 
-def test_missing_and_expired_certificates_fail_and_a_readable_key_is_a_warning(tmp_path: Path) -> None:
-    (missing,) = doctor.certificates(tmp_path / "nowhere", 1, 1)
-    assert (missing.verdict, "No such file" in missing.found) == ("fails", True)
-    assert "certs init" in missing.mend
-    (old := tmp_path / "old").mkdir()
-    authority = certs.Authority("old", days=-2)
-    authority.write(old)
-    for name in certs.names(1):
-        authority.issue(old, name, days=30)
-    (expired,) = doctor.certificates(old, 1, 1)
-    assert (expired.verdict, f"{old / 'ca.pem'}: expired on" in expired.found) == ("fails", True)
-    certs.init(folder := tmp_path / "certs", 1)
-    (folder / "ca.key").chmod(0o640)
-    (readable,) = doctor.certificates(folder, 1, 1)
-    assert (readable.verdict, readable.mend) == ("warning", f"chmod 600 {folder / 'ca.key'}")
-    (folder / "ca.key").rename(tmp_path / "in a safe place")
-    assert [finding.verdict for finding in doctor.certificates(folder, 1, 1)] == ["ok"]
-
-
-def test_the_command_shows_all_verdicts_and_its_exit_code_is_that_of_a_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_shows_all_verdicts_and_its_exit_code_is_that_of_a_run(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     certs.init(tmp_path / "certs", 2)
     line = ["doctor", "--uavs", "2", "--out", str(tmp_path), "--tls", str(tmp_path / "certs")]

@@ -19,9 +19,7 @@ from tests.polling import DEADLINE_S
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
 
 
-def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_its_name(tmp_path, monkeypatch) -> None:
     done: list[str] = []
     fsync, replace = os.fsync, os.replace
 

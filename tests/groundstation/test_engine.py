@@ -19,12 +19,6 @@ from tests.polling import DEADLINE_S
 from tests.sources import ROOT, text
 
 
-def test_every_seed_flies_its_own_trajectory() -> None:
-    hashes = [fly(scenario("mfgfl-h", "duration=4", f"seed={seed}"))["trajectory_sha256"] for seed in (1, 1, 2, 3)]
-    assert hashes[0] == hashes[1]
-    assert len(set(hashes)) == 3
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("uavs", [1, 7])
 def test_a_swarm_of_one_and_of_an_odd_number_fly(method: str, uavs: int) -> None:

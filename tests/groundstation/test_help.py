@@ -10,6 +10,8 @@ import click
 import pytest
 
 from meanflock.groundstation.cli.command import cli
+from meanflock.swarm.errors import EXIT_DONE, MeanflockError
+from meanflock.swarm.scenarios import shipped
 from tests.groundstation.conftest import QUICK
 from tests.polling import DEADLINE_S
 
@@ -27,7 +29,6 @@ def _commands(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tu
 
 
 COMMANDS = dict(_commands(cli))
-_every = pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "meanflock")
 
 
 @pytest.fixture
@@ -42,34 +43,32 @@ def told(run, monkeypatch):
     return ask
 
 
-@_every
-def test_no_line_is_wider_than_the_terminal_or_cut_off(told, path) -> None:
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "meanflock")
+def test_help_has_an_example_describes_every_option_and_fits_the_terminal(told, path) -> None:
     shown = told(path)
     assert [line for line in shown.splitlines() if len(line) > _COLUMNS] == []
     assert [line for line in shown.partition("Commands:\n")[2].splitlines() if line.endswith("...")] == []
-
-
-@_every
-def test_the_example_is_of_this_command(told, path) -> None:
-    example = re.search(r"^  Example:\s+(meanflock .+)$", told(path), re.MULTILINE)
+    example = re.search(r"^  Example:\s+(meanflock .+)$", shown, re.MULTILINE)
     assert example is not None
     assert example[1].split()[1 : len(path) + 1] == list(path)
-
-
-@_every
-def test_every_option_is_described(path) -> None:
     options = [option for option in COMMANDS[path].params if isinstance(option, click.Option)]
     assert [option.opts[-1] for option in options if not option.help] == []
 
 
-def test_commands_are_listed_in_the_order_of_their_use(told) -> None:
-    listed = re.findall(r"^  ([a-z]+)  ", told(()).partition("Commands:\n")[2], re.MULTILINE)
-    assert listed[:3] == ["run", "resume", "view"]
-    assert listed == cli.list_commands(click.Context(cli))
+def test_help_names_every_scenario_and_every_exit_code(told) -> None:
+    def codes(kind: type[MeanflockError]) -> set[int]:
+        return {kind.exit_code}.union(*map(codes, kind.__subclasses__()))
+
+    said = told(("run",))
+    assert [path.stem for path in shipped() if f"{path.stem}," not in said and f"{path.stem}." not in said] == []
+    listed = told(()).partition("Exit codes:\n")[2].partition("\n\n")[0]
+    named = set(map(int, re.findall(r"^ +(\d)  \w", listed, re.MULTILINE)))
+    assert named == codes(MeanflockError) | {EXIT_DONE}
 
 
-def test_a_line_of_the_list_is_the_first_of_the_help_of_its_command(told) -> None:
+def test_commands_are_listed_in_the_order_of_their_use_with_the_first_line_of_their_help(told) -> None:
     lines = re.findall(r"^  ([a-z]+)  +(.+)$", told(()).partition("Commands:\n")[2], re.MULTILINE)
+    assert [name for name, _ in lines][:3] == ["run", "resume", "view"]
     context = click.Context(cli)
     commands = [(name, cli.get_command(context, name)) for name in cli.list_commands(context)]
     assert lines == [(name, command and command.get_short_help_str(_COLUMNS)) for name, command in commands]
@@ -95,7 +94,7 @@ DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
     ],
     ids=["help", "help of run", "run"],
 )
-def test_a_command_loads_only_what_it_needs(tmp_path, arguments: list[str], forbidden: list[str]) -> None:
+def test_a_command_loads_only_what_it_needs(tmp_path, arguments, forbidden) -> None:
     command = [sys.executable, "-c", LOADED, json.dumps(arguments), json.dumps(forbidden)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "")

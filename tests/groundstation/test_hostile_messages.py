@@ -1,44 +1,20 @@
-"""Floods, refused joins and false models. Malformed messages: tests/faults/test_hostile_input.py."""
+"""Floods, refused joins and keys that no node uses. Malformed messages: tests/faults/test_hostile_input.py."""
 
 from typing import Any
 
-import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Refusal
-from meanflock.swarm.wire.tick import write_act
+from meanflock.swarm.wire.messages import Event, Join, Refusal
 from tests.golden.flights import steady
-from tests.groundstation.flights import INT8, NUMBER, RUN, fly, scenario
-
-
-def act(tick: int, rows: int = 2, **changes: Any) -> Act:
-    fields: dict[str, Any] = {"run": NUMBER, "tick": tick, "commands": np.full((rows, 5), 3.0), **changes}
-    return Act(**fields)
-
-
-def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> None:
-    flown = scenario("mfgfl-hf", "duration=6", *INT8)
-    engine = Engine(flown, RUN, uavs_per_node=2)
-    good = np.zeros((2, 262), dtype="u1")
-    good[:, 246:] = np.ones((2, 4), dtype="<f4").view("u1")
-    beyond, no_scale = good.copy(), good.copy()
-    beyond[1, 17] = 0x80
-    no_scale[0, 246:250] = 0
-    payloads = [(good[:, :-1], "wrong-shape"), (good.astype("<f4"), "wrong-shape"), (beyond, "non-finite")]
-    payloads += [(no_scale, "non-finite"), (good, "duplicate")]  # the last one is well formed
-    for tick in engine.fly():
-        for payload, reason in payloads if tick % 7 == 0 else ():
-            frames = Frames(FrameKind.UPLOAD, 1, np.array([0, 1], dtype=np.int32), payload)
-            before = engine.world.counters.drops.copy()
-            message = write_act(act(tick - 1, outbox=(frames,)))
-            engine.world.handle(Delivery("message", keys.act(RUN, "agent-0"), message))
-            assert engine.world.counters.drops - before == {reason: 1}
-    assert steady(engine.world.finish()) == steady(fly(flown, uavs_per_node=2))
+from tests.groundstation.flights import RUN, fly, scenario
 
 
 @pytest.mark.parametrize(
@@ -48,9 +24,7 @@ def test_hostile_bytes_in_place_of_a_model_are_dropped_and_change_nothing() -> N
         ("agent-0", {"oversized": 600 - 102}, "agent", 102),  # 100 events, and one for each of its UAVs
     ],
 )
-def test_a_flood_is_counted_and_logged_up_to_a_limit(
-    node: str, dropped: dict[str, int], kind: str, logged: int
-) -> None:
+def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged) -> None:
     kept = Kept()
     engine = Engine(scenario("mfg", "duration=3"), RUN, sinks=[kept], uavs_per_node=2)
     for tick in engine.fly():
@@ -82,3 +56,59 @@ def test_a_join_under_the_name_of_another_node_is_dropped_without_an_answer() ->
         engine.world.handle(Delivery("question", keys.join(RUN, name), control.encode(join), replies.append))
     assert not replies
     assert engine.world.counters.drops == {"wrong-name": 3}
+
+
+SUFFIXES = (
+    *("", "/**", "/node", "/node//act", "/node/*/act", "/node/$*/act", "/node/agent-1/**", "/node/agent-1/act\n"),
+    *("/node/agent-1\x1b[2J/act", "/node/agent-1\nlost agent-2/act", "/node/\u202eagent-1/act"),
+    *("/alive", "/alive/agent/\x1b]0;x\x07", "/alive/**"),
+)
+HOSTILE_KEYS = ["", "/", "**", "*", "x", f"{keys.ROOT}/**", "a/" * 20_000]
+HOSTILE_KEYS += [f"{keys.ROOT}/{RUN}{suffix}" for suffix in SUFFIXES]
+
+
+def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    flown = scenario("mfg", "duration=2")
+    honest, kept = fly(flown), Kept()
+    engine, replies = Engine(flown, RUN, sinks=[kept]), []
+    question = control.encode(Join("agent", 1))
+    for tick in engine.fly():
+        if tick != 4:
+            continue
+        for key in (keys.act(RUN, "agent-0"), keys.received(RUN)):
+            engine.world.handle(Delivery("oversized", key, size=70, largest=64))
+            assert caplog.messages[-1].endswith("oversized: 70 bytes, at most 64 expected")
+        for key in HOSTILE_KEYS:
+            for delivery in (
+                Delivery("message", key, b"x"),
+                Delivery("question", key, question, replies.append),
+                Delivery("alive", key),
+                Delivery("gone", key),
+                Delivery("oversized", key, size=1),
+            ):
+                before = engine.world.counters.drops.total()
+                engine.world.handle(delivery)
+                assert engine.world.counters.drops.total() == before + 1, delivery
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == {"wrong-key": 5 * len(HOSTILE_KEYS), "oversized": 2}
+    assert not replies
+    texts = [event.text for block in kept.blocks for event in block.events]
+    said = [record.getMessage() for record in caplog.records] + [str(vars(record)["peer"]) for record in caplog.records]
+    assert len(texts) >= 100
+    assert all(text.isprintable() and len(text) < 1000 for text in (*texts, *said))
+    assert steady(summary) == steady(honest)
+
+
+@given(st.text() | st.from_regex(rf"{keys.ROOT}/{RUN}/(node|alive)/.*/.*"))
+def test_any_key_is_that_of_a_node_or_is_dropped(key: str) -> None:
+    for read in (keys.node_of, keys.presence_of):
+        try:
+            found: Any = "".join(read(key))
+        except MessageRejected as error:
+            found = error
+        if isinstance(found, MessageRejected):
+            assert (found.reason, str(found).isprintable()) == ("wrong-key", True)
+        else:
+            assert found.isascii()
+            assert found.isprintable()
+            assert not set(found) & set("*/$ ")

@@ -41,9 +41,7 @@ def test_without_a_limit_the_memory_is_that_of_the_machine(tmp_path: Path, versi
 
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("limited", ["pod/run", "pod", ""])
-def test_the_tightest_limit_of_all_groups_counts_without_reclaimable_cache(
-    tmp_path: Path, version: int, limited: str
-) -> None:
+def test_the_tightest_limit_of_all_groups_counts_without_reclaimable_cache(tmp_path, version, limited) -> None:
     member_of(tmp_path, "5:cpu,memory:/pod/run" if version == 1 else "0::/pod/run")
     group(tmp_path, "pod/run", version=version, limit=str(2**42), used_mb=10)
     group(tmp_path, limited, version=version, limit=str(64 * MEGABYTE), used_mb=50, cache_mb=20)
@@ -51,9 +49,7 @@ def test_the_tightest_limit_of_all_groups_counts_without_reclaimable_cache(
 
 
 @pytest.mark.parametrize(("used_mb", "left_mb"), [(16, 32), (49, 0)])
-def test_a_container_that_does_not_see_its_group_uses_the_mounted_one(
-    tmp_path: Path, used_mb: int, left_mb: int
-) -> None:
+def test_a_container_that_does_not_see_its_group_uses_the_mounted_one(tmp_path, used_mb: int, left_mb: int) -> None:
     member_of(tmp_path, "3:memory:/docker/0123456789ab", "0::/docker/0123456789ab")  # the path on the host
     group(tmp_path, "", version=1, limit=str(48 * MEGABYTE), used_mb=used_mb)
     assert available_mb(tmp_path)[0] == left_mb
@@ -69,9 +65,7 @@ def test_the_need_grows_with_processes_uavs_and_pairs() -> None:
     ("left_mb", "processes", "verdict", "remedy"),
     [(10**6, 200, "ok", ""), (1000, 200, "fails", "--uavs-per-process 25"), (100, 0, "fails", "--uavs N")],
 )
-def test_the_doctor_compares_the_need_and_names_a_remedy(
-    monkeypatch: pytest.MonkeyPatch, left_mb: int, processes: int, verdict: str, remedy: str
-) -> None:
+def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, processes, verdict, remedy) -> None:
     monkeypatch.setattr(doctor, "available_mb", lambda: (left_mb, "left of this container's limit"))
     found = doctor.memory(200, processes)
     assert found.verdict == verdict

@@ -40,8 +40,8 @@ FLIGHT = ("--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", 
 
 @pytest.mark.parametrize(
     "command",
-    [("run", "--in-process", *FLIGHT), ("run", *FLIGHT), ("plugins",)],
-    ids=["one process", "processes", "list"],
+    [("run", *FLIGHT), ("plugins",)],
+    ids=["run", "list"],
 )
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
     (tmp_path / "noisy.py").write_text(PLUGIN)

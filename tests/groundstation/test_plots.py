@@ -37,9 +37,7 @@ def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(run_folder:
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "gone", "no run"])
-def test_a_damaged_time_series_is_bad_input_with_a_remedy(
-    damage: str, run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_time_series_is_bad_input_with_a_remedy(damage: str, run_folder, tmp_path, capsys) -> None:
     folder = Path(shutil.copytree(run_folder, tmp_path / "run"))
     path, whole = folder / "timeseries.parquet", (run_folder / "timeseries.parquet").read_bytes()
     says = f"{path}: damaged: "

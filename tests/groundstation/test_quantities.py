@@ -71,24 +71,6 @@ def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
         assert not fields - mine, quantity
 
 
-def test_the_plots_of_a_recording_use_the_names() -> None:
-    for plot, quantity in (
-        (plots.ENERGY, quantities.ENERGY),
-        (plots.SPEED, quantities.SPEED),
-        (plots.BITS, quantities.PAYLOAD),
-        (plots.ALIGNMENT, quantities.ALIGNMENT),
-        (plots.RISK, quantities.RISK_PRINTED),
-        (plots.FAILURES, quantities.OUTAGES),
-        (plots.FAILURES, quantities.COLLISIONS),
-        (plots.diagnostic("hjb_residual"), quantities.HJB_RESIDUAL),
-        (plots.diagnostic("fpk_residual"), quantities.FPK_RESIDUAL),
-        (plots.diagnostic("phi_G"), quantities.INTERACTION),
-        (plots.SPREAD, quantities.SPREAD),
-    ):
-        assert quantity.name in plot.title
-    assert plots.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
-
-
 def test_only_the_registry_spells_names_and_labels() -> None:
     registered = {named.name for named in QUANTITIES if " " in named.name} | set(map(quantities.axis_label, FIELDS))
     assert {"collision risk φ_C, distinct pairs", "φ_A (m/s)", "energy (J)"} <= registered
@@ -100,10 +82,7 @@ def test_only_the_registry_spells_names_and_labels() -> None:
             assert not found & registered, path
 
 
-# -- plots of a run ---------------------------------------------------------------------------
-
-
-def test_the_tables_and_plots_of_a_run_use_the_names(runs: dict[str, Path]) -> None:
+def test_the_tables_and_plots_of_a_run_and_of_a_recording_use_the_names(runs: dict[str, Path]) -> None:
     summary: dict[str, Any] = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
     console = Console(file=io.StringIO(), width=200)
     console.print(summary_table(summary))
@@ -115,6 +94,15 @@ def test_the_tables_and_plots_of_a_run_use_the_names(runs: dict[str, Path]) -> N
     for quantity in (quantities.ENERGY, quantities.SPEED, quantities.HJB_RESIDUAL, quantities.FPK_RESIDUAL):
         assert any(panel.startswith(quantity.name) for panel in panels), quantity
     assert "alignment φ_A, lower is better" in panels
+    for plot, quantity in (
+        (plots.BITS, quantities.PAYLOAD),
+        (plots.RISK, quantities.RISK_PRINTED),
+        (plots.FAILURES, quantities.OUTAGES),
+        (plots.FAILURES, quantities.COLLISIONS),
+        *((plots.diagnostic(name), FIELDS[name]) for name in DIAGNOSTICS),
+    ):
+        assert quantity.name in plot.title
+    assert plots.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
     for field, title in CRITERIA:
         assert title == FIELDS[field].remarked
 
@@ -127,9 +115,7 @@ def test_the_tables_and_plots_of_a_run_use_the_names(runs: dict[str, Path]) -> N
         ("mfgfl-hf", [*DIAGNOSTICS, "weight_spread"]),
     ],
 )
-def test_every_reported_quantity_has_a_panel_and_paths_the_colour_of_the_interaction(
-    method: str, reported: list[str], runs: dict[str, Path]
-) -> None:
+def test_every_reported_quantity_has_a_panel_and_paths_the_colour_of_the_interaction(method, reported, runs) -> None:
     made = plot_run(runs[method])
     panels = list(titles(made["curves"]))
     assert len(panels) == 6 + len(reported)

@@ -30,11 +30,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Telem
     return path, blocks
 
 
-def test_positions_velocities_and_the_leaders_frame_are_the_telemetrys(
-    recorded: tuple[Path, list[Telemetry]],
-) -> None:
+def test_positions_velocities_trails_and_the_leaders_frame_are_the_telemetrys(recorded) -> None:
     path, blocks = recorded
     states = np.concatenate([block.states for block in blocks])
+    assert verify(path) is None
+    assert len(RrdReader(path).blueprints()) == 1
+    for chunk in RrdReader(path).stream().filter(content=f"/{look.UAVS}"):
+        batch = chunk.to_record_batch()
+        if look.TIMELINE in batch.schema.names:
+            nanoseconds = batch.column(look.TIMELINE).cast("int64").to_numpy()
+            np.testing.assert_allclose(nanoseconds, batch.column(look.TICKS).to_numpy() * 0.1e9, atol=1)
     ticks, positions = column(path, look.UAVS, "Points2D:positions")
     np.testing.assert_array_equal(ticks, np.arange(600))
     np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
@@ -42,23 +47,6 @@ def test_positions_velocities_and_the_leaders_frame_are_the_telemetrys(
     np.testing.assert_allclose(np.array(vectors), states[..., state.VELOCITY] * look.ARROW_S, rtol=1e-6)
     _, frames = column(path, look.LEADER, "Transform3D:translation")
     np.testing.assert_array_equal(np.array(frames)[:, 0, :2], states[:, 0, :2].astype(np.float32))
-
-
-def test_a_closed_recording_has_one_blueprint_and_seconds_since_take_off(
-    recorded: tuple[Path, list[Telemetry]],
-) -> None:
-    assert verify(recorded[0]) is None
-    assert len(RrdReader(recorded[0]).blueprints()) == 1
-    for chunk in RrdReader(recorded[0]).stream().filter(content=f"/{look.UAVS}"):
-        batch = chunk.to_record_batch()
-        if look.TIMELINE in batch.schema.names:
-            nanoseconds = batch.column(look.TIMELINE).cast("int64").to_numpy()
-            np.testing.assert_allclose(nanoseconds, batch.column(look.TICKS).to_numpy() * 0.1e9, atol=1)
-
-
-def test_trails_are_an_unbroken_path_across_blocks(recorded: tuple[Path, list[Telemetry]]) -> None:
-    path, blocks = recorded
-    states = np.concatenate([block.states for block in blocks])
     ticks, strips = column(path, look.TRAILS, "LineStrips2D:strips")
     pieces = np.array(strips)  # (pieces, N, points, 2)
     np.testing.assert_array_equal(ticks, np.arange(5, 600, 5))

@@ -5,6 +5,7 @@ import socket
 
 import pytest
 
+from meanflock.groundstation.launch import processes
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.groundstation.conftest import QUICK
 
@@ -65,7 +66,8 @@ def test_an_endpoint_that_is_none_is_refused(run, tmp_path, endpoint) -> None:
 @pytest.mark.parametrize(
     "flags", [("--endpoint", "tcp/TAKEN"), ("--metrics", "TAKEN"), ("--in-process", "--metrics", "TAKEN")]
 )
-def test_a_port_that_is_taken_is_refused_before_anything_starts(run, tmp_path, flags) -> None:
+def test_a_port_that_is_taken_is_refused_before_anything_starts(run, tmp_path, monkeypatch, flags) -> None:
+    monkeypatch.setattr(processes, "Swarm", lambda *_: pytest.fail("processes were started"))
     with socket.create_server(("127.0.0.1", 0)) as server:
         taken = f"127.0.0.1:{server.getsockname()[1]}"
         code, out, err = run("run", "--uavs", "2", "--quiet", *(flag.replace("TAKEN", taken) for flag in flags))

@@ -115,9 +115,7 @@ def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 @pytest.mark.parametrize("sent", [0, 6, 15])  # block 5 ends with tick 101, whose event is in block 6
-def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(
-    sent: int, blocks: list[Telemetry], whole: Contents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(sent, blocks, whole, tmp_path, monkeypatch) -> None:
     assert (blocks[6].first_tick, blocks[6].events[0].tick) == (102, 101)
     folder = kept(tmp_path, blocks)
     killed(folder / "recording.rrd", blocks, sent, monkeypatch)
@@ -143,9 +141,7 @@ def test_a_recorder_that_continues_begins_with_the_rows_that_were_not_recorded(
     assert verify(folder / "recording.rrd") is None
 
 
-def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(
-    blocks: list[Telemetry], whole: Contents, tmp_path: Path
-) -> None:
+def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(blocks, whole, tmp_path) -> None:
     path = tmp_path / "recording.rrd"
     for number in range(3):
         continued = Continued(path)
@@ -171,9 +167,7 @@ def test_rows_are_cut_into_blocks_where_ticks_are_missing(blocks: list[Telemetry
     assert pa.Table.from_batches(again).equals(rows)
 
 
-def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(
-    blocks: list[Telemetry], whole: Contents, tmp_path: Path
-) -> None:
+def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(blocks, whole, tmp_path) -> None:
     folder = kept(tmp_path, blocks)
     (folder / "recording.rrd").write_bytes(b"no recording")
     path = folder / "scenario.toml"  # the controller need not be installed

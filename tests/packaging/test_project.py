@@ -113,9 +113,7 @@ def everything(path: Path) -> str:
         ("meanflock.groundstation", ["--run", "bare"], "pyarrow", "'meanflock[ground]'"),
     ],
 )
-def test_a_process_without_a_library_names_what_to_install(
-    module: str, arguments: list[str], library: str, install: str, tmp_path: Path
-) -> None:
+def test_a_process_without_a_library_names_what_to_install(module, arguments, library, install, tmp_path) -> None:
     code = f"import sys, runpy; sys.modules[{library!r}] = None; sys.argv = ['-m', *{arguments}]\n"
     code += f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     line = [sys.executable, "-P", "-c", code]

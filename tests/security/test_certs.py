@@ -82,9 +82,7 @@ BROKEN: dict[str, Callable[[Path, certs.Authority], object]] = {  # a part of th
 
 
 @pytest.mark.parametrize("says", BROKEN)
-def test_a_certificate_that_is_of_no_use_is_named_before_anything_starts(
-    says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_certificate_that_is_of_no_use_is_named_before_anything_starts(says: str, tmp_path, capsys) -> None:
     folder, authority = tmp_path / "certs", certs.Authority("one")
     folder.mkdir()
     authority.write(folder)
@@ -112,6 +110,9 @@ def test_doctor_warns_of_keys_others_can_read_and_of_an_end_that_is_near(tmp_pat
     (finding,) = certificates(folder, 1, 1)
     assert finding.verdict == "warning"
     assert finding.mend == f"chmod 600 {folder / 'leader.key'}"
+    (folder / "leader.key").chmod(0o600)
+    (folder / "ca.key").rename(tmp_path / "in a safe place")
+    assert [one.verdict for one in certificates(folder, 1, 1)] == ["warning"]
     (problem, *_) = certs.problems(folder, ["world"], at=datetime.now(UTC) + timedelta(days=4))
     assert "expired" in problem.why
 

@@ -58,9 +58,7 @@ DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius'
 @pytest.mark.parametrize(
     ("key", "values"), [("federation.broadcast_payload", ("float16", "int8")), ("obstacles", ("[]", DISCS))]
 )
-def test_a_table_of_means_fits_80_columns_and_cuts_no_number(
-    key: str, values: Any, columns: int, monkeypatch, capsys
-) -> None:
+def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, columns, monkeypatch, capsys) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     points = {(value, method): [LARGE] * 8 for value in values for method in ("mfgfl-hf", "offline")}
     means = Means((key, "method"), points)

@@ -174,9 +174,7 @@ PLAN = ("--controllers", "plan", "--seeds", "1", "--first-seed", "1", "--jobs", 
         (("paper",), "reproduction.measure.measured"),
     ],
 )
-def test_sigterm_after_the_last_flight_ends_a_study_that_can_go_on(
-    command: tuple[str, ...], last: str, run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sigterm_after_the_last_flight_ends_a_study_that_can_go_on(command, last, run, tmp_path, monkeypatch) -> None:
     caught: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, _: caught.append(number))
     monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)

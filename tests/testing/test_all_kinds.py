@@ -65,9 +65,7 @@ def test_every_built_in_filter_conforms_when_states_are_sent_in_every_tick(name:
 @pytest.mark.parametrize("name", ["vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca"])
 @pytest.mark.parametrize("uavs", [1, 6])
 @pytest.mark.parametrize("sharing", [Sharing(policy="tick", forget_s=0.2), Sharing(repeats=3, delta_m=0.02)])
-def test_controllers_that_share_states_conform_alone_and_among_obstacles(
-    name: str, uavs: int, sharing: Sharing
-) -> None:
+def test_controllers_that_share_states_conform_alone_and_among_obstacles(name, uavs, sharing) -> None:
     discs = (Obstacle(centre=(140.0, 96.0), radius=4.0), Obstacle(centre=(152.0, 90.0), radius=3.0))
     scenario = Scenario(uavs=uavs, obstacles=discs, start=Start(spacing=0.5), sharing=sharing)
     check_controller(plugins.load("controller", name), scenario=scenario)

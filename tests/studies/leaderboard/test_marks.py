@@ -69,9 +69,7 @@ def test_where_no_row_is_better_one_table_in_twenty_has_a_mark_at_most() -> None
 @pytest.mark.parametrize(
     ("free", "flights", "safe"), [(28, 28, False), (29, 29, True), (30, 30, True), (29, 30, False), (60, 61, True)]
 )
-def test_a_row_is_safe_if_its_share_of_free_flights_is_above_ninety_per_cent(
-    free: int, flights: int, safe: bool
-) -> None:
+def test_a_row_is_safe_if_its_share_of_free_flights_is_above_ninety_per_cent(free, flights, safe) -> None:
     assert marks.is_safe(np.arange(flights) < free) is safe
     bound = stats.binomtest(free, flights).proportion_ci(0.90).low  # two-sided 90 %: one-sided 95 %
     assert (bound >= 0.9) is safe
