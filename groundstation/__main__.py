@@ -23,8 +23,7 @@ with needed("the ground station", "ground"):
     )
     from meanflock.swarm.errors import BadInput, BusError, RunFailed
     from meanflock.swarm.net import keys
-    from meanflock.swarm.net.access import STATION
-    from meanflock.swarm.net.address import Address
+    from meanflock.swarm.net.access import STATION, Address
     from meanflock.swarm.net.bus import Bus
     from meanflock.swarm.net.client import connected
     from meanflock.swarm.net.session import ZenohBus

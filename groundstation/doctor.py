@@ -19,7 +19,7 @@ from meanflock.channel.outlook import WARN_FROM, outlooks, remedies
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
-from meanflock.swarm.net.address import DEFAULT_ENDPOINT
+from meanflock.swarm.net.access import DEFAULT_ENDPOINT
 from meanflock.swarm.scenario import Scenario
 
 THREADS = 8  # of a process of the swarm; measured: 6, and 9 in the world

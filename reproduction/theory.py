@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.mean_field.tables import tables
+from meanflock.agent.controllers.mean_field.learner import tables
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field import features, fpk, hjb
 from meanflock.kernels.mean_field.layout import DENSITY, VALUE

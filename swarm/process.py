@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, NoReturn, Self
 
 from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
-from meanflock.swarm.net.access import Identity
-from meanflock.swarm.net.address import DEFAULT_ENDPOINT
+from meanflock.swarm.net.access import DEFAULT_ENDPOINT, Identity
 
 if TYPE_CHECKING:
     import subprocess

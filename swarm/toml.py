@@ -1,4 +1,4 @@
-"""TOML from users: files, settings on a command line, and the base class of all tables of a scenario."""
+"""TOML from users: own and shipped files, settings on a command line, and the base class of all tables."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,6 +8,9 @@ import msgspec
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import BEYOND_SENSE
+
+FOLDER = Path("scenarios")  # of the names that users give to the shipped files, in every working folder
+_SHIPPED = Path(__file__).parent / "scenarios"
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -28,19 +31,28 @@ def _flat(value: Any) -> Iterator[Any]:
         yield value
 
 
+def shipped() -> list[Path]:
+    """Names of the scenarios and fault scripts that come with meanflock, as `scenarios/NAME.toml`."""
+    return sorted(FOLDER / path.name for path in _SHIPPED.glob("*.toml"))
+
+
+def found(path: Path) -> Path:
+    """The path itself if the file exists; else that of the shipped file `scenarios/swap.toml` or `swap`, if any."""
+    named = FOLDER / f"{path}.toml" if path.parent == Path() and not path.suffix else path
+    return path if path.is_file() or named not in shipped() else _SHIPPED / named.name
+
+
 def read(path: Path, what: str) -> dict[str, Any]:
     """Read the table of a file, or of a shipped file. `what`: kind of the file, for an error.
 
     Raises:
         BadInput: the file does not exist, cannot be read, or is not TOML.
     """
-    from meanflock.swarm import scenarios  # only here: nodes get their scenario as JSON
-
     try:
-        return _parse(scenarios.found(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
+        return _parse(found(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
     except OSError as error:
-        named = path.parent == scenarios.FOLDER or not path.suffix
-        there = f", or name one of {', '.join(file.stem for file in scenarios.shipped())}" if named else ""
+        named = path.parent == FOLDER or not path.suffix
+        there = f", or name one of {', '.join(file.stem for file in shipped())}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {what}{there}") from error
     except ValueError as error:  # from the parser, or from bytes that are not UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error

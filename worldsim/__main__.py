@@ -14,8 +14,7 @@ with needed("the world", "world"):
     from meanflock.swarm import logs, scenario
     from meanflock.swarm.errors import BadInput, RunFailed
     from meanflock.swarm.net import access, keys
-    from meanflock.swarm.net.access import WORLD
-    from meanflock.swarm.net.address import Address
+    from meanflock.swarm.net.access import WORLD, Address
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import (
         Interrupted,

@@ -20,7 +20,7 @@ from prometheus_client.registry import Collector
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.swarm import __version__
-from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.access import Address
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.summary import Durations
 from meanflock.worldsim.world import World

@@ -7,13 +7,12 @@ store it. Random numbers come from `swarm.seeds`, by the number of the UAV.
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from meanflock.agent.controllers.prediction import Prediction
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States, distinct
@@ -21,6 +20,21 @@ from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
 Rows: TypeAlias = NDArray[np.intp]
+Which: TypeAlias = Any  # an index of UAVs into (N, …): a slice, or an array of numbers
+
+
+class Prediction(Protocol):
+    """Rule that predicts the state of another UAV from the last one it sent. Rows do not depend on each other."""
+
+    def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
+        """Returns the numbers to remember, (S, 4), of states (S, 4) that UAVs (S,) sent in a tick."""
+
+    def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
+        """Returns the states predicted for a tick, (M, 4, K), from numbers of `keep`, (M, 4, K), `age` (M, K) ticks
+        old.
+
+        `uavs`: index of the UAVs; it selects (K, 4) or (M, K, 4) from an array (N, 4).
+        """
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

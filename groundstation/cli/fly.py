@@ -32,7 +32,7 @@ from meanflock.groundstation.launch.run import Options, Run, fly
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_everyone, said_of_loss
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.access import Address
 from meanflock.worldsim.summary import every_uav_was_lost, factor
 
 

@@ -14,8 +14,7 @@ from meanflock.agent import prefork
 from meanflock.groundstation.launch.children import Child, Family, has_members, kill_all, sweep
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied, printable_lines
-from meanflock.swarm.net.access import STATION, Identity
-from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.access import STATION, Address, Identity
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import Restarts, end_all, how_it_ended
 

@@ -18,8 +18,7 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SC
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
-from meanflock.swarm.net.access import STATION
-from meanflock.swarm.net.address import Address, check_free
+from meanflock.swarm.net.access import STATION, Address, check_free
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from meanflock.swarm import scenario, scenarios
+from meanflock.swarm import scenario, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
 
@@ -84,7 +84,7 @@ def _period(method: str) -> int | None:
 
 @cache
 def _shipped() -> tuple[str, ...]:
-    return tuple(path.stem for path in scenarios.shipped())
+    return tuple(path.stem for path in toml.shipped())
 
 
 @cache

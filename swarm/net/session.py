@@ -30,8 +30,7 @@ import msgspec
 import zenoh
 
 from meanflock.swarm.errors import BadInput, BusError, printable
-from meanflock.swarm.net.access import NOBODY, Identity
-from meanflock.swarm.net.address import DEFAULT_ENDPOINT, check_free, secured
+from meanflock.swarm.net.access import DEFAULT_ENDPOINT, NOBODY, Identity, check_free, secured
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
 from meanflock.swarm.wire.control import MAX_BYTES
 

@@ -1,5 +1,6 @@
-"""Scenario: all tables, checks of their combinations, and quantities derived from them."""
+"""A scenario: its tables, checks of their combinations, quantities derived from them, and its forms (TOML, JSON)."""
 
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
@@ -9,7 +10,7 @@ import numpy as np
 from msgspec import Meta, field
 from numpy.typing import NDArray
 
-from meanflock.swarm import mission, scenarios, toml
+from meanflock.swarm import mission, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
@@ -128,7 +129,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             BadInput: no such file or scenario, bad TOML, or an invalid scenario.
         """
         path = Path(source)
-        path = path if path.suffix else scenarios.FOLDER / f"{path}.toml"
+        path = path if path.suffix else toml.FOLDER / f"{path}.toml"
         table = toml.read(path, "scenario")
         set_keys(table, settings)
         return validated(table, cls, str(source), settings)
@@ -378,3 +379,62 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 def _bits(payload: tables.Payload) -> int:
     """Bits of a weight in this format."""
     return 8 * np.dtype(payload).itemsize
+
+
+class _Script(_Table, frozen=True):
+    """A file with faults only."""
+
+    faults: tuple[Fault, ...]
+
+
+def encode(scenario: Scenario) -> bytes:
+    """Canonical JSON, keys sorted."""
+    return msgspec.json.encode(scenario, order="sorted")
+
+
+def decode(raw: bytes) -> Scenario:
+    """A scenario from JSON.
+
+    Raises:
+        BadInput: not a valid scenario.
+    """
+    try:
+        return msgspec.json.decode(raw, type=Scenario)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise BadInput(f"scenario: {error}") from error
+
+
+def read_faults(path: Path) -> list[dict[str, Any]]:
+    """The `[[faults]]` of a TOML file that has nothing else, for `load(..., faults=...)`.
+
+    Raises:
+        BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
+    """
+    table = toml.read(path, "fault script")
+    if set(table) != {"faults"}:
+        raise BadInput(f"{path}: a fault script has [[faults]] and nothing else, see scenarios/faults.toml")
+    validated(table, _Script, str(path))
+    faults: list[dict[str, Any]] = table["faults"]
+    return faults
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, with units and bounds."""
+    return msgspec.json.schema(Scenario)
+
+
+def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Scenario:
+    """Reads a TOML file (None: the paper's scenario), then applies `a.b=c` settings, then named options.
+
+    Raises:
+        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range, or a key that has no
+            effect without another; the message names the file or setting, the key and the bound.
+    """
+    table: dict[str, Any] = {}
+    where = "scenario"
+    if path is not None:
+        where = str(path)
+        table = toml.read(path, "scenario file")
+    single = [toml.apply(table, setting) for setting in settings]
+    table.update({name: value for name, value in options.items() if value is not None})
+    return validated(table, Scenario, where, single)

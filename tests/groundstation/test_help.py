@@ -11,7 +11,7 @@ import pytest
 
 from meanflock.groundstation.cli.command import cli
 from meanflock.swarm.errors import EXIT_DONE, MeanflockError
-from meanflock.swarm.scenarios import shipped
+from meanflock.swarm.toml import shipped
 from tests.groundstation.conftest import QUICK
 from tests.polling import DEADLINE_S
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field.tables import tables
+from meanflock.agent.controllers.mean_field.learner import tables
 from meanflock.kernels.mean_field.layout import packed
 from meanflock.swarm.scenario import load
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import integrate, linalg
 
-from meanflock.agent.controllers.mean_field.tables import VALUE_EXPONENTS, scales, tables
+from meanflock.agent.controllers.mean_field.learner import VALUE_EXPONENTS, scales, tables
 from meanflock.kernels.mean_field import features, hjb
 from meanflock.kernels.mean_field.layout import VALUE_FEATURES
 from meanflock.swarm import state

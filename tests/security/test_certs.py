@@ -14,8 +14,7 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.doctor import certificates
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import access, keys
-from meanflock.swarm.net.access import Identity, only_agent
-from meanflock.swarm.net.address import secured
+from meanflock.swarm.net.access import Identity, only_agent, secured
 
 
 @pytest.fixture(scope="module")

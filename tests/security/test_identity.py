@@ -5,8 +5,7 @@ import pytest
 
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, Identity
-from meanflock.swarm.net.address import secured
+from meanflock.swarm.net.access import LEADER, Identity, secured
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready

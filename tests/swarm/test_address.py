@@ -3,7 +3,7 @@
 import pytest
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net.address import Address, check_free
+from meanflock.swarm.net.access import Address, check_free
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.scenarios import shipped
+from meanflock.swarm.toml import shipped
 
 
 def test_options_win_over_settings_and_settings_over_the_file(tmp_path: Path) -> None:

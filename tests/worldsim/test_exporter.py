@@ -9,7 +9,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.address import Address
+from meanflock.swarm.net.access import Address
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.exporter import exported

@@ -1,21 +1,184 @@
-"""The two networks of a mean-field method: their initial weights, and one step. All arrays are rows.
+"""The two networks of a mean-field method: their features and constants, initial weights, and one step.
+
+Features are monomials of the scaled state s̄ = [x/L_r, y/L_r, vx/L_v, vy/L_v], with coefficient one or, by
+`learner.multinomial`, those of the powers the paper prints: (1 + x̄ + v̄x)⁶ has 6!/(i! j! (6 − i − j)!) before x̄ⁱv̄xʲ.
+With the paper's raw metres no choice of coefficients satisfies the LMS condition μ‖∇e‖² < 2.
 
 The paper starts the density from a sum of Dirac impulses with ŵ_F0 = 0. F̂ is homogeneous in ŵ_F, so a learner that
 starts at zero never learns. Here ŵ_F0(0) is a ridge least-squares fit of m̂ to a Gaussian mixture over the initial
-states, which all UAVs know before take-off.
+states, which all UAVs know before take-off. All arrays are rows.
 """
+
+from itertools import product
+from math import factorial, perm, prod
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.controllers.mean_field.tables import tables
-from meanflock.kernels.mean_field import features
+from meanflock.kernels.mean_field import features, interaction
+from meanflock.kernels.mean_field.features import POWERS
 from meanflock.kernels.mean_field.interaction import empirical
-from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, NUMBERS, Tables
-from meanflock.swarm.scenario import Scenario
+from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, NUMBERS, VALUE_FEATURES, Tables
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario, mean_field
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import Floats
+
+Indices = NDArray[np.intp]
+Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
+Power = tuple[int, int, int]  # coordinate, exponent, order of the derivative by the coordinate
+
+VALUE_DEGREE = 6
+DENSITY_DEGREE = 4
+
+
+def _value_exponents() -> Indices:
+    """Exponents of σ_H, (54, 4): axis x then y, lexicographic in (position, velocity) within an axis."""
+    rows = []
+    for position, velocity in ((state.X, state.VX), (state.Y, state.VY)):
+        for i, j in product(range(VALUE_DEGREE + 1), repeat=2):
+            if 1 <= i + j <= VALUE_DEGREE:
+                row = [0] * state.SIZE
+                row[position], row[velocity] = i, j
+                rows.append(row)
+    return np.array(rows)
+
+
+def _density_exponents() -> Indices:
+    """Exponents of σ_F, (69, 4), lexicographic: the terms of degree 1…4 in four variables."""
+    grid = product(range(DENSITY_DEGREE + 1), repeat=state.SIZE)
+    return np.array([row for row in grid if 1 <= sum(row) <= DENSITY_DEGREE])
+
+
+VALUE_EXPONENTS = _value_exponents()
+DENSITY_EXPONENTS = _density_exponents()
+assert len(VALUE_EXPONENTS) == VALUE_FEATURES
+assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
+
+
+def scales(learner: mean_field.Learner) -> Floats:
+    """Scales [L_r, L_r, L_v, L_v] of a state."""
+    position, velocity = learner.position_scale, learner.velocity_scale
+    return np.array([position, position, velocity, velocity])
+
+
+def standard_nodes() -> Floats:
+    """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
+    text = Path(__file__).with_name("nodes.csv").read_text(encoding="utf-8")
+    return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
+
+
+def offsets(scenario: Scenario) -> Floats:
+    """Offsets δ of the quadrature's nodes from the UAV, `(64, 4)`."""
+    spread = scenario.density
+    return standard_nodes() * ([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+
+
+def tables(scenario: Scenario) -> Tables:
+    """All tables of a scenario."""
+    learner = scenario.learner
+    cost = scenario.cost
+    wind = scenario.wind
+    scale, nodes = scales(learner), offsets(scenario)
+    terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
+    factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
+    monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
+    value_first, value_second, value_factor = _value_products(scale, learner.multinomial)
+    pairs = [(i, j) for i, j in product(range(DENSITY_DEGREE + 1), repeat=2) if i + j <= DENSITY_DEGREE]
+    pair_first, pair_second, pair_factor = _pair_products(scale, pairs)
+    number = {pair: k for k, pair in enumerate(pairs)}
+    at_position = np.array([number[a, b] for a, b, _, _ in terms.tolist()])
+    at_velocity = np.array([number[c, d] for _, _, c, d in terms.tolist()])
+    count = len(pairs)
+    coefficient = np.array(
+        [_coefficient(DENSITY_DEGREE, term) if learner.multinomial else 1.0 for term in terms.tolist()]
+    )
+    weight, term, starts = _expansion(terms)
+    gain = 1.0 / (2.0 * cost.c3)
+    return Tables(
+        scale=scale,
+        value_factor=value_factor,
+        pair_factor=pair_factor,
+        coefficient=coefficient,
+        factorial=factorials * coefficient,
+        monomials=np.ascontiguousarray(monomials / factorials[:, None]),
+        kernel=interaction.kernel(nodes[:, state.VELOCITY], nodes[:, state.POSITION], cost.epsilon, cost.beta),
+        wind=np.array(wind.mean),
+        drag=wind.drag,
+        half_variance=0.5 * wind.sigma**2,
+        c1=cost.c1,
+        c2=cost.c2,
+        c3=cost.c3,
+        epsilon=cost.epsilon,
+        gain=gain,
+        mu_h=learner.mu_h,
+        mu_f=learner.mu_f,
+        push=learner.mu_h * learner.c_h * gain,
+        kappa=learner.kappa,
+        arrived_squared=scenario.destination.radius**2,
+        value_first=value_first,
+        value_second=value_second,
+        pair_first=pair_first,
+        pair_second=pair_second,
+        at_position=at_position,
+        at_velocity=at_velocity,
+        left=np.concatenate([count + at_position[1:], at_position[1:]]),
+        right=np.concatenate([2 * count + at_velocity[1:], 3 * count + at_velocity[1:]]),
+        weight=weight,
+        term=term,
+        starts=starts,
+    )
+
+
+def _coefficient(degree: int, exponents: list[int]) -> float:
+    """Multinomial coefficient of a term in (1 + its variables)^`degree`."""
+    return float(factorial(degree) // prod(map(factorial, [*exponents, degree - sum(exponents)])))
+
+
+def _value_products(scale: Floats, multinomial: bool) -> Products:
+    """Products that make σ_H, ∂σ_H/∂r, ∂σ_H/∂v and ∂²σ_H/∂v². Each feature belongs to one axis."""
+    features = []
+    for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
+        for row in VALUE_EXPONENTS.tolist():
+            axis = state.X if row[state.X] or row[state.VX] else state.Y
+            powers = (axis, row[axis], by_position), (axis + state.VX, row[axis + state.VX], by_velocity)
+            features.append((*powers, _coefficient(VALUE_DEGREE, row) if multinomial else 1.0))
+    return _products(scale, features)
+
+
+def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
+    """Products that make the pairs of positions, then of velocities, each with the derivatives of the FPK operator."""
+    position, velocity = state.X, state.VX
+    derivatives = (
+        (position, 0, 0), (position, 1, 0), (position, 0, 1),
+        (velocity, 0, 0), (velocity, 1, 0), (velocity, 0, 1), (velocity, 2, 0), (velocity, 0, 2),
+    )  # fmt: skip
+    return _products(scale, [((at, i, u), (at + 1, j, v), 1.0) for at, u, v in derivatives for i, j in pairs])
+
+
+def _products(scale: Floats, features: list[tuple[Power, Power, float]]) -> Products:
+    """Products that make features, each of two powers and a coefficient."""
+    places, factors = [], []
+    for *powers, coefficient in features:
+        inside = all(exponent >= by for _, exponent, by in powers)
+        places.append([axis * POWERS + (exponent - by if inside else 0) for axis, exponent, by in powers])
+        falling = prod(perm(exponent, by) for _, exponent, by in powers)
+        unit = prod(scale[axis] ** by for axis, _, by in powers)
+        factors.append(coefficient * (falling / unit) if inside else 0.0)
+    first, second = np.array(places).T
+    return first, second, np.array(factors)
+
+
+def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
+    """Indices of the expansion of m̂ about a state: weights n + r, terms r, and the first index of each term n."""
+    degree = terms.sum(axis=-1)
+    together = np.add.outer(degree, degree)  # of n + r: a term of m̂ if it is one of the 69
+    n, r = np.nonzero((together > 0) & (together <= DENSITY_DEGREE))
+    place = (terms * (DENSITY_DEGREE + 1) ** np.arange(state.SIZE)[::-1]).sum(axis=-1)  # ascending, as terms are
+    return np.searchsorted(place, place[n] + place[r]) - 1, r, np.searchsorted(n, np.arange(len(terms) + 1))
+
 
 _BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 

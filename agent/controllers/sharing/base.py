@@ -23,23 +23,41 @@ from meanflock.agent.controllers.base import (
     Controller,
     Memory,
     Options,
+    Prediction,
     Received,
     Step,
+    Which,
     believed,
     of_kind,
     plausible,
 )
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
-from meanflock.agent.controllers.prediction import ConstantVelocity, Prediction
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, SIZE, VX, VY, Floats, States, X, Y
+from meanflock.swarm.state import AXES, POSITION, SIZE, VX, VY, Floats, States, X, Y
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 FAR_M = 1e6  # position along x and y of a UAV whose state is unknown: far from all others
 UNIT = 0.01  # of an int16, m and m/s
 _NOWHERE = np.array([FAR_M, FAR_M, 0.0, 0.0])
 _MOST = float(np.iinfo(np.int16).max)
+
+
+class ConstantVelocity:
+    """Prediction at constant velocity: r + v·age."""
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+
+    def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
+        return states
+
+    def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
+        states = np.empty(remembered.shape)
+        np.multiply(remembered[:, AXES:], (age * self._dt)[:, None], out=states[:, :AXES])
+        states[:, :AXES] += remembered[:, :AXES]
+        states[:, AXES:] = remembered[:, AXES:]
+        return states
 
 
 class Neighbours:

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.agent.controllers.mean_field.tables import tables
+from meanflock.agent.controllers.mean_field.learner import Learner, tables
 from meanflock.kernels import reference
 from meanflock.kernels.mean_field import layout
 from meanflock.kernels.mean_field.layout import Tables, packed

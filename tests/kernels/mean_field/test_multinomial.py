@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meanflock.agent.controllers.mean_field.tables import offsets, tables
+from meanflock.agent.controllers.mean_field.learner import offsets, tables
 from meanflock.kernels.mean_field import features, fpk, interaction, layout
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field.tables import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
+from meanflock.agent.controllers.mean_field.learner import DENSITY_EXPONENTS, VALUE_EXPONENTS, tables
 from meanflock.kernels.mean_field import features, fpk, hjb, layout
 from meanflock.kernels.mean_field.layout import Tables
 from meanflock.swarm.scenario import load

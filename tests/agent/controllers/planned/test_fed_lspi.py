@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.agent.controllers.planned.trajectory import Trajectory
+from meanflock.agent.controllers.planned.plan import Trajectory
 from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
 

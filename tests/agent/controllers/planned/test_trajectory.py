@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.agent.controllers.cruise import CRUISE_M_S
-from meanflock.agent.controllers.planned.trajectory import Trajectory, Trapezoid, slots
+from meanflock.agent.controllers.planned.plan import Trajectory, Trapezoid, slots
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.controllers.prediction import AlongPlan
+from meanflock.agent.controllers.planned.plan import AlongPlan
 from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.scenario.tables import POLICIES, Sharing
