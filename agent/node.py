@@ -169,6 +169,8 @@ class Agent:
         models = self._controller.get(self._memory, rows)
         weights = self._controller.samples(self._memory, rows) if self._declared.weighted else np.ones(len(models))
         rows = rows[~self.silent()[rows]]  # `get` or `samples` may have failed for some
+        if len(rows) == len(models):  # all of them, without a copy
+            return rows, models, weights
         return rows, models[rows], weights[rows]
 
     def take(self, rows: NDArray[np.intp], models: Floats) -> None:

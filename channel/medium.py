@@ -220,12 +220,8 @@ class Medium:
 def _record(tick: int, links: Links, slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The links used, (K, 5), as `Medium.send` returns them; the fragments of a model are one message."""
     record = links.record.copy()
+    if links.message is not None:
+        slots = np.bincount(links.message, weights=slots).astype(np.int64)
+        delivered = np.bincount(links.message, weights=delivered) > 0
     record[:, 0], record[:, 4] = tick, np.where(delivered, slots, -slots)
-    if not links.repeats:
-        return record
-    _, first, place = np.unique(links.pair, return_index=True, return_inverse=True)
-    total = np.bincount(place, weights=slots).astype(np.int32)
-    arrived = np.bincount(place, weights=delivered) > 0
-    record = record[first]
-    record[:, 4] = np.where(arrived, total, -total)
     return record

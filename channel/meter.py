@@ -26,8 +26,8 @@ class Links:
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
     sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
-    that has any. record: (K, 5) int32 [0, source, target, kind, 0]. repeats: whether a UAV sends several rows, the
-    fragments of its model.
+    that has any. record: (J, 5) int32 [0, source, target, kind, 0] of each pair of UAVs. message: (K,), the place of
+    each link in it; None: its own, J = K. A UAV that sends several rows, the fragments of its model, has a pair for all.
     """
 
     ends: NDArray[np.int32]
@@ -38,7 +38,7 @@ class Links:
     transmissions: int
     first: Indices
     record: NDArray[np.int32]
-    repeats: bool
+    message: Indices | None
 
     @classmethod
     def between(
@@ -59,8 +59,11 @@ class Links:
         else:
             transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
         pair = source * uavs + target
-        repeats = bool((sources[1:] == sources[:-1]).any())
-        return cls(ends, by_radio, source, target, pair, transmissions, first, record, repeats)
+        message = None
+        if (sources[1:] == sources[:-1]).any():
+            _, at, message = np.unique(pair, return_index=True, return_inverse=True)
+            record = record[at]
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record, message)
 
 
 @dataclass
@@ -206,8 +209,8 @@ class Meter:
 
 def _add(table: NDArray[np.int32], links: Links, pairs: NDArray[np.intp], times: int) -> None:
     """Adds to the numbers of some pairs of UAVs, which may come several times where models are cut."""
-    if links.repeats:
-        np.add.at(table.reshape(-1), pairs, times)
+    if links.message is not None:
+        table += (times * np.bincount(pairs, minlength=table.size)).astype(table.dtype).reshape(table.shape)
     else:
         table.reshape(-1)[pairs] += times
 

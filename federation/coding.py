@@ -33,6 +33,7 @@ class Coding:
     Attributes:
         floats: L, weights of a model.
         dtype, width: of a row of a payload.
+        held: dtype in which a receiver holds weights: that of floats on the air, float64 for steps of scales.
         cut: how the scenario cuts models; None: it does not.
         fragments: how payloads are cut on the air; None: each is one message.
     """
@@ -54,6 +55,7 @@ class Coding:
         self.weighted = weighted
         self.cut = cut
         self._item = _FLOATS.get(name, _BYTE)
+        self.held = self._item if self.is_exact else np.dtype(np.float64)
         self.largest = float(np.finfo(self._item).max) if self.is_exact else STEPS * COARSEST  # a weight can be
         self._sizes = parts if self.is_exact or cut is None else pieces_of(parts, cut.size)
         self._starts = np.cumsum((0, *self._sizes[:-1]))
@@ -136,20 +138,23 @@ class Coding:
         """Averages `(S, L)` of `weights` (S, F) models in each of their fragments, as payloads `(S, width)`."""
         return self.pack(self.encode(models), np.ones(len(models)))
 
-    def on_air(self, payload: np.ndarray) -> NDArray[np.uint8]:
-        """The fragments `(S, F, …)` of payloads `(S, width)`."""
+    def on_air(self, payload: np.ndarray, turn: slice = slice(None)) -> NDArray[np.uint8]:
+        """The fragments `(S, T, …)` of payloads `(S, width)` whose numbers are in `turn`; all F where left out."""
         assert self.fragments is not None
-        return self.fragments.rows(*self.unpack(payload))
+        return self.fragments.rows(*self.unpack(payload), turn)
 
     def received(self, rows: np.ndarray) -> Pieces:
         """What is in rows `(R, …)` that arrived and passed `check_received`: fragments, or whole models as one each."""
         if self.fragments is not None:
             return self.fragments.read(rows)
         numbers, weights = self.unpack(rows)
-        return Pieces(np.zeros(len(rows), dtype=np.intp), self.decode(numbers), weights)
+        values = numbers if self.is_exact else self.decode(numbers)
+        return Pieces(np.zeros(len(rows), dtype=np.intp), values, weights)
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates whole payloads of the UAVs `source` (S,) that come by network.
+
+        The reader of the message refuses floats that are not finite; here bytes are looked into.
 
         Raises:
             MessageRejected: `wrong-shape` or `non-finite`.
@@ -157,7 +162,7 @@ class Coding:
         expect("payload", payload, (len(source), self.width), self.dtype)
         numbers, weights = self.unpack(payload)
         self.check_weights(weights)
-        if not self.sound(numbers).all():
+        if self.dtype == _BYTE and not self.sound(numbers).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
 
     def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
@@ -219,8 +224,7 @@ class Counted(Coding):
         """See `Coding.received`; the weights are numbers of models."""
         if self.fragments is not None:
             return super().received(rows)
-        numbers = self.decode(rows)
-        return Pieces(np.zeros(len(rows), dtype=np.intp), numbers[:, :-1], numbers[:, -1])
+        return Pieces(np.zeros(len(rows), dtype=np.intp), rows[:, :-1], rows[:, -1].astype(np.float64))
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates payloads that come by network, and that no average stands for more models than its UAV can have.

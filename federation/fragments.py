@@ -105,20 +105,31 @@ class Fragments:
         """Ticks in which the fragments of a model are transmitted."""
         return -(-self.count // self.cut.per_tick)
 
-    def rows(self, numbers: np.ndarray, weights: Floats) -> NDArray[np.uint8]:
-        """Models `(S, …)`, written by a coding, and their declared weights (S,), as fragments `(S, F, width)`."""
-        senders, size = len(numbers), self.cut.size
-        rows = np.empty((senders, self.count, self.width), dtype=_BYTE)
-        rows[:, :, : _NUMBER.itemsize] = np.arange(self.count, dtype=_NUMBER)[:, None].view(_BYTE)
+    def rows(self, numbers: np.ndarray, weights: Floats, turn: slice = slice(None)) -> NDArray[np.uint8]:
+        """Models `(S, …)`, written by a coding, and their declared weights (S,), as fragments `(S, T, width)`.
+
+        `turn`: the T fragments that are wanted, by their numbers; all F where left out.
+        """
+        size, chosen = self.cut.size, np.arange(self.count, dtype=_NUMBER)[turn]
+        rows = np.empty((len(numbers), len(chosen), self.width), dtype=_BYTE)
+        rows[:, :, : _NUMBER.itemsize] = chosen[:, None].view(_BYTE)
         if self._weighted:
             rows[:, :, _NUMBER.itemsize : self._head] = weights.astype(_FLOAT32)[:, None, None].view(_BYTE)
-        filled = np.pad(numbers[:, : self._floats], ((0, 0), (0, self.count * size - self._floats)))
-        rows[:, :, self._head : self._end] = filled.reshape(senders, self.count, size).view(_BYTE)
+        first = int(chosen[0]) * size
+        model = numbers[:, first : min(first + len(chosen) * size, self._floats)]
+        full = model.shape[1] // size  # fragments of this turn but for one that is filled up with zeros
+        written = rows[:, :, self._head : self._end]
+        written[:, :full] = model[:, : full * size].reshape(len(model), full, size).view(_BYTE)
+        if full < len(chosen):
+            written[:, full] = 0
+            rest = model[:, full * size :].view(_BYTE)
+            written[:, full, : rest.shape[1]] = rest
         if self._counted:
-            rows[:, :, self._end :] = np.ascontiguousarray(numbers[:, self._floats :, None]).view(_BYTE)
+            counts = np.ascontiguousarray(numbers[:, self._floats :][:, turn, None])
+            rows[:, :, self._end :] = counts.view(_BYTE)
         if self._scaled:
             scales = np.ascontiguousarray(numbers[:, self._floats :]).view(_FLOAT32)
-            rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of]).view(_BYTE)
+            rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of[turn]]).view(_BYTE)
         return rows
 
     def numbers(self, rows: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -148,7 +159,7 @@ class Fragments:
 
     def _written(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """The numbers for the weights, (R, n): floats, or steps."""
-        return np.ascontiguousarray(rows[:, self._head : self._end]).view(np.int8 if self._scaled else self._item)
+        return rows[:, self._head : self._end].view(np.int8 if self._scaled else self._item)
 
     def scales(self, rows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The scales in fragments `(R, width)`, (R, scales of a fragment): none but of 8-bit steps."""

@@ -21,7 +21,7 @@ class Mail:
 
     Attributes:
         senders: (S,) the UAVs that the models are of.
-        values: (S, F, n) their weights; 0 in fragments that nobody received.
+        values: (S, F, n) their weights, floats as wide as on the air; 0 in fragments that nobody received.
         weights: (S, F) what each counts: declared by its UAV, or the number of models behind it.
         arrived: (A, S, F) which of the A UAVs that average received which fragment.
         slots: (A, S) slots that the models were on the air to each of them.
@@ -32,7 +32,7 @@ class Mail:
         self._coding, self._uavs = coding, uavs
         size = coding.floats if coding.fragments is None else coding.fragments.cut.size
         self.senders: Indices = np.zeros(0, dtype=np.intp)
-        self.values: Floats = np.zeros((0, coding.count, size))
+        self.values: NDArray[np.floating] = np.zeros((0, coding.count, size), dtype=coding.held)
         self.weights: Floats = np.zeros((0, coding.count))
         self.arrived: Mask = np.zeros((len(uavs), 0, coding.count), dtype=bool)
         self.slots: NDArray[np.int64] = np.zeros((len(uavs), 0), dtype=np.int64)
@@ -45,7 +45,9 @@ class Mail:
         row = frames.links[:, 0]
         target = self._uavs.searchsorted(frames.links[:, 1])
         if frames.payload.dtype == RECEIPT:
-            np.add.at(self.slots, (target, place[row]), frames.payload[row, 0])
+            cell = target * len(self.senders) + place[row]
+            spent = np.bincount(cell, weights=frames.payload[row, 0], minlength=self.slots.size)
+            self.slots += spent.astype(np.int64).reshape(self.slots.shape)
             return
         pieces = self._coding.received(frames.payload)
         new = np.zeros(len(place), dtype=bool)
@@ -70,10 +72,12 @@ class Mail:
         self.slots = _spread(self.slots, place, len(senders), axis=1)
 
 
-def usable(values: Floats) -> Mask:
+def usable(values: NDArray[np.floating]) -> Mask:
     """Which models (S, F, n) can be averaged, (S,): those that are finite and not absurdly large."""
     with np.errstate(invalid="ignore"):  # NaN is neither above nor below anything
-        return np.asarray((values.max(axis=(1, 2)) < ABSURD) & (values.min(axis=(1, 2)) > -ABSURD))
+        rows = values.reshape(len(values), values.shape[1] * values.shape[2])
+        largest, least = (extreme.astype(np.float64) for extreme in (rows.max(axis=1), rows.min(axis=1)))
+        return np.asarray((largest < ABSURD) & (least > -ABSURD))
 
 
 class Joined:
@@ -111,8 +115,12 @@ class Joined:
 
     def models(self) -> Floats:
         """The models, (S, L)."""
-        count, fragments, size = self.values.shape
-        return self.values.reshape(count, fragments * size)[:, : self._floats]
+        return self._flat(self.values.astype(np.float64))
+
+    def _flat(self, values: Floats) -> Floats:
+        """Models by fragment (S, F, n) as models (S, L)."""
+        count, fragments, size = values.shape
+        return values.reshape(count, fragments * size)[:, : self._floats]
 
     def by_weight(self, table: NDArray[Any]) -> NDArray[Any]:
         """A table by fragment (S, F) as a table by weight of the model, (S, L)."""
@@ -128,15 +136,16 @@ class Joined:
         """
         here = np.flatnonzero(self.arrived[row].any(axis=1))
         uavs, place = np.unique(self.senders[here], return_inverse=True)
-        arrived, models = self.arrived[row, here], self.models()[here]
+        arrived = self.arrived[row, here]
+        values = (self.values if len(here) == len(self.values) else self.values[here]).astype(np.float64)
         counts = self.weights[here] * arrived
         sent, slots = self.sent[here], self.slots[row, here]
         if len(self._uavs) > 1 and not arrived.all():  # fragments that only other UAVs received
-            models = np.where(self.by_weight(arrived), models, 0.0)
+            values[~arrived] = 0.0
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))
             last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
-            models, counts = (np.add.reduceat(table, first, axis=0) for table in (models, counts))
+            values, counts = (np.add.reduceat(table, first, axis=0) for table in (values, counts))
             arrived = np.logical_or.reduceat(arrived, first, axis=0)
             slots, sent = np.add.reduceat(slots, first), sent[last]
         samples = counts.max(axis=1, initial=0.0)
@@ -147,12 +156,14 @@ class Joined:
             slots = np.insert(slots, at, 0)
             samples = np.insert(samples, at, own.samples)
             counts = np.insert(counts, at, own.samples, axis=0)
-            models = np.insert(models, at, own.model, axis=0)
+            filled_up = np.pad(own.model, (0, values[0].size - self._floats))
+            values = np.insert(values, at, filled_up.reshape(values.shape[1:]), axis=0)
             arrived = np.insert(arrived, at, True, axis=0)
-        by_weight = self.by_weight(arrived)
         if not arrived.all():
-            behind = self.by_weight(np.maximum(arrived.sum(axis=0, keepdims=True), 1))
-            np.copyto(models, np.add.reduce(models, axis=0) / behind, where=~by_weight)
+            means = np.add.reduce(values, axis=0) / np.maximum(arrived.sum(axis=0), 1)[:, None]
+            sender, fragment = np.nonzero(~arrived)
+            values[sender, fragment] = means[fragment]
+        models, by_weight = self._flat(values), self.by_weight(arrived)
         return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number), counts
 
 
@@ -173,7 +184,7 @@ def _spread(table: NDArray[Any], place: Indices, count: int, axis: int = 0) -> N
     return made
 
 
-def _in_order(tables: list[Floats], order: Indices) -> Floats:
+def _in_order(tables: list[NDArray[Any]], order: Indices) -> NDArray[Any]:
     """Tables of rows joined in an order; no copy of the only one if it is in order already."""
     joined = tables[0] if len(tables) == 1 else np.concatenate(tables)
     return joined if len(order) == len(joined) and (order == np.arange(len(order))).all() else joined[order]

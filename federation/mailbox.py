@@ -65,7 +65,7 @@ class Mailbox:
             if cut is None:
                 arrived |= len(here) > 0
             else:
-                arrived[cut.numbers(frames.payload[here])] = True
+                arrived[cut.numbers(frames.payload)[here]] = True
         return arrived
 
     def arrived(self, number: int) -> tuple[list[int], int]:

@@ -101,7 +101,7 @@ class GlobalModels:
     def __init__(self, coding: Coding, rows: int) -> None:
         assert coding.fragments is not None
         self._size, self._floats = coding.fragments.cut.size, coding.floats
-        self._globals: Floats = np.zeros((rows, coding.count, self._size))
+        self._globals: NDArray[np.floating] = np.zeros((rows, coding.count, self._size), dtype=coding.held)
         self._seen = np.zeros((rows, coding.count), dtype=bool)  # fragments that were ever received
         self._fresh = np.zeros(rows, dtype=bool)  # rows that received any in this round
 
@@ -122,7 +122,7 @@ class GlobalModels:
         if not self._seen[rows].all():
             rows, own, _ = learner.tell(rows)
         every = self._globals if len(rows) == len(self._globals) else self._globals[rows]
-        models = every.reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats].copy()
+        models = every.reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats].astype(np.float64)
         if own is not None:
             seen = np.repeat(self._seen[rows], self._size, axis=1)[:, : self._floats]
             models = np.where(seen, models, own)

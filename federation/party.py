@@ -252,7 +252,10 @@ def _within(numbers: NDArray[np.int32], end: int) -> bool:
 def _sound(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:
     """Frames of a hop, without models that are beyond the range of the coding."""
     fits = hop.coding.sound(hop.coding.unpack(payload)[0])
-    return [Frames(hop.label, number, source[fits], payload[fits])] if fits.any() else []
+    if not fits.all():
+        source = source[fits]
+        payload = payload[fits]
+    return [Frames(hop.label, number, source, payload)] if len(source) else []
 
 
 def _check_receipt(frames: Frames) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
+from meanflock.federation.coding import Coding
 from meanflock.federation.mailbox import Mailbox
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
@@ -28,47 +29,51 @@ class Note(Protocol):
 class Transmission:
     """The models that some UAVs transmit in fragments, over several ticks."""
 
-    def __init__(self, frames: Frames, rows: NDArray[np.uint8], wanted: Mask, per_tick: int, sent: int = 0) -> None:
+    def __init__(self, frames: Frames, coding: Coding, wanted: Mask, sent: int = 0) -> None:
         """
         Args:
             frames: the models, of S UAVs.
-            rows: (S, F, width) their fragments.
-            wanted: (S, F) those that are transmitted.
-            per_tick: fragments that a UAV transmits in a tick.
+            coding: how they are written, and cut.
+            wanted: (S, F) fragments that are transmitted.
             sent: fragments of each whose turn is over.
         """
+        assert coding.fragments is not None
         self._frames = frames
-        self._rows = rows
+        self._coding = coding
         self._wanted = wanted
-        self._per_tick = per_tick
+        self._per_tick = coding.fragments.cut.per_tick
         self._sent = sent
 
     @property
     def is_over(self) -> bool:
         """Whether all fragments had their turn."""
-        return self._sent >= self._rows.shape[1]
+        return self._sent >= self._coding.count
 
     def next(self, awake: Mask) -> Frames | None:
         """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
         turn = slice(self._sent, self._sent + self._per_tick)
         self._sent += self._per_tick
-        source = self._frames.source
-        sender, place = np.nonzero(self._wanted[:, turn] & awake[source][:, None])
+        frames = self._frames
+        going = self._wanted[:, turn] & awake[frames.source][:, None]
+        sender, place = np.nonzero(going)
         if not len(sender):
             return None
-        return Frames(self._frames.kind, self._frames.round, source[sender], self._rows[:, turn][sender, place])
+        rows = self._coding.on_air(frames.payload, turn)
+        rows = rows.reshape(-1, rows.shape[2]) if going.all() else rows[sender, place]
+        return Frames(frames.kind, frames.round, frames.source[sender], rows)
 
     def snapshot(self) -> list[Any]:
         """All of it, for `restore`."""
         frames = self._frames
         fields = [int(frames.kind), frames.round, frames.source, frames.payload]
-        return [*fields, self._rows, self._wanted, self._per_tick, self._sent]
+        return [*fields, self._wanted, self._sent]
 
     @classmethod
-    def restored(cls, snapshot: list[Any]) -> "Transmission":
-        """The transmission of a snapshot."""
-        kind, number, source, payload, rows, wanted, per_tick, sent = snapshot
-        return cls(Frames(FrameKind(kind), number, source, payload), rows, wanted, per_tick, sent)
+    def restored(cls, snapshot: list[Any], hops: Iterable[Hop]) -> "Transmission":
+        """The transmission of a snapshot, in one of the hops of a round."""
+        kind, number, source, payload, wanted, sent = snapshot
+        hop = next(hop for hop in hops if hop.label == kind)
+        return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
 
 
 class Post:
@@ -224,8 +229,7 @@ class Post:
             for averaging, box in self._boxes:
                 if averaging is hop:
                     wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
-            rows = hop.coding.on_air(batch.payload)
-            self._transmissions.append(Transmission(batch, rows, wanted, hop.coding.fragments.cut.per_tick))
+            self._transmissions.append(Transmission(batch, hop.coding, wanted))
         turns = [one.next(awake) for one in self._transmissions]
         on_air += [turn for turn in turns if turn is not None]
         self._transmissions = [one for one in self._transmissions if not one.is_over]
@@ -291,7 +295,7 @@ class Post:
         counts = map(int, snapshot["counts"])
         self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged = counts
         self.rule_record = bytes(snapshot["rule"])
-        self._transmissions = [Transmission.restored(one) for one in snapshot["transmissions"]]
+        self._transmissions = [Transmission.restored(one, self._hops) for one in snapshot["transmissions"]]
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)
         self._accounts = {number: Account.restored(account) for number, account in snapshot["accounts"]}

@@ -22,13 +22,25 @@ static uint32_t number_at(const unsigned char *at) {
 
 static PyObject *refuse(const char *why) { return PyErr_SetString(PyExc_ValueError, why), NULL; }
 
-/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each, little-endian, wherever they begin. */
+/* Whether so many bytes, wherever they begin, are no number with all bits of an infinite one. It goes on to the end, so
+   that compilers make vectors of it. */
+#define ALL_FINITE(name, word, infinite)                                  \
+    static int name(const unsigned char *at, size_t size) {               \
+        word beyond = 0;                                                  \
+        for (size_t i = 0; i + sizeof(word) <= size; i += sizeof(word)) { \
+            word bits;                                                    \
+            memcpy(&bits, at + i, sizeof bits);                           \
+            beyond |= (word)((word)(bits & (infinite)) == (infinite));    \
+        }                                                                 \
+        return !beyond;                                                   \
+    }
+ALL_FINITE(all_finite_16, uint16_t, 0x7c00)
+ALL_FINITE(all_finite_32, uint32_t, 0x7f800000)
+ALL_FINITE(all_finite_64, uint64_t, 0x7ff0000000000000)
+
+/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each. */
 static int all_finite(const unsigned char *at, size_t size, int item) {
-    const unsigned exponent = item == 8 ? 0x7ff0 : item == 4 ? 0x7f80 : 0x7c00; /* in the last two bytes */
-    int sane = 1;
-    for (size_t i = (size_t)item - 2; i < size; i += (size_t)item)
-        sane &= ((at[i] | at[i + 1] << 8) & exponent) != exponent;
-    return sane;
+    return item == 8 ? all_finite_64(at, size) : item == 4 ? all_finite_32(at, size) : all_finite_16(at, size);
 }
 
 /* A byte string: where it begins and its size; 0 and an error if there is none. */

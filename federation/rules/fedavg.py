@@ -29,16 +29,23 @@ def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool
         weights: (S,) or (S, L), what each counts; None: all the same.
         arrived: (S, L), weights of the models that count; None: all. The mean of none of them is 0.
     """
+    counts_alike = weights is None or bool((weights == 1.0).all())
     weights = np.ones(len(models)) if weights is None else weights
+    is_whole = arrived is None or bool(arrived.all())
     total = np.zeros(models.shape[1])
-    if arrived is None or arrived.all():
-        for model, weight in zip(models, weights, strict=True):
-            total += weight * model
+    there = np.empty_like(total)  # of a model; 0 elsewhere
+    for place, model in enumerate(models):
+        share = model if counts_alike else weights[place] * model
+        if arrived is not None and not is_whole:
+            share = np.multiply(share, arrived[place], out=there)
+        total += share
+    count: Floats | NDArray[np.int32]
+    if arrived is None or is_whole:
         count = np.add.accumulate(weights, axis=0)[-1]
-        return total / np.where(count > 0.0, count, 1.0)
-    count = np.zeros(models.shape[1])
-    for model, weight, here in zip(models, weights, arrived, strict=True):
-        share = np.where(here, weight, 0.0)
-        total += share * model
-        count += share
-    return total / np.where(count > 0.0, count, 1.0)
+    elif counts_alike:
+        count = np.add.reduce(arrived.view(np.uint8), axis=0, dtype=np.int32)
+    else:
+        count = np.zeros(models.shape[1])
+        for weight, here in zip(weights, arrived, strict=True):
+            count += np.where(here, weight, 0.0)
+    return total / np.where(count > 0, count, 1)

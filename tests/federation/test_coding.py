@@ -12,6 +12,8 @@ from meanflock.federation import coding as codings
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Radio, load
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.methods import FEDERATED, PARTS
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
@@ -82,8 +84,16 @@ def test_a_weight_that_cannot_be_written_makes_its_own_row_unsound_and_no_other(
     coded = coding.encode(meant)
     assert coding.sound(coded).tolist() == [True, False, True]
     with pytest.raises(MessageRejected) as caught:
-        coding.check(np.arange(3), coded)
+        receive(coding, coded)
     assert caught.value.reason == "non-finite"
+
+
+def receive(coding: Coding, payload: np.ndarray) -> None:
+    """What the world does with payloads: the reader of the message looks at floats, the coding at bytes."""
+    uavs = np.arange(len(payload), dtype=np.int32)
+    raw = wire.write_act(Act(1, 1, np.zeros((len(uavs), 2)), outbox=(Frames(FrameKind.UPLOAD, 1, uavs, payload),)))
+    for frames in wire.read_act(raw).outbox:
+        coding.check(frames.source, frames.payload)
 
 
 def byte_row(steps: int = 0, scale: float = 1.0) -> np.ndarray:
