@@ -27,7 +27,7 @@ class Links:
     sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
     that has any. record: (J, 5) int32 [0, source, target, kind, 0] of each pair of UAVs. message: (K,), the place of
-    each link in it; None: its own, J = K. If a UAV sends several rows, the fragments of its model, they are one message.
+    each link in it; None: its own, J = K. Several rows of one UAV, the fragments of its model, are one message.
     """
 
     ends: NDArray[np.int32]
