@@ -47,7 +47,6 @@ def imported(path: Path) -> set[str]:
 
 
 def module_of(path: Path) -> str:
-    """What a file is imported as."""
     parts = list(path.relative_to(ROOT).with_suffix("").parts)
     parts = parts if parts[0] in ("meanflock", "reproduction") else ["meanflock", *parts]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)

@@ -23,6 +23,5 @@ class Standstill(threading.Thread):
             last = now
 
     def note(self, late_s: float) -> None:
-        """It came late by so much."""
         if late_s > NOTABLE_S:
             self.total_s += late_s

@@ -51,7 +51,6 @@ def test_a_race_leaves_a_record_and_a_page_of_all_its_figures(tmp_path: Path, ca
 
 
 def found(*ratios: tuple[str, float, str], effort: str = "full", error: str | None = None) -> dict[str, Any]:
-    """A record of one race."""
     figures = [{"name": name, "ratio": ratio, "better": better} for name, ratio, better in ratios]
     return {"races": {"race": {"effort": effort, "error": error, "figures": figures}}}
 

@@ -28,7 +28,6 @@ def docker(*arguments: str, check: bool = True, env: dict[str, str] | None = Non
 
 
 def docker_fails(*arguments: str) -> str:
-    """What docker says where it must fail."""
     done = subprocess.run(["docker", *arguments], capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode != 0, done.stdout
     return done.stderr
@@ -49,8 +48,6 @@ MARKS = [
 
 
 class Compose:
-    """One `docker compose` project of this test."""
-
     def __init__(self, name: str, out: Path) -> None:
         self.name, self.out = name, out
         self._env: dict[str, str] = {}
@@ -92,12 +89,10 @@ class Compose:
         return self.inspect(container, "State")
 
     def ended(self, container: str) -> int:
-        """Waits for a container to end by itself; its exit code."""
         until(lambda: self.state(container)["Status"] == "exited", f"{container} to end")
         return int(self.state(container)["ExitCode"])
 
     def written(self) -> int:
-        """Bytes of telemetry on the mounted volume."""
         return sum(path.stat().st_size for path in self.out.glob("*/.telemetry"))
 
     def flying(self) -> None:
@@ -155,7 +150,6 @@ class Clone:
         return subprocess.Popen(line, cwd=self._folder, env=env, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
     def written(self) -> int:
-        """Bytes of telemetry in `runs`."""
         return sum(path.stat().st_size for path in self.runs.glob("*/.telemetry"))
 
     def down(self) -> None:

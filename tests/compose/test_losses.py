@@ -1,20 +1,9 @@
 """A flight goes on whatever happens to a container."""
 
-from tests.compose.containers import ENDLESS, ENDLESS_ALONE, LONG, MARKS, UAVS, Compose, docker
+from tests.compose.containers import ENDLESS, ENDLESS_ALONE, MARKS, UAVS, Compose, docker
 from tests.polling import until
 
 pytestmark = MARKS
-
-
-def test_a_paused_agent_stalls_nobody_longer_than_the_barrier(compose: Compose) -> None:
-    compose.up(LONG, MEANFLOCK_BARRIER="2")
-    compose.flying()
-    docker("pause", compose.container("agent", 1))
-    until(lambda: compose.events("lost"), "the loss")
-    summary = compose.finished()
-    docker("unpause", compose.container("agent", 1))
-    assert summary["lost"] == 1
-    assert summary["ticks"] == 4000
 
 
 def test_an_agent_cut_off_beyond_the_lease_is_lost_and_comes_back_when_it_can(compose: Compose) -> None:

@@ -16,6 +16,7 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
 
 
@@ -80,42 +81,20 @@ def test_a_class_is_a_method_and_values_of_numpy_are_values(tmp_path: Path) -> N
     assert again.recording == run.recording
 
 
-def test_files_of_plugins_are_one_or_several(tmp_path: Path) -> None:
-    head = "import numpy as np\nimport meanflock as mf\n"
-    (one := tmp_path / "still.py").write_text(
-        f"{head}class One(mf.Controller):\n    name = 'one'\n    parameters = 1\n"
-        "    def init(self, uavs, plan):\n        return {'w': np.ones((len(uavs), 1))}\n"
-        "    def step(self, memory, tick, own, received):\n        return mf.Step(memory, 0.0 * own[:, :2])\n"
-        "    def get(self, memory):\n        return memory['w']\n"
-        "    def set(self, memory, rows, models):\n        return memory\n"
-    )
-    (other := tmp_path / "least.py").write_text(
-        f"{head}class Least(mf.Aggregator):\n    name = 'least'\n"
-        "    def step(self, state, uploads):\n        return state, uploads.models.min(axis=0)\n"
-    )
-    run = mf.fly(method="one", plugin=[one, str(other)], **SMALL, **{"federation.aggregation": "least"})
-    assert run.summary["method"] == "one"
+def test_files_of_plugins_are_one_or_several() -> None:
+    settings = {"federation.aggregation": "momentum", "federation.options.beta": 0.9}
+    run = mf.fly(method="trim", plugin=[EXAMPLES / "trim.py", str(EXAMPLES / "momentum.py")], **SMALL, **settings)
+    assert (run.summary["method"], run.scenario.federation.aggregation) == ("trim", "momentum")
 
 
-def test_a_plugin_that_exits_loses_its_uavs_and_ends_no_process() -> None:
-    class Leaves(Still):
-        name = "leaves"
-
-        def step(self, memory: dict[str, np.ndarray], tick: int, own: np.ndarray, received: Any) -> mf.Step:
-            raise SystemExit(3)
-
-    run = mf.fly(method=Leaves, **SMALL)
-    assert run.summary["lost"] == 4
-    assert any("SystemExit: 3" in event["text"] for event in run.events)
-
-
-def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight() -> None:
+def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight(tmp_path: Path) -> None:
     class Clash(Still):
         name = "clash"
         diagnostics = ("x_m",)
 
     with pytest.raises(mf.BadInput, match="x_m: the time series has columns of that name"):
-        mf.fly(method=Clash, **SMALL)
+        mf.fly(method=Clash, out=tmp_path / "out", **SMALL)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
@@ -228,6 +207,12 @@ def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Pa
     with pytest.raises(mf.BadInput, match="no run"):
         mf.open(tmp_path)
     folder = Path(shutil.copytree(left.folder, tmp_path / "run"))
+    (folder / "events.jsonl").write_bytes(b"junk\n")
+    with pytest.raises(mf.BadInput, match=r"events\.jsonl: damaged"):
+        _ = mf.open(folder).events
+    (folder / "events.jsonl").unlink()
+    with pytest.raises(mf.BadInput, match=r"events\.jsonl: No such file"):
+        _ = mf.open(folder).events
     (folder / "summary.json").write_text("{")
     with pytest.raises(mf.BadInput, match="not JSON"):
         mf.open(folder)

@@ -23,20 +23,16 @@ Process = subprocess.Popen[str]
 
 
 def events_in(folder: Path) -> list[dict[str, Any]]:
-    """The whole lines of `events.jsonl` so far."""
     path = folder / "events.jsonl"
     lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
     return [json.loads(line) for line in lines]
 
 
 def spool_bytes(out: Path) -> int:
-    """How much of the only run has reached the disk."""
     return sum(path.stat().st_size for path in out.glob("*/.telemetry"))
 
 
 class Processes:
-    """Processes of one run, with the flags that all of them get."""
-
     def __init__(self, run: str, *flags: str) -> None:
         self.base = ("--endpoint", free_endpoint(), "--run", run, *flags)
         self._started: list[Process] = []
@@ -67,12 +63,10 @@ class Recorded:
     """What a run that flies has written to the disk."""
 
     def __init__(self, out: Path) -> None:
-        """`out`: the folder with the run folder."""
         self.out = out
 
     @property
     def folder(self) -> Path:
-        """The only run folder."""
         (folder,) = self.out.iterdir()
         return folder
 
@@ -91,7 +85,6 @@ class Recorded:
         return until(found, f"{count} events {kind} of {uavs}", pause_s=0.1)
 
     def events(self, kind: str, uavs: tuple[int, ...] | None = None) -> list[dict[str, Any]]:
-        """The events of a kind that are on the disk."""
         events = [event for folder in self.out.glob("*") for event in events_in(folder) if event["kind"] == kind]
         return [event for event in events if uavs is None or event["uavs"] == [*uavs]]
 
@@ -100,8 +93,6 @@ class Recorded:
 
 
 class Flight(Recorded):
-    """World, station, leaders, and agents with a UAV each."""
-
     def __init__(
         self,
         processes: Processes,
@@ -126,7 +117,6 @@ class Flight(Recorded):
         return self.processes.start("leader")
 
     def _rows(self) -> int:
-        """How many rows of the flight are on the disk."""
         return max(
             (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
         )

@@ -56,13 +56,11 @@ class Lab:
         return self.world.finish()
 
     def bus_of(self, name: str) -> MemoryBus:
-        """The endpoint of a node."""
         key = keys.sense(RUN, name)
         (bus,) = (bus for bus in self.engine.network.endpoints if key in bus._subscriptions)
         return bus
 
     def client_of(self, name: str) -> NodeClient:
-        """The client of a node."""
         client = self.bus_of(name).handler.__self__  # type: ignore[union-attr]
         assert isinstance(client, NodeClient)
         return client
@@ -118,11 +116,9 @@ class Lab:
         self.world._waiting._receive = lambda timeout_s: None
 
     def agent(self, rows: int = 1) -> NodeClient:
-        """Another agent asks to take part."""
         return self.engine.join(Join("agent", rows), Agent)
 
     def leader(self) -> NodeClient:
-        """Another leader asks to take part."""
         return self.engine.join(Join("leader", 0), Leader)
 
 

@@ -42,7 +42,6 @@ def dead(out: Path, flown: Scenario, at: int, rows: int | None = None) -> Path:
 
 
 def resumed(folder: Path, *flags: str, in_process: bool = True, record: bool = False) -> dict[str, Any]:
-    """Resumes a run; its summary."""
     mode = (*(("--in-process",) if in_process else ()), *(() if record else ("--no-record",)))
     assert main(["resume", str(folder), *mode, "--quiet", "--json", *flags]) == 0
     return json.loads((folder / "summary.json").read_text())

@@ -24,13 +24,10 @@ def _let_hang_up_end() -> None:
 
 
 def alive(process: psutil.Process) -> bool:
-    """Whether a process still runs."""
     return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
 
 class Launched(Recorded):
-    """A run of the command with settings and flags."""
-
     def __init__(self, out: Path, settings: tuple[str, ...], flags: tuple[str, ...], **environment: str) -> None:
         super().__init__(out)
         words = [word for setting in settings for word in ("--set", setting)]
@@ -44,7 +41,6 @@ class Launched(Recorded):
         )
 
     def child(self, module: str) -> psutil.Process:
-        """The process of a module that the launcher itself has started."""
         (found,) = (p for p in psutil.Process(self.process.pid).children() if f"meanflock.{module}" in p.cmdline())
         return found
 
@@ -53,11 +49,9 @@ class Launched(Recorded):
         return sorted(self.child("agent").children(), key=lambda p: (p.create_time(), p.pid), reverse=True)
 
     def family(self) -> list[psutil.Process]:
-        """All processes of the run but the launcher."""
         return psutil.Process(self.process.pid).children(recursive=True)
 
     def ended(self, code: int) -> tuple[str, str]:
-        """Waits for the command to end with an exit code; its output and errors."""
         out, err = self.process.communicate(timeout=DEADLINE_S)
         assert self.process.returncode == code, err
         return out, err

@@ -17,7 +17,6 @@ ROBUST = ("median", "trimmed-mean", "krum")
 
 
 def average(rule: str, models: np.ndarray, tolerance: float = 0.25) -> np.ndarray:
-    """The global model that a rule makes of models, one of each UAV."""
     made = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
     state, model = made.step(made.init(0), Uploads.complete(models.astype(np.float64)))
     assert not state

@@ -50,7 +50,6 @@ def poison(value: float) -> Say:
 
 
 def and_honest(say: Say) -> Say:
-    """The honest act follows the false one."""
     return lambda act: [*(message for message in say(act) if message is not act), act]
 
 

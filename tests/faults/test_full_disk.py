@@ -26,7 +26,6 @@ SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.peri
 
 
 def fill() -> None:
-    """Limits the size of a file, in the process that writes."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (FULL_BYTES, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
@@ -43,7 +42,6 @@ def whole(folder: Path) -> int:
 
 
 def command_line(*arguments: str, **options: Any) -> "subprocess.CompletedProcess[str]":
-    """Runs the command in a process of its own."""
     line = [sys.executable, "-m", "meanflock.groundstation.cli", *arguments]
     return subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False, **options)
 

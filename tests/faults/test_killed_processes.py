@@ -11,12 +11,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import psutil
 import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import certs
-from meanflock.groundstation.launch.processes import Swarm
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT
@@ -84,7 +82,6 @@ def test_a_killed_leader_killed_stations_and_a_killed_world_cost_neither_a_round
 
 @pytest.fixture
 def wires(processes: Processes) -> Iterator[list[Wire]]:
-    """Two links to the world that can fail."""
     made = [Wire(processes.base[1]) for _ in range(2)]
     yield made
     for wire in made:
@@ -220,7 +217,6 @@ def interrupt_twice(run: Launched) -> None:
 
 KILLS: dict[str, tuple[Callable[[Launched], object], int, str]] = {  # how, exit code and what the command says
     "world": (lambda run: run.child("worldsim").kill(), 1, "error: world was killed by SIGKILL, as the system does"),
-    "all agents": (lambda run: os.killpg(run.child("agent").pid, signal.SIGKILL), 1, "every agent is lost"),
     "launcher": (lambda run: run.process.kill(), -signal.SIGKILL, ""),
     "second Ctrl-C": (interrupt_twice, 1, "error: interrupted twice, nothing was completed; "),
 }
@@ -247,18 +243,3 @@ def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(v
     assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (expected, 0, 0)
     assert ticks_of(folder) == list(range(TICKS + 1))
     assert not record or verify(folder / "recording.rrd") is None
-
-
-@forks
-def test_the_process_that_forks_agents_is_started_again_if_it_dies_before_it_forks() -> None:
-    with Swarm("unborn") as swarm:
-        settings = 'uavs = 2\nduration = 100000\nstop = "duration"\nmethod = "mfg"'
-        swarm.start_world(settings, wait_s=60.0, realtime=None)
-        swarm.start_agents(2, 1, 60.0)
-        child = swarm._children[1]
-        process = child.process
-        process.kill()  # while it loads what its agents need
-        process.wait()
-        swarm.check(flying=False)
-        assert (child.process is process, child.given_up) == (False, False)
-        until(lambda: len(psutil.Process(child.process.pid).children()) == 2, "two agents")

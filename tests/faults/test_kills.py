@@ -69,7 +69,6 @@ def flown(clusters: int) -> Scenario:
 
 @cache
 def undisturbed(clusters: int) -> dict[str, Any]:
-    """The summary of the flight in which nobody is hurt."""
     return Lab(flown(clusters)).fly()
 
 

@@ -16,7 +16,6 @@ from tests.faults.dying import LATER, dead, events, flight, resumed, steady
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The summary of the run that nothing happens to."""
     return flight(tmp_path_factory.mktemp("undisturbed"), scenario(LATER))
 
 

@@ -25,7 +25,6 @@ LONG = scenario("duration=35")
 
 
 def listen(lab: Lab, **options: Any) -> Record:
-    """Another station listens from now on; its record."""
     record, bus = Record(), lab.engine.network.endpoint()
     bus.handler = Station(bus, RUN, [record], **options).handle
     return record
@@ -129,7 +128,6 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
 
 
 def killed(out: Path, name: str, at: int, seed: int = 3) -> Path:
-    """A folder whose recorder was killed at a tick."""
     flown = scenario("duration=35", f"seed={seed}")
     folder = RunFolder(out, name, flown)
     for tick in Engine(flown, "any", sinks=[folder]).fly():

@@ -25,7 +25,6 @@ class Wire:
         self._open.clear()
 
     def reset(self) -> None:
-        """Ends every connection with an RST, and lets none through until it is healed."""
         self.cut()
         with self._working:
             for end in self._pairs:

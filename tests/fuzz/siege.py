@@ -45,7 +45,6 @@ def scenario(clusters: int = 1) -> Scenario:
 
 
 def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
-    """Every message of an undisturbed flight, thinned out, with the golden ones; and the summary of that flight."""
     engine = Engine(flown, RUN, uavs_per_node=ROWS, leaders=2)
     said: list[bytes] = []
     spy = engine.network.endpoint(lambda delivery: said.append(delivery.payload))
@@ -62,8 +61,6 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
 
 
 class Siege:
-    """`count` mutated messages thrown at one flight. Nothing but a counted drop may come of them."""
-
     def __init__(
         self, count: int, seed: int, told: Callable[[int], None] = lambda thrown: None, clusters: int = 1
     ) -> None:

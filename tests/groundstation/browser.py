@@ -77,7 +77,6 @@ class Browser:
         return {url.rpartition("//")[2].partition("/")[0].partition(":")[0] for url in self._asked} - OWN
 
     def open(self, url: str) -> None:
-        """Opens a page in a tab of its own, and looks at that from now on."""
         self._session = ""
         target = self._call("Target.createTarget", url=url)["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]

@@ -14,7 +14,6 @@ QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--dura
 
 @pytest.fixture
 def strict() -> Iterator[None]:
-    """Bad data for a recording raises instead of warning."""
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)

@@ -106,7 +106,6 @@ def scalars(path: Path, plot: plots.Plot | str) -> tuple[np.ndarray, np.ndarray]
 
 
 def fixed(path: Path, entity: str, name: str) -> list[Any]:
-    """A static component."""
     for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
         batch = chunk.to_record_batch()
         if look.TICKS not in batch.schema.names and name in batch.schema.names:

@@ -112,6 +112,11 @@ def test_a_run_keeps_the_plugin_file_and_is_resumed_once_that_is_named(run: Any,
     assert "controller 'spring' is not installed here" in err
     assert f"meanflock resume {folder} --plugin {copy}" in err
     assert not registry.registered  # nothing was imported from the folder
+    (tmp_path / "spring.py").write_text(SPRING.read_text() + "\n")
+    code, _, err = run(*go_on, "--plugin", str(tmp_path / "spring.py"))
+    assert f"controller 'spring' of {plugins.fingerprint(copy.read_bytes())}; here it is of " in err
+    assert err.endswith(f"meanflock resume {folder} --plugin {copy}\n")
+    registry.registered.clear()
     code, out, _ = run(*go_on, "--plugin", str(copy))
     assert code == EXIT_DONE
     assert json.loads(out)["trajectory_sha256"] == expected

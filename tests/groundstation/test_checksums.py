@@ -21,7 +21,6 @@ EVENTS_BYTES = 7
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with three spooled blocks of telemetry."""
     made = tmp_path_factory.mktemp("run")
     spool = Spool(made / SPOOL, 0.1)
     for block in BLOCKS:
@@ -32,7 +31,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def complete(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same after its flight."""
     made = Path(shutil.copytree(folder, tmp_path_factory.mktemp("complete") / "run"))
     recover(made)
     return made

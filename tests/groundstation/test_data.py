@@ -14,12 +14,11 @@ import pytest
 from meanflock.groundstation.launch.run import Options, fly
 from meanflock.groundstation.recording import flight as flight_rows
 from meanflock.groundstation.results import event_log, inbound, quantities
-from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY, RunFolder
+from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
 from meanflock.groundstation.results.series import diagnostics_in
 from meanflock.groundstation.results.series import schema as schema_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
-from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from tests.groundstation.recordings import flight
@@ -126,23 +125,3 @@ def test_a_block_with_a_diagnostic_called_as_a_column_is_rejected() -> None:
     for names in (("status", "b", "c"), ("b", "b", "c"), ("not a name", "b", "c")):
         with pytest.raises(MessageRejected, match="diagnostics"):
             inbound.check(msgspec.structs.replace(block, diagnostic_names=names), 2)
-
-
-CLASH = """
-import meanflock as mf
-
-class Clash(mf.Controller):
-    name = "clash"
-    diagnostics = ("load", "status")
-
-    def step(self, memory, tick, own, received):
-        raise NotImplementedError
-"""
-
-
-def test_a_run_with_a_diagnostic_called_as_a_column_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "clash.py").write_text(CLASH)
-    plugins.load_file(tmp_path / "clash.py")
-    with pytest.raises(BadInput, match="`diagnostics` status: the time series has columns of that name"):
-        RunFolder(tmp_path / "out", "run", load(None, method="clash"))
-    assert not (tmp_path / "out").exists()

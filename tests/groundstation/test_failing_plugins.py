@@ -5,106 +5,55 @@ import pytest
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
 
 PLUGINS = """
-import numpy as np
-
 import meanflock as mf
+from tests.testing.good import GoodAggregator, GoodChannel, GoodController, GoodFilter, GoodVehicle
 
 
 class Odd(BaseException):
     pass
 
 
-def in_(method):
-    if method == "METHOD":
-        raise RAISED
+def fail(*_):
+    raise RAISED
 
 
-in_("import")
-
-
-class Pilot(mf.Controller):
+class Pilot(GoodController):
     name = "pilot"
-    parameters = 2
     period_ticks = 4
 
     class Options(mf.Options, frozen=True):
         def __post_init__(self):
-            in_("__post_init__")
+            if "METHOD" == "Options.__post_init__":
+                fail()
 
-    def __init__(self, options, scenario):
-        super().__init__(options, scenario)
-        in_("__init__")
 
-    @property
-    def weights(self):
-        in_("weights")
-
-    def init(self, uavs, plan):
-        in_("init")
-        return {"model": np.zeros((len(uavs), 2))}
-
-    def step(self, memory, tick, own, received):
-        in_("step")
-        return mf.Step(memory, -0.02 * own[:, :2], broadcasts=[mf.Broadcast(own)])
-
-    def get(self, memory):
-        return memory["model"]
-
-    def set(self, memory, rows, models):
-        return memory
-
-    def prediction(self):
-        in_("prediction")
-
-class Shield(mf.Filter):
+class Shield(GoodFilter):
     name = "shield"
 
-    def admit(self, own, others, uavs, wanted):
-        in_("admit")
-        return wanted, np.zeros((len(own), 0))
 
-
-class Rule(mf.Aggregator):
+class Rule(GoodAggregator):
     name = "rule"
 
-    def init(self, parameters):
-        in_("rule.init")
-        return {}
 
-    def step(self, state, uploads):
-        in_("rule.step")
-        return state, uploads.models.mean(axis=0)
-
-
-class Air(mf.Channel):
+class Air(GoodChannel):
     name = "air"
 
-    def transmit(self, distance_m, bits, rng):
-        in_("transmit")
-        return np.ones(len(distance_m), np.int64), np.ones(len(distance_m), bool)
 
-    def expected(self, distance_m, bits):
-        in_("expected")
-
-
-class Craft(mf.Vehicle):
+class Craft(GoodVehicle):
     name = "craft"
 
-    def init(self, uavs):
-        in_("craft.init")
-        return {}
 
-    def step(self, states, hidden, acceleration, noise):
-        in_("craft.step")
-        return states.copy(), hidden
-
-    def power(self, states, hidden, acceleration):
-        in_("power")
-        return np.zeros(len(states))
+owner, _, method = "METHOD".partition(".")
+if owner == "import":
+    fail()
+elif owner not in ("nowhere", "Options"):
+    setattr(globals()[owner], method, property(fail) if method == "weights" else fail)
 """
-BEFORE_TAKE_OFF = ("import", "__post_init__", "__init__", "weights", "init", "prediction", "rule.init", "craft.init")
-IN_FLIGHT = ("step", "admit", "transmit", "expected", "craft.step", "power")
-A_ROUND = ("rule.step",)  # costs that round and no more
+OF_A_CONTROLLER = ("__init__", "weights", "init", "prediction")
+BEFORE_TAKE_OFF = ("import", "Options.__post_init__", *(f"Pilot.{name}" for name in OF_A_CONTROLLER))
+BEFORE_TAKE_OFF += ("Rule.init", "Craft.init")
+IN_FLIGHT = ("Pilot.step", "Shield.admit", "Air.transmit", "Air.expected", "Craft.step", "Craft.power")
+A_ROUND = ("Rule.step",)  # costs that round and no more
 FLIGHT = ("--plugin", "mine.py", "--method", "pilot", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
 SETTINGS = ("filter.kind=shield", "federation.aggregation=rule", "radio.model=air", "vehicle.model=craft")
 

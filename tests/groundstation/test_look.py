@@ -26,7 +26,7 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
     ):
         engine = Engine(flown, "flying", sinks=[folder, recorder])
         for tick in engine.fly():
-            for verb in [("view", "--web"), ("plot",), ("picture", "-o", "p.png")] if tick == 30 else []:
+            for verb in [("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",)] if tick == 30 else []:
                 code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
                 assert "still writes this run" in err
@@ -38,7 +38,6 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
 
 @pytest.fixture
 def flown(run, tmp_path) -> Path:
-    """The folder of a recorded flight of 2 s."""
     assert run("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2")[0] == EXIT_DONE
     (folder,) = (tmp_path / "runs").iterdir()
     return folder

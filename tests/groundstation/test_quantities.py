@@ -37,7 +37,6 @@ QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The folders of short flights, by method."""
     out = tmp_path_factory.mktemp("runs")
     options = Options(out=out, in_process=True, record=False, quiet=True)
     methods = ("hjb", "mfgfl-hf", "offline")

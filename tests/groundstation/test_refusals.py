@@ -55,7 +55,7 @@ def test_bad_input_is_one_line_that_names_it(run, tmp_path, flags, says) -> None
     assert {path.name for path in tmp_path.iterdir()} == {"bad.toml", "binary.toml"}
 
 
-@pytest.mark.parametrize("endpoint", ["127.0.0.1:7556", "tcp/localhost", "tcp/127.0.0.1:99999"])
+@pytest.mark.parametrize("endpoint", ["127.0.0.1:7556", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"])
 def test_an_endpoint_that_is_none_is_refused(run, tmp_path, endpoint) -> None:
     code, out, err = run("run", "--uavs", "3", "--quiet", "--endpoint", endpoint)
     assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)

@@ -106,7 +106,6 @@ def test_a_folder_replays_its_flight_but_for_the_links(blocks: list[Telemetry], 
 
 @pytest.fixture(scope="module")
 def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> Contents:
-    """The contents of a recording whose recorder was never killed."""
     path = tmp_path_factory.mktemp("whole") / "recording.rrd"
     with Recorder(FLOWN, "run", path) as recorder:
         for block in blocks:

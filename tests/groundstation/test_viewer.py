@@ -1,9 +1,7 @@
 """Rerun's program: live viewers, pictures and repairs."""
 
 import shutil
-import socket
 import subprocess
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -43,20 +41,6 @@ def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
             listener.wait(DEADLINE_S)
     assert verify(tmp_path / "own.rrd") is None
     np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
-
-
-def test_the_viewer_waits_until_a_server_listens() -> None:
-    with socket.socket() as late:
-        late.bind(("127.0.0.1", 0))  # and does not listen: who connects is refused
-        host, port = late.getsockname()
-        with pytest.raises(RunFailed, match=f"no server of the recording on {host}:{port}"):
-            viewer.await_listener(host, port, timeout_s=0.1)
-        waiting = threading.Thread(target=viewer.await_listener, args=("0.0.0.0", port), daemon=True)
-        waiting.start()
-        assert waiting.is_alive()
-        late.listen()
-        waiting.join(DEADLINE_S)
-        assert not waiting.is_alive()
 
 
 def ticks_so_far(growing: Path) -> np.ndarray:

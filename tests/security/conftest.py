@@ -62,12 +62,10 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 
 @pytest.fixture(scope="session")
 def undisturbed() -> str:
-    """The trajectory of the flight if nobody disturbs it."""
     return str(Engine(scenario.load(None, SETTINGS), RUN).complete()["trajectory_sha256"])
 
 
 def act_in(raw: bytes) -> Act | None:
-    """What an agent does in a tick; None for a control message."""
     return tick.read_act(raw) if raw[1:2] in tick.TYPES else None
 
 
@@ -85,7 +83,6 @@ class Holding:
         self.reached = threading.Event()
 
     def put(self, key: str, payload: bytes) -> None:
-        """Like a bus."""
         act = act_in(payload)
         if act is not None and act.tick == HOLD_TICK:
             self.reached.set()
@@ -118,7 +115,6 @@ class Flight:
             self.world = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
 
     def __enter__(self) -> "Flight":
-        """Everybody boards, and flies until one stands still."""
         try:
             self._take_off()
         except BaseException:
@@ -140,26 +136,21 @@ class Flight:
 
     @property
     def certificates(self) -> Path:
-        """The swarm's own."""
         assert self.folders is not None
         return self.folders.good
 
     def client(self, name: str, folder: Path | None = None) -> ZenohBus:
-        """A session that shows the certificate of `name`."""
         identity = Identity(folder or self.certificates, name) if self.folders is not None else None
         self.opened.append(ZenohBus.client(self.endpoint, DEADLINE_S, identity))
         return self.opened[-1]
 
     def said(self) -> str:
-        """The world's log."""
         return self.log.read_text()
 
     def logs(self, *texts: str) -> None:
-        """Waits until the world has said all these."""
         until(lambda: all(text in self.said() for text in texts), f"{texts} in the world's log")
 
     def land(self) -> dict[str, Any]:
-        """Lets the flight end, and returns its summary."""
         self.go_on.set()
         out, _ = self.world.communicate(timeout=DEADLINE_S)
         assert self.world.returncode == 0, self.said()
@@ -176,7 +167,6 @@ class Flight:
         assert "its agent already" in refusal.reason
 
     def close(self) -> None:
-        """Ends whatever still runs."""
         self.go_on.set()
         for bus in self.opened:
             bus.close()
@@ -198,13 +188,11 @@ class Flight:
 
 @pytest.fixture
 def flight(folders: Folders, tmp_path: Path) -> Iterator[Flight]:
-    """A swarm under TLS, held at `HOLD_TICK`."""
     with Flight(folders, tmp_path / "world.log") as started:
         yield started
 
 
 @pytest.fixture
 def open_flight(tmp_path: Path) -> Iterator[Flight]:
-    """The same without TLS."""
     with Flight(None, tmp_path / "world.log") as started:
         yield started

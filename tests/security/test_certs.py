@@ -133,14 +133,6 @@ def test_an_endpoint_is_over_tls_exactly_if_there_are_certificates(made: Path) -
         secured("tls/127.0.0.1:7447", None)
     with pytest.raises(BadInput, match="--tls"):
         secured("udp/127.0.0.1:7447", me)
-    for address in ("127.0.0.1:7447", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"):
-        with pytest.raises(BadInput, match="write it as tcp/HOST:PORT"):
-            secured(address, None)
-
-
-def test_a_run_in_one_process_has_nothing_to_secure(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--in-process", "--uavs", "3", "--tls", str(made)]) == 2
-    assert "--in-process" in capsys.readouterr().err
 
 
 def test_the_rules_let_everyone_speak_under_its_own_name_only() -> None:

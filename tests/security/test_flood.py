@@ -45,7 +45,6 @@ def flood(flight: Flight) -> Iterator[None]:
 
 @pytest.fixture
 def memory_mb(flight: Flight) -> Iterator[list[float]]:
-    """Memory of the world, MB, measured again and again."""
     world, ended, measured = psutil.Process(flight.world.pid), threading.Event(), [0.0]
 
     def watch() -> None:

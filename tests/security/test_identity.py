@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, Identity, secured
@@ -143,6 +144,16 @@ def test_an_attacker_can_neither_speak_nor_listen_nor_join_nor_die_for_a_node(fl
     assert dropped.pop("wrong-name") >= 1  # a question is asked again and again
     assert dropped.pop("malformed") >= 1
     assert dropped == {"wrong-shape": 1}
+
+
+def test_no_node_can_pass_itself_off_as_the_world(folders: Folders) -> None:
+    endpoint = free_endpoint()
+    impostor = ZenohBus.router(endpoint, Identity(folders.good, ME))
+    try:
+        with pytest.raises(BusError):
+            ZenohBus.client(endpoint, PATIENCE_S, Identity(folders.good, VICTIM))
+    finally:
+        impostor.close()
 
 
 WILD = ["**", "*/**", f"{keys.ROOT}/**", f"{keys.ROOT}/{RUN}/**", keys.act(RUN, "*"), keys.act(RUN, "a$*"), "**/act"]

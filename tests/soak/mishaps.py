@@ -23,7 +23,6 @@ class Mishaps:
     """Draws mishaps for a flight under TLS; several threads may do so. The agent of UAV 0 is never hurt."""
 
     def __init__(self, flight: Flight, certificates: Path, scratch: Path, seed: int) -> None:
-        """`scratch`: a folder for the runs of other stations."""
         self.lost = 0  # nodes that the world must have counted as lost
         self.happened: Counter[str] = Counter()
         self._flight, self._certificates, self._scratch = flight, certificates, scratch
@@ -63,7 +62,6 @@ class Mishaps:
 
     @contextmanager
     def _an_agent(self) -> Iterator[int]:
-        """A UAV whose agent is well."""
         until(lambda: self._well, "an agent that is well")
         with self._lock:
             uav = self._random.choice(sorted(self._well))
@@ -74,7 +72,6 @@ class Mishaps:
 
     @contextmanager
     def _is_lost(self, *uavs: int) -> Iterator[None]:
-        """Waits for the loss of a node with these UAVs after the block."""
         losses = self._flight.count("lost", uavs)
         yield
         with self._lock:
@@ -83,7 +80,6 @@ class Mishaps:
 
     @contextmanager
     def _rejoins(self, *uavs: int) -> Iterator[None]:
-        """Waits until another node has joined after the block."""
         returns = self._flight.count("rejoined", uavs)
         yield
         self._flight.event("rejoined", returns + 1, uavs)

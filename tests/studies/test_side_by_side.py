@@ -22,7 +22,6 @@ SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration"
 
 
 def roots(path: Path) -> set[str]:
-    """The first parts of all entities."""
     return {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
 
 

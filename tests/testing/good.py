@@ -55,8 +55,6 @@ class GoodFilter(Filter):
 
 
 class GoodAggregator(Aggregator):
-    """The mean with momentum."""
-
     name = "good"
 
     def init(self, parameters: int) -> State:
@@ -77,8 +75,6 @@ class GoodChannel(Channel):
 
 
 class GoodVehicle(Vehicle):
-    """A point that lags behind its command."""
-
     name = "good"
 
     def __init__(self, options: Any, scenario: Any) -> None:
@@ -127,8 +123,6 @@ def changed(good: type, method: str, change: Callable[..., Any]) -> Any:
 
 
 def failing(good: type, method: str, error: BaseException) -> Any:
-    """A class whose `method` raises."""
-
     def fail(*_: Any) -> Any:
         raise error
 

@@ -167,7 +167,6 @@ CHANNELS: dict[str, tuple[Any, str]] = {
 
 
 def powered(power: Any) -> Any:
-    """A vehicle whose power is `power(states)`."""
     return having(GoodVehicle, power=lambda _self, states, *_: power(states))
 
 
