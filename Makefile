@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench peers fuzz soak robustness picture images up test-compose constraints clean stale
+.PHONY: help run test check format bench peers fuzz soak robustness picture images up test-compose judges constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -32,8 +32,11 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 # the cores; half of the time it waits, so three go at once, also on two cores. What shares a swarm, or something dear,
 # is a group: all on one worker.
 # Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
-test: $(VENV)/.dev ## Run all tests but those of the containers (ARGS="-k rician")
-	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose $(ARGS)
+test: $(VENV)/.dev ## Run all tests but those of the containers and the judges (ARGS="-k rician")
+	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges $(ARGS)
+
+judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy: Python 3.11)
+	@$(PYTEST) tests/judges $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff format --check .

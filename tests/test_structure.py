@@ -48,8 +48,9 @@ WITHIN = {  # of the other folders of groundstation; what lies beside them may b
     "results": set(),
     "recording": {"results"},
     "plots": {"results"},
+    "export": {"results"},
     "launch": {"results", "recording"},
-    "cli": {"results", "recording", "plots", "launch"},
+    "cli": {"results", "recording", "plots", "export", "launch"},
 }
 PRIVATE = re.compile(r"(^|_)(minds?|chorus|reflex|spoken|told|heard|siblings?|brought|overhear\w*)(_|$)|^_?plain[A-Z]")
 LEGACY_RANDOM = {"default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64"}  # the rest of np.random is global
@@ -137,6 +138,10 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
         (("prometheus_client",), ("worldsim/exporter.py",)),
         (("rerun", "rerun_sdk"), ("groundstation/recording/",)),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
+        (
+            ("foxglove_schemas_protobuf", "google", "mcap", "mcap_protobuf", "rosbags"),
+            tuple(f"groundstation/export/{name}.py" for name in ("columns", "foxglove", "rosbag")),
+        ),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),
     ],

@@ -1,4 +1,4 @@
-"""The environment of a peer, made from the pins of its dependency group, and the process that runs its script."""
+"""The environment of a peer or a judge, made from the pins of its dependency group, and the process of a peer."""
 
 import hashlib
 import os
@@ -23,21 +23,22 @@ ANSWER_S = 60.0
 _SETTINGS = {"PYTHONDONTWRITEBYTECODE": "1", "FLWR_TELEMETRY_ENABLED": "0", "RAY_USAGE_STATS_ENABLED": "0"}
 
 
-def pins(peer: str) -> list[str]:
-    """Packages of a peer's environment, in the order of installation; from `pyproject.toml`."""
+def pins(peer: str, kind: str = "peer") -> list[str]:
+    """Packages of the environment of a peer or of another kind, in the order of installation; from `pyproject.toml`."""
     groups = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
-    wanted: list[str] = groups[f"peer-{peer}"]
+    wanted: list[str] = groups[f"{kind}-{peer}"]
     return wanted
 
 
 class Environment:
     """A virtual environment for one peer; another one as soon as its pins or our interpreter change."""
 
-    def __init__(self, peer: str, folder: Path = FOLDER) -> None:
-        self.peer, self._pins = peer, pins(peer)
+    def __init__(self, peer: str, folder: Path = FOLDER, kind: str = "peer") -> None:
+        self.peer, self._kind, self._pins = peer, kind, pins(peer, kind)
         key = hashlib.sha256("\n".join([sys.version, *self._pins]).encode()).hexdigest()[:8]
         self._place = folder / f"{peer}-{key}"
         self._done = self._place / "done"
+        self.python = self._place / "bin" / "python"
 
     def make(self, timeout_s: float) -> str:
         """Makes it if it is not there; says what was done.
@@ -50,10 +51,11 @@ class Environment:
         shutil.rmtree(self._place, ignore_errors=True)
         self._place.parent.mkdir(parents=True, exist_ok=True)
         end, log = time.monotonic() + timeout_s, self._place.with_suffix(".log")
-        python = str(self._place / "bin" / "python")
+        python = str(self.python)
         commands = [[sys.executable, "-m", "venv", str(self._place)]]
-        # One by one: a pin that decides which build of a package others get must be there before them.
-        commands += [[python, "-m", "pip", "install", "-q", *self._pins[: k + 1]] for k in range(len(self._pins))]
+        # Peers one by one: a pin that decides which build of a package others get must be there before them.
+        first = 1 if self._kind == "peer" else len(self._pins)
+        commands += [[python, "-m", "pip", "install", "-q", *self._pins[:k]] for k in range(first, len(self._pins) + 1)]
         for command in commands:
             install(command, log, end)
         self._done.touch()
@@ -68,7 +70,7 @@ class Environment:
         if not self._done.is_file():
             raise BenchmarkFailed(f"not set up; python -m benchmarks.peers --setup {self.peer}")
         version = next(pin for pin in self._pins if pin.split("==")[0] == self.peer).replace("==", " ")
-        return Peer([str(self._place / "bin" / "python"), str(SCRIPTS / f"{script}.py"), *map(str, arguments)], version)
+        return Peer([str(self.python), str(SCRIPTS / f"{script}.py"), *map(str, arguments)], version)
 
 
 def install(command: list[str], log: Path, end: float) -> None:

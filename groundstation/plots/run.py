@@ -10,24 +10,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from msgspec import field
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.plots import plotstyle
+from meanflock.groundstation.results.flown import Flown, flown_keys
 from meanflock.groundstation.results.quantities import FIELDS, PHI_G, quantity
-from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO, flown_rows
+from meanflock.groundstation.results.run_folder import EVENTS, flown_rows
 from meanflock.groundstation.results.series import diagnostics_in, per_uav, span_where
-from meanflock.swarm import mission, toml
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
+from meanflock.swarm import mission
 from meanflock.swarm.wire.messages import Status
 
 log = logging.getLogger("meanflock.plots")
@@ -36,19 +33,6 @@ Floats = NDArray[np.float64]
 
 MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
-
-
-class Flown(msgspec.Struct):
-    """The keys of a scenario that a plot shows; they can be read without its controller."""
-
-    method: str = ""  # empty: there is no scenario
-    seed: int = 0
-    uavs: int = 1
-    dt: float = 0.1
-    start: Start = field(default_factory=Start)
-    destination: Destination = field(default_factory=Destination)
-    metrics: Metrics = field(default_factory=Metrics)
-    obstacles: tuple[Obstacle, ...] = ()
 
 
 def plot_run(folder: Path) -> dict[str, Figure]:
@@ -61,17 +45,6 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     flown = flown_keys(folder)
     with plotstyle.style():
         return {"paths": _paths(table, flown, folder), "curves": _curves(table, flown)}
-
-
-def flown_keys(folder: Path) -> Flown:
-    """The keys of the run in a folder; raises BadInput if its scenario is damaged."""
-    path = folder / SCENARIO
-    if not path.is_file():
-        return Flown()
-    try:
-        return msgspec.convert(toml.read(path, "scenario file"), Flown)
-    except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
 
 
 # -- paths ---------------------------------------------------------------------------------------------------------

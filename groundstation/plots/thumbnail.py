@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.plots.run import Flown, flown_keys, places_of
+from meanflock.groundstation.plots.run import places_of
+from meanflock.groundstation.results.flown import Flown, flown_keys
 from meanflock.groundstation.results.run_folder import flown_rows
 from meanflock.groundstation.results.series import per_uav
 from meanflock.swarm import mission

@@ -8,17 +8,16 @@ from numpy.typing import NDArray
 
 from meanflock.groundstation.recording import blueprint, drawing, plots
 from meanflock.groundstation.recording.drawing import STRIP_COLORS, STRIPS, Colors, Floats, Sent, Ticks, cut, strips
+from meanflock.groundstation.results.event_log import event_level, event_text
 from meanflock.groundstation.results.quantities import PHI_G
 from meanflock.groundstation.results.series import COLUMN, Reported
 from meanflock.swarm import state
-from meanflock.swarm.errors import printable
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event, FrameKind, Status
 
 TRAIL_STEP_S = 0.5  # length of a piece of a trail
 LINKS_PER_TICK = 2000  # links of a tick that are drawn; the numbers count all
 
-LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "hit": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 _LEVEL_COLORS = {"INFO": drawing.WHITE, "WARN": drawing.ORANGE, "ERROR": drawing.RED}
 MARK_M = 1.4  # radius of an event's mark on the map
 MARKS = {  # kinds of events with a mark: entity, shape, colour
@@ -109,11 +108,6 @@ def _link_lines(entity: str, ticks: Ticks, positions: Floats, links: Links) -> S
     return entity, at.astype(np.int64), columns
 
 
-def event_text(event: Event) -> str:
-    """An event as the log of a recording shows it."""
-    return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")
-
-
 def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: Sequence[Event]) -> Iterator[Sent]:
     """Lines of the log, marks on the map, and a mark on the risk at each collision.
 
@@ -122,7 +116,7 @@ def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], even
     """
     if not events:
         return
-    levels = [LEVELS.get(event.kind, "INFO") for event in events]
+    levels = [event_level(event) for event in events]
     shades = [
         MARKS[event.kind][2] if event.kind in MARKS else _LEVEL_COLORS[level]
         for event, level in zip(events, levels, strict=True)

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from meanflock.groundstation.recording import blueprint, plots
-from meanflock.groundstation.recording.flight import event_text
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.viewer import reason, run_program
 from meanflock.groundstation.results import inbound
-from meanflock.groundstation.results.event_log import past_events
+from meanflock.groundstation.results.event_log import event_text, past_events
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO
 from meanflock.groundstation.results.series import Reported, block_of, unbroken
 from meanflock.groundstation.results.timeseries_file import Past, past

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from meanflock.swarm import durable
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, printable
 from meanflock.swarm.wire.messages import Event
 
 FIELDS = {  # of a line
@@ -39,6 +39,7 @@ KINDS = {  # of events
     "failed": "every agent was lost and none came back; the flight ends",
     "finished": "the flight is over",
 }
+LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "hit": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 
 
 class EventLog:
@@ -87,6 +88,16 @@ def row_of(event: Event, dt: float) -> dict[str, Any]:
     """An event as a row of the file; a tick takes `dt` seconds."""
     row = {"tick": event.tick, "sim_time_s": round(event.tick * dt, 6), "kind": event.kind}
     return {**row, "text": event.text, "uavs": list(event.uavs)}
+
+
+def event_text(event: Event) -> str:
+    """An event as a log shows it."""
+    return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")
+
+
+def event_level(event: Event) -> str:
+    """The severity of an event in a log."""
+    return LEVELS.get(event.kind, "INFO")
 
 
 def lock(file: IO[Any], folder: Path) -> None:

@@ -296,12 +296,27 @@ def flown_rows(folder: Path, columns: list[str] | None = None) -> pa.Table:
     try:
         table = read_table(path, columns)
     except OSError as error:
-        again = f"bring the file back, or fly the run again with `meanflock run {folder / SCENARIO}`"
-        mend = again if (folder / SCENARIO).is_file() else "name the folder of a run"
-        raise BadInput(f"{path}: {error.strerror or error}; {mend}") from error
-    if table.num_rows < 2:
-        raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
+        raise unreadable(path, error) from error
+    check_flown(path, table.num_rows)
     return table
+
+
+def unreadable(path: Path, error: OSError) -> BadInput:
+    """The error of a time series that cannot be read, with advice."""
+    written = path.with_name(SCENARIO)
+    again = f"bring the file back, or fly the run again with `meanflock run {written}`"
+    mend = again if written.is_file() else "name the folder of a run"
+    return BadInput(f"{path}: {error.strerror or error}; {mend}")
+
+
+def check_flown(path: Path, ticks: int) -> None:
+    """Check that a time series has rows after take-off.
+
+    Raises:
+        BadInput: it has none.
+    """
+    if ticks < 2:
+        raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:

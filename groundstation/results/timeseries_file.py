@@ -5,6 +5,7 @@ the footer, which readers of Parquet ignore.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from os import SEEK_END
@@ -75,9 +76,39 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
 
     Raises OSError if the file is damaged or missing.
     """
-    try:
+    with _reading():
         _check_seal(path)
         return pq.read_table(path, columns=columns, page_checksum_verification=True)
+
+
+class SeriesReader:
+    """Reader of a time series that holds a part of the rows in memory at a time.
+
+    ticks: number of rows. columns: their schema. events_bytes: size of the events that belong to the rows.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises OSError if the file is damaged or missing."""
+        with _reading():
+            _check_seal(path)
+            self._file = pq.ParquetFile(path, page_checksum_verification=True)
+            metadata = self._file.metadata
+            self.ticks: int = metadata.num_rows
+            self.columns: pa.Schema = self._file.schema_arrow
+            self.events_bytes = int((metadata.metadata or {}).get(_MARK_EVENTS.encode(), 0))
+
+    def pieces(self, ticks: int) -> Iterator[pa.Table]:
+        """The rows in pieces of at most so many ticks; compares the checksums. Raises OSError if one is wrong."""
+        with _reading():
+            for batch in self._file.iter_batches(ticks):
+                yield pa.Table.from_batches([batch])
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Context that reads Parquet: every error becomes an OSError."""
+    try:
+        yield
     except (ValueError, pa.ArrowException) as error:  # what is no Parquet
         raise OSError("damaged: it is no Parquet file, or not all of one") from error
     except OSError as error:

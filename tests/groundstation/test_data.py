@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.launch.run import Options, fly
-from meanflock.groundstation.recording import flight as flight_rows
 from meanflock.groundstation.results import event_log, inbound, quantities
 from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
 from meanflock.groundstation.results.series import diagnostics_in
@@ -116,7 +115,7 @@ def test_every_kind_of_event_is_described(run: Path) -> None:
     told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
     assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(event_log.KINDS)
     assert all(set(event) == set(event_log.FIELDS) for event in told)
-    assert set(flight_rows.LEVELS) <= set(event_log.KINDS)
+    assert set(event_log.LEVELS) <= set(event_log.KINDS)
 
 
 def test_a_block_with_a_diagnostic_called_as_a_column_is_rejected() -> None:

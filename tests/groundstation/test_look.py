@@ -15,6 +15,7 @@ from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, RunFailed
 
+VERBS = (("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",), ("export", "--mcap", "r"))
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 
 
@@ -26,7 +27,7 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
     ):
         engine = Engine(flown, "flying", sinks=[folder, recorder])
         for tick in engine.fly():
-            for verb in [("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",)] if tick == 30 else []:
+            for verb in VERBS if tick == 30 else ():
                 code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
                 assert "still writes this run" in err

@@ -1,0 +1,1 @@
+"""A flown flight in the files of other tools: MCAP for Foxglove, and bags of ROS 2."""

@@ -1,0 +1,99 @@
+"""A flight in its run folder, read piece by piece. It needs neither the controller nor the plug-ins that flew."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import pyarrow as pa
+from msgspec import field
+
+from meanflock.groundstation.results.event_log import past_events
+from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO, SUMMARY, check_flown, unreadable
+from meanflock.groundstation.results.timeseries_file import TIMESERIES, SeriesReader
+from meanflock.swarm import toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
+from meanflock.swarm.wire.messages import Event
+
+_PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
+
+
+class Flown(msgspec.Struct):
+    """The keys of a scenario that plots and exports show; they can be read without its controller."""
+
+    method: str = ""  # empty: there is no scenario
+    seed: int = 0
+    uavs: int = 1
+    dt: float = 0.1
+    start: Start = field(default_factory=Start)
+    destination: Destination = field(default_factory=Destination)
+    metrics: Metrics = field(default_factory=Metrics)
+    obstacles: tuple[Obstacle, ...] = ()
+
+
+def flown_keys(folder: Path) -> Flown:
+    """The scenario of a run; the default if the file is missing. Raises BadInput if it is damaged."""
+    path = folder / SCENARIO
+    if not path.is_file():
+        return Flown()
+    try:
+        return msgspec.convert(toml.read(path, "scenario file"), Flown)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
+
+
+class Piece(NamedTuple):
+    """Rows of the time series, and the events up to the last of them since the piece before."""
+
+    rows: pa.Table
+    events: list[Event]
+
+
+class Flight:
+    """A flight up to its end, or up to where a run was killed.
+
+    scenario: of the run. ticks: number of rows. columns: of the time series. finished: whether the run has a summary.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open a run.
+
+        Raises:
+            BadInput: no run there, a damaged file, or a run that never took off.
+        """
+        if not (folder / SCENARIO).is_file():
+            raise BadInput(f"{folder}: no run; name the folder of one")
+        self.folder = folder
+        self.scenario = flown_keys(folder)
+        self._path = folder / TIMESERIES
+        try:
+            self._series = SeriesReader(self._path)
+        except OSError as error:
+            raise unreadable(self._path, error) from error
+        check_flown(self._path, self._series.ticks)
+        self.ticks = self._series.ticks
+        self.columns = self._series.columns
+        self.finished = (folder / SUMMARY).is_file()
+        mend = "bring the file back"
+        self._events = past_events(folder / EVENTS, self._series.events_bytes, self.scenario.uavs, mend)
+
+    def pieces(self) -> Iterator[Piece]:
+        """The flight in the order of the ticks.
+
+        Raises:
+            BadInput: the time series is damaged.
+        """
+        done = 0
+        left = self._events
+        try:
+            for rows in self._series.pieces(max(1, _PIECE_STATES // self.scenario.uavs)):
+                if len(rows["x_m"][0]) != self.scenario.uavs:
+                    raise OSError(f"it has {len(rows['x_m'][0])} UAVs, and the scenario {self.scenario.uavs}")
+                done += len(rows)
+                last = rows["tick"][-1].as_py()
+                now = [event for event in left if event.tick <= last or done == self.ticks]
+                left = left[len(now) :]
+                yield Piece(rows, now)
+        except OSError as error:
+            raise unreadable(self._path, error) from error

@@ -1,0 +1,41 @@
+"""rclpy, the client library of ROS 2, reads a bag that meanflock wrote."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from benchmarks.peer.environment import Environment
+from meanflock.groundstation.cli.command import main
+from tests.polling import DEADLINE_S
+
+SCRIPT = Path(__file__).with_name("rclpy_reads.py")
+
+
+@pytest.fixture(scope="module")
+def python() -> Path:
+    """The interpreter of an environment with rclpy, which is made once and kept."""
+    environment = Environment("rclpy", kind="judge")
+    environment.make(timeout_s=280.0)
+    return environment.python
+
+
+def test_rclpy_reads_the_states_that_were_flown_as_messages_of_its_own_types(python: Path, tmp_path: Path) -> None:
+    kill = {"kind": "kill", "time_s": 3.0, "uavs": [2]}
+    run = mf.fly("paper", uavs=5, duration=20, seed=7, faults=[kill], out=tmp_path / "runs")
+    assert main(["export", str(run.folder), "--rosbag", str(tmp_path / "bag"), "--quiet"]) == 0
+    np.save(tmp_path / "states.npy", run.states)
+    line = [python, SCRIPT, tmp_path / "bag", tmp_path / "states.npy"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert len(said["hashes"]) == 4
+    assert all(written == of_rclpy for written, of_rclpy in said["hashes"])
+    ticks = len(run.states)
+    assert said["counts"] == {"/swarm/poses": ticks, "/swarm/states": ticks, "/rosout": len(run.events)} | {
+        "/diagnostics": 21  # one a second
+    }
+    assert (said["equal"], said["lost"]) == (2 * ticks, ["uav_2"])
