@@ -17,7 +17,8 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
 from meanflock.swarm.wire.messages import FrameKind
 
-WARN_FROM = 0.5  # share of lost messages from which a warning is given
+WARN_FROM = 0.5  # share of lost whole models from which a warning is given
+WARN_FROM_FRAGMENTS = 0.9  # and of lost fragments: each is averaged over the UAVs whose copy arrived
 _ACCEPTABLE = 0.2  # share of lost messages that a suggested remedy leaves at most
 _MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
 
@@ -37,6 +38,11 @@ class Outlook(NamedTuple):
     lost: float
     fragments: int = 1
     ticks: int = 1
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether so much will be lost that a warning is due."""
+        return self.lost >= (WARN_FROM if self.fragments == 1 else WARN_FROM_FRAGMENTS)
 
     def __str__(self) -> str:
         if self.fragments > 1:
@@ -83,7 +89,7 @@ def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
     texts: dict[str, int] = {}
     for flown in flights:
         for one in outlooks(flown):
-            if one.lost >= WARN_FROM:
+            if one.is_bad:
                 texts[f"warning: {one}. {remedies(flown, one.what)}"] = logging.WARNING
             elif one.fragments > 1:
                 texts[str(one)] = logging.INFO
@@ -124,16 +130,22 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
 
 
 def _settings(scenario: Scenario, what: str) -> Iterator[str]:
-    """Settings that each would deliver most models of a kind, with the share that would still be lost."""
+    """Settings that each would deliver most models of a kind, with the share that would still be lost.
+
+    Where fragments get through, no longer wait is needed.
+    """
     changes: list[tuple[str, Any]] = []
-    if scenario.federation.fragment is None:
-        changes.append(("federation.fragment", longest(scenario)))
+    short, today = longest(scenario), next(one for one in outlooks(scenario) if one.what == what)
+    lost = _lost(scenario, what, "federation.fragment", short)
+    if is_cut := lost < min(today.lost, WARN_FROM_FRAGMENTS):
+        yield f"federation.fragment={short} ({100 * lost:.2g} % lost)"
     changes += [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
     changes.append(("radio.bits_per_float", 16))
     slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
-    while slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _ACCEPTABLE:
+    while not is_cut and slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _ACCEPTABLE:
         slots += max(1, slots // 8)
-    changes.append((limit, slots))
+    if not is_cut:
+        changes.append((limit, slots))
     for path, value in changes:
         if (lost := _lost(scenario, what, path, value)) <= _ACCEPTABLE:
             yield f"{path}={value} ({100 * lost:.2g} % lost)"

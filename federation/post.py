@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.coding import Coding
 from meanflock.federation.mailbox import Mailbox
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
+from meanflock.federation.transmission import Reception, Transmission
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask, contains
@@ -26,61 +26,12 @@ class Note(Protocol):
     def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
-class Transmission:
-    """The models that some UAVs transmit in fragments, over several ticks."""
-
-    def __init__(self, frames: Frames, coding: Coding, wanted: Mask, sent: int = 0) -> None:
-        """
-        Args:
-            frames: the models, of S UAVs.
-            coding: how they are written, and cut.
-            wanted: (S, F) fragments that are transmitted.
-            sent: fragments of each whose turn is over.
-        """
-        assert coding.fragments is not None
-        self._frames = frames
-        self._coding = coding
-        self._wanted = wanted
-        self._per_tick = coding.fragments.cut.per_tick
-        self._sent = sent
-
-    @property
-    def is_over(self) -> bool:
-        """Whether all fragments had their turn."""
-        return self._sent >= self._coding.count
-
-    def next(self, awake: Mask) -> Frames | None:
-        """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
-        turn = slice(self._sent, self._sent + self._per_tick)
-        self._sent += self._per_tick
-        frames = self._frames
-        going = self._wanted[:, turn] & awake[frames.source][:, None]
-        sender, place = np.nonzero(going)
-        if not len(sender):
-            return None
-        rows = self._coding.on_air(frames.payload, turn)
-        rows = rows.reshape(-1, rows.shape[2]) if going.all() else rows[sender, place]
-        return Frames(frames.kind, frames.round, frames.source[sender], rows)
-
-    def snapshot(self) -> list[Any]:
-        """All of it, for `restore`."""
-        frames = self._frames
-        fields = [int(frames.kind), frames.round, frames.source, frames.payload]
-        return [*fields, self._wanted, self._sent]
-
-    @classmethod
-    def restored(cls, snapshot: list[Any], hops: Iterable[Hop]) -> "Transmission":
-        """The transmission of a snapshot, in one of the hops of a round."""
-        kind, number, source, payload, wanted, sent = snapshot
-        hop = next(hop for hop in hops if hop.label == kind)
-        return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
-
-
 class Post:
     """All that the world knows of the rounds.
 
     Attributes:
-        rounds: rounds in which models were averaged. rounds_void: rounds closed without a model of another UAV.
+        rounds: rounds in which models were averaged. rounds_void: rounds in which nothing was: no model of another UAV
+            arrived, or the rule failed. A round after which the rule waits for more models is neither.
         late: uploads that were delivered after their round had been averaged, and counted in the next one.
         silent: participants, summed over rounds, that were awake and sent no model.
         isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
@@ -103,6 +54,8 @@ class Post:
         self.rule_record = b""
         self._cut = any(hop.coding.fragments is not None for hop in self._hops)
         self._transmissions: list[Transmission] = []
+        self._reception = Reception(scenario.uavs)
+        self._has_failed = False  # whether the leader complained in this tick
         self._boxes = [(hop, Mailbox(scenario.uavs)) for hop in self._hops if hop.mail is not None]
         self._open: list[tuple[Hop, Mailbox]] = []  # those that mail was sent to
         # Ticks from the opening of a round until its uploads are averaged, by their label
@@ -118,6 +71,8 @@ class Post:
             found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
             if found is None:
                 rest.append(frames)
+                if hop is not None and hop.is_last and self._cut:
+                    self._reception.receive(frames, awake)
                 continue
             averaging, box = found
             box.put(frames, awake)
@@ -210,6 +165,10 @@ class Post:
         """Takes notice that a node did not average the models of some UAVs in this tick."""
         self._refused.update(uavs)
 
+    def fail(self) -> None:
+        """Takes notice that the leader could not average in this tick, and said why."""
+        self._has_failed = True
+
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
     def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
@@ -258,6 +217,8 @@ class Post:
         self._follow(tick, on_air, links)
         if not is_busy:
             return
+        if (ended := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
+            note("round", f"round {ended}: {end}")
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
                 continue
@@ -279,6 +240,7 @@ class Post:
             box.close(number)
             self._list_open()
         self._refused.clear()
+        self._has_failed = False
 
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
@@ -286,6 +248,7 @@ class Post:
             "counts": [self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged],
             "rule": self.rule_record,
             "transmissions": [one.snapshot() for one in self._transmissions],
+            "reception": self._reception.snapshot(),
             "boxes": [box.snapshot() for _, box in self._boxes],
             "accounts": [[number, account.snapshot()] for number, account in self._accounts.items()],
         }
@@ -296,10 +259,17 @@ class Post:
         self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged = counts
         self.rule_record = bytes(snapshot["rule"])
         self._transmissions = [Transmission.restored(one, self._hops) for one in snapshot["transmissions"]]
+        self._reception.restore(snapshot["reception"])
         for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
             box.restore(mail)
         self._accounts = {number: Account.restored(account) for number, account in snapshot["accounts"]}
         self._list_open()
+
+    def _other(self, awake: Mask) -> Mask:
+        """The UAVs that are awake (N,), without the one that averages for all."""
+        others = awake.copy()
+        others[self._hops[-1].senders] = False
+        return others
 
     def _list_open(self) -> None:
         self._open = [(hop, box) for hop, box in self._boxes if box.addressed.any()]
@@ -324,6 +294,8 @@ class Post:
     def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
         """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
         for batch in on_air:
+            if self._cut and batch.kind == self._hops[-1].label:
+                self._reception.send(batch)
             account = self._accounts.get(batch.round)
             after = self._uploads.get(batch.kind, 0)
             if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
@@ -366,14 +338,18 @@ class Post:
             self._averaged = number
             note("round", f"round {number}: {words}; {end}", account.sent)
             return
+        has_others = bool(account.received - account.refused - {self._scenario.federation.leader})
+        if hop.role == "leader" and awake[hop.senders].any() and has_leader() and has_others and not self._has_failed:
+            note("round", f"round {number}: {words}; the aggregation rule waits for more models", account.sent)
+            return
         self.rounds_void += 1
         why = "no model of another UAV was averaged"
         if hop.role == "leader" and not awake[hop.senders].any():
             why = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
         elif hop.role == "leader" and not has_leader():
             why = "there is no leader"
-        elif account.received - account.refused - {self._scenario.federation.leader}:
-            why = "the aggregation rule returned no model"
+        elif has_others:
+            why = "the aggregation rule failed"
         note("void", f"round {number} is void: {why}; {words}", account.sent)
 
     @cached_property

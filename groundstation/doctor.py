@@ -15,7 +15,7 @@ from typing import Literal
 import psutil
 
 from meanflock import kernels
-from meanflock.channel.outlook import WARN_FROM, outlooks, remedies
+from meanflock.channel.outlook import outlooks, remedies
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
@@ -108,9 +108,9 @@ def models(scenario: Scenario) -> list[Finding]:
     return [
         Finding(
             f"{one.what}s",
-            "warning" if one.lost >= WARN_FROM else "ok",
+            "warning" if one.is_bad else "ok",
             str(one),
-            "" if one.lost < WARN_FROM else remedies(scenario, one.what),
+            remedies(scenario, one.what) if one.is_bad else "",
         )
         for one in outlooks(scenario)
     ]

@@ -1,11 +1,14 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
+import logging
+
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
 from meanflock.swarm.errors import needed
 
 with needed("the leader"):
     from meanflock.leader.node import Leader
     from meanflock.swarm import logs
+    from meanflock.swarm.errors import Refused
     from meanflock.swarm.net import keys
     from meanflock.swarm.net.access import LEADER
     from meanflock.swarm.net.client import take_part
@@ -27,7 +30,12 @@ def _run() -> None:
     def welcomed(welcome: Welcome) -> None:
         known["node"] = welcome.node
 
-    take_part(connect, run, Join("leader", 0), Leader, given.wait, interrupted.__bool__, orphaned, welcomed)
+    try:
+        take_part(connect, run, Join("leader", 0), Leader, given.wait, interrupted.__bool__, orphaned, welcomed)
+    except Refused as refused:
+        if not refused.over:
+            raise
+        logs.tell(str(refused), logging.INFO)
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ class WorldGone(BusError):
 
 
 class Refused(BusError):
-    """The world answered that a node cannot take part; `over`: because the flight is over."""
+    """The world answered that a node cannot take part; `over`: the flight is over, or never needs such a node."""
 
     def __init__(self, text: str, over: bool = False) -> None:
         super().__init__(text)

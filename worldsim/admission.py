@@ -59,6 +59,7 @@ class Admission:
         stations: int,
         resumed: Resumption | None,
         on_leader_lost: Callable[[], None],
+        on_leader_failed: Callable[[], None],
     ) -> None:
         """
         Args:
@@ -66,6 +67,7 @@ class Admission:
             stations: ground stations that must listen before the first tick.
             resumed: the checkpoint whose memories agents get when they join before the first tick.
             on_leader_lost: called when a leader is lost that was asked in this tick.
+            on_leader_failed: called when a leader complains.
         """
         flown = flight.scenario
         self.members = members
@@ -91,6 +93,7 @@ class Admission:
         self._stations = stations
         self._resumed = resumed
         self._on_leader_lost = on_leader_lost
+        self._on_leader_failed = on_leader_failed
         bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
@@ -227,6 +230,8 @@ class Admission:
             if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
             self._note(member.role, f"{member.name}: {printable(message.text)}")
+            if member.role == LEADER:
+                self._on_leader_failed()
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:
@@ -282,7 +287,7 @@ class Admission:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:
-                delivery.reply(control.encode(Refusal(str(error), error.for_now)))
+                delivery.reply(control.encode(Refusal(str(error), error.for_now, error.over)))
                 return
             name, uavs = member.name, member.uavs
             about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}

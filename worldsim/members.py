@@ -18,11 +18,16 @@ _LEADERS_PLACE = -1  # the places of an agent are its UAVs
 
 
 class JoinRefused(MeanflockError):
-    """A node cannot take part; the text says why. `for_now`: it could if another node were lost."""
+    """A node cannot take part; the text says why.
 
-    def __init__(self, why: str, *, for_now: bool = False) -> None:
+    Attributes:
+        for_now: it could if another node were lost. over: the run never needs it.
+    """
+
+    def __init__(self, why: str, *, for_now: bool = False, over: bool = False) -> None:
         super().__init__(why)
         self.for_now = for_now
+        self.over = over
 
 
 @dataclass(eq=False)
@@ -52,9 +57,20 @@ class Members:
     present: nodes that are not lost, in order of their UAVs, leaders last.
     """
 
-    def __init__(self, uavs: int, leaders: int, *, standbys: bool = True, rows_at_most: int | None = None) -> None:
-        """`leaders`: how many must be there before take-off. `standbys`: whether further leaders are admitted.
-        `rows_at_most`: most UAVs of one agent; None for as many as it offers.
+    def __init__(
+        self,
+        uavs: int,
+        leaders: int,
+        *,
+        standbys: bool = True,
+        leaderless: bool = False,
+        rows_at_most: int | None = None,
+    ) -> None:
+        """
+        Args:
+            leaders: how many must be there before take-off. standbys: whether further leaders are admitted.
+            leaderless: whether no leader is ever admitted.
+            rows_at_most: most UAVs of one agent; None for as many as it offers.
         """
         self._by_name: dict[str, Member] = {}
         self.present: list[Member] = []  # replaced, never changed, because other threads read it
@@ -63,6 +79,7 @@ class Members:
         self._free = np.arange(uavs)
         self._leaders = leaders
         self._standbys = standbys
+        self._leaderless = leaderless
         self._lives: Counter[str] = Counter()
         self._admitted: dict[tuple[str, int], Member] = {}  # by role and token of their Join
         self._incumbent: str | None = None
@@ -84,6 +101,8 @@ class Members:
         if waiting is not None and not waiting.ready and not waiting.lost:
             return waiting
         if join.role == LEADER:
+            if self._leaderless:
+                raise JoinRefused("no leader is needed: every UAV averages for itself", over=True)
             if self._living(LEADER) and not self._standbys:
                 raise JoinRefused("this run has a leader already, and no rounds that a standby could take over")
             if len(self._living(LEADER)) >= max(MAX_LEADERS, self._leaders):

@@ -138,7 +138,10 @@ class World:
         federated = self._declared.is_federated
         leaders = scenario.leaders(self.flight.tick) if federated else 0
         limits = limits or Limits(scenario)
-        self.members = Members(scenario.uavs, leaders, standbys=federated, rows_at_most=rows_at_most)
+        leaderless = federated and not any(hop.role == LEADER for hop in scenario.hops)
+        self.members = Members(
+            scenario.uavs, leaders, standbys=federated, leaderless=leaderless, rows_at_most=rows_at_most
+        )
         self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run), self.post, limits.act), clock)
         self._admission = Admission(
             bus,
@@ -154,6 +157,7 @@ class World:
             stations=stations,
             resumed=resume,
             on_leader_lost=self._ask_leader,
+            on_leader_failed=self.post.fail,
         )
         self.handle = self._admission.handle
         self.stop = self._admission.stop

@@ -16,6 +16,7 @@ from meanflock.federation.account import Shares, shares
 from meanflock.federation.schedule import drawn
 from meanflock.groundstation.recording import blueprint, plots
 from meanflock.groundstation.recording.drawing import Colors, Sent, Ticks, cut, scalars
+from meanflock.swarm import faults
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask
 from meanflock.swarm.wire.messages import Event, FrameKind, Status
@@ -108,9 +109,10 @@ class RoundRows:
 
     def _final(self, event: Event, found: Shares, lost: Mask) -> Colors:
         """Colours at the end of the round, (N,). lost: the UAVs that are lost, (N,)."""
-        colors = self._provisional()
+        colors, scenario = self._provisional(), self._scenario
         sent = np.array(event.uavs, dtype=np.intp)
-        silent = np.setdiff1d(drawn(self._scenario, found.number), [*sent, *np.flatnonzero(lost)])
+        paused = faults.paused(scenario.faults, found.number * scenario.period_ticks, scenario.dt)
+        silent = np.setdiff1d(drawn(scenario, found.number), [*sent, *np.flatnonzero(lost), *paused])
         colors[silent] = blueprint.OUTCOMES["silent"]
         own = np.setdiff1d(sent, self._links[:, 1])  # no UAV in range, or the UAV that averages
         colors[own] = blueprint.OUTCOMES["received" if self._centre is not None else "lost"]

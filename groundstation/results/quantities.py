@@ -201,7 +201,7 @@ SUMMARY = (
     Field(
         "rounds_void",
         "1",
-        "rounds in which nothing was broadcast: no model of another UAV arrived, or the rule returned none",
+        "rounds in which nothing was broadcast: no model of another UAV arrived, or the rule failed",
     ),
     Field(
         "models_sha256",

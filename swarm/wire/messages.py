@@ -69,7 +69,7 @@ class Refusal(_Message, frozen=True, tag="refusal"):
 
     reason: str
     for_now: bool = False  # the node may ask again: its place may become free
-    over: bool = False  # the flight is over
+    over: bool = False  # the flight is over, or never needs such a node
 
 
 class Ready(_Message, frozen=True, tag="ready"):

@@ -8,13 +8,13 @@ import meanflock as mf
 
 
 class Large(mf.Controller):
-    """Flies straight at the goal; shares 600 floats that nobody reads."""
+    """Flies straight at the goal; shares 600 floats, of each UAV others, that nobody reads."""
 
     name = "large"
     parameters = 600
 
     def init(self, uavs: np.ndarray, initial_states: np.ndarray) -> dict[str, Any]:
-        return {"model": np.zeros((len(uavs), self.parameters))}
+        return {"model": uavs[:, None] + np.linspace(0.0, 1.0, self.parameters)}
 
     def step(self, memory: dict[str, Any], tick: int, own: np.ndarray, received: Any) -> mf.Step:
         return mf.Step(memory, -0.02 * own[:, :2] - 0.3 * own[:, 2:])

@@ -10,6 +10,7 @@ import pytest
 import meanflock as mf
 from meanflock.channel.outlook import outlooks, remedies
 from meanflock.groundstation.cli.command import main
+from meanflock.swarm import toml
 from meanflock.swarm.scenario import load
 from meanflock.testing import check_controller
 from tests.agent.large_model import Large
@@ -35,11 +36,24 @@ def test_every_remedy_helps_alone() -> None:
     flown = load(None, method="large")
     for one in outlooks(flown):
         settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.what))
-        assert len(settings) == 4
+        assert len(settings) == 3
         for setting, share in settings:
             changed = next(other for other in outlooks(load(None, [setting], method="large")) if other.what == one.what)
             assert 100 * changed.lost == pytest.approx(float(share), rel=0.05)
             assert changed.lost < 0.2 < one.lost
+
+
+def test_where_fragments_get_through_no_longer_wait_is_advised() -> None:
+    mf.register(Large)
+    lossy = toml.FOLDER / "lossy.toml"
+    for one in outlooks(flown := load(lossy, method="large")):
+        assert one.is_bad
+        assert remedies(flown, one.what) == "Use federation.fragment=1 (50 % lost) or fewer parameters"
+    for one in outlooks(load(lossy, ["federation.fragment=1"], method="large")):
+        assert one.fragments == 8
+        assert not one.is_bad
+    short = load(lossy, method="fed-lspi")  # one slot, which nothing cuts
+    assert "radio.latency_threshold_slots=20" in remedies(short, "upload")
 
 
 SHORT = ["--quiet", "--duration", "1", "--plugin", LARGE]

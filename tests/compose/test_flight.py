@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -16,8 +17,8 @@ from tests.polling import DEADLINE_S, until
 pytestmark = MARKS
 
 
-def flown_alone(out: Path, *arguments: str) -> str:
-    """The trajectory of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
+def flown_alone(out: Path, *arguments: str) -> dict[str, Any]:
+    """The summary of `SHORT` in one process, with the arithmetic the containers choose, whatever is set here."""
     line = [sys.executable, "-m", "meanflock", "run", "--in-process", "--no-record", "--json", "--quiet"]
     line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
@@ -30,12 +31,13 @@ def flown_alone(out: Path, *arguments: str) -> str:
         cwd=REPOSITORY,
     )
     assert done.returncode == 0, done.stderr
-    return str(json.loads(done.stdout)["trajectory_sha256"])
+    summary: dict[str, Any] = json.loads(done.stdout)
+    return summary
 
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return flown_alone(tmp_path_factory.mktemp("alone"))
+    return str(flown_alone(tmp_path_factory.mktemp("alone"))["trajectory_sha256"])
 
 
 def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
@@ -50,12 +52,24 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
         assert compose.ended(compose.container("agent", index)) == 0
 
 
-def test_a_controller_in_a_mounted_file_flies_in_containers_as_in_one_process(compose: Compose, tmp_path: Path) -> None:
-    compose.up(" ".join([*SHORT, "method=spring"]), MEANFLOCK_PLUGINS="/plugins/spring.py")
+def test_long_models_of_a_mounted_file_are_those_of_one_process_and_the_idle_leader_ends_at_once(
+    compose: Compose, tmp_path: Path
+) -> None:
+    file = REPOSITORY / "tests" / "agent" / "large_model.py"
+    ways = ("method=large", "federation.topology=neighbours", "federation.fragment=3")
+    mounted = {"MEANFLOCK_PLUGIN_DIR": str(file.parent), "MEANFLOCK_PLUGINS": f"/plugins/{file.name}"}
+    compose.up(" ".join([*SHORT, *ways]), **mounted)
+    assert compose.ended(compose.container("leader")) == 0
+    assert "no leader is needed" in compose("logs", "leader")
     summary = compose.finished()
-    expected = flown_alone(tmp_path / "alone", "--plugin", "examples/spring.py", "--method", "spring")
-    assert summary["trajectory_sha256"] == expected
-    assert (summary["method"], summary["lost"]) == ("spring", 0)
+    expected = flown_alone(
+        tmp_path / "alone", "--plugin", str(file), *(word for way in ways for word in ("--set", way))
+    )
+    hashes = ("trajectory_sha256", "models_sha256", "payload_bits")
+    assert [summary[name] for name in hashes] == [expected[name] for name in hashes]
+    assert summary["rounds"] > 0
+    assert summary["radio"]["traffic"]["uplink"]["transmissions"] > summary["rounds"] * UAVS  # models go in fragments
+    assert (summary["lost"], summary["dropped_messages"]) == (0, {})
     for index in range(1, UAVS + 1):
         assert compose.ended(compose.container("agent", index)) == 0
 

@@ -1,6 +1,7 @@
 """Models that are too long for one message: how they are cut, billed, lost, put together, and resumed in mid-round."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -187,6 +188,11 @@ def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
     )
     assert 0 < bill["uplink"]["delivered"] < of.hops[0].coding.count
     assert bill["broadcast"]["transmissions"] == bill["uplink"]["delivered"]
+    (text,) = [text for text in sink.texts if "of the global model were received" in text]
+    _, sent, whole, part, nothing = map(int, re.findall(r"\d+", text))
+    assert sent == bill["broadcast"]["transmissions"]
+    assert (whole, part, nothing) == (0, 1, 0)
+    assert 0 < bill["broadcast"]["delivered"] < sent
 
 
 REFUSED = {

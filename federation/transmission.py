@@ -1,0 +1,99 @@
+"""Models in fragments on their way: what is transmitted over several ticks, and what UAVs received of a model."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.coding import Coding
+from meanflock.federation.topology.base import Hop
+from meanflock.swarm.state import Mask
+from meanflock.swarm.wire.messages import FrameKind, Frames
+
+
+class Transmission:
+    """The models that some UAVs transmit in fragments, over several ticks."""
+
+    def __init__(self, frames: Frames, coding: Coding, wanted: Mask, sent: int = 0) -> None:
+        """
+        Args:
+            frames: the models, of S UAVs.
+            coding: how they are written, and cut.
+            wanted: (S, F) fragments that are transmitted.
+            sent: fragments of each whose turn is over.
+        """
+        assert coding.fragments is not None
+        self._frames = frames
+        self._coding = coding
+        self._wanted = wanted
+        self._per_tick = coding.fragments.cut.per_tick
+        self._sent = sent
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all fragments had their turn."""
+        return self._sent >= self._coding.count
+
+    def next(self, awake: Mask) -> Frames | None:
+        """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
+        turn = slice(self._sent, self._sent + self._per_tick)
+        self._sent += self._per_tick
+        frames = self._frames
+        going = self._wanted[:, turn] & awake[frames.source][:, None]
+        sender, place = np.nonzero(going)
+        if not len(sender):
+            return None
+        rows = self._coding.on_air(frames.payload, turn)
+        rows = rows.reshape(-1, rows.shape[2]) if going.all() else rows[sender, place]
+        return Frames(frames.kind, frames.round, frames.source[sender], rows)
+
+    def snapshot(self) -> list[Any]:
+        """All of it, for `restore`."""
+        frames = self._frames
+        fields = [int(frames.kind), frames.round, frames.source, frames.payload]
+        return [*fields, self._wanted, self._sent]
+
+    @classmethod
+    def restored(cls, snapshot: list[Any], hops: Iterable[Hop]) -> "Transmission":
+        """The transmission of a snapshot, in one of the hops of a round."""
+        kind, number, source, payload, wanted, sent = snapshot
+        hop = next(hop for hop in hops if hop.label == kind)
+        return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
+
+
+class Reception:
+    """Which UAVs received a global model in fragments, whole or in part."""
+
+    def __init__(self, uavs: int) -> None:
+        self._sent = 0  # fragments that were broadcast
+        self._received: NDArray[np.int64] = np.zeros(uavs, dtype=np.int64)  # of them, by UAV
+
+    def send(self, frames: Frames) -> None:
+        """Counts fragments that are broadcast."""
+        self._sent += len(frames.source)
+
+    def receive(self, frames: Frames, awake: Mask) -> None:
+        """Counts fragments that arrive, at the UAVs that are awake (N,)."""
+        assert frames.links is not None
+        self._received += np.bincount(frames.links[:, 1], minlength=len(awake)) * awake
+
+    def close(self, awake: Mask) -> str:
+        """Who received it, of the UAVs that are awake (N,), in words; empty if nothing was broadcast. Begins anew."""
+        sent, received = self._sent, self._received[awake]
+        self._sent = 0
+        self._received = np.zeros_like(self._received)
+        if not sent:
+            return ""
+        whole, some = np.count_nonzero(received >= sent), np.count_nonzero(received)
+        parts = f"whole by {whole} UAVs, in part by {some - whole}, not at all by {len(received) - some}"
+        return f"{sent} fragments of the global model were received {parts}"
+
+    def snapshot(self) -> list[Any]:
+        """All of it, for `restore`."""
+        return [self._sent, self._received]
+
+    def restore(self, snapshot: list[Any]) -> None:
+        """Goes on with the counts of a snapshot."""
+        self._sent = int(snapshot[0])
+        self._received = snapshot[1].copy()
