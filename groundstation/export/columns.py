@@ -13,7 +13,7 @@ _PACKAGE = "meanflock"
 
 
 def message_class(title: str, columns: Sequence[pa.Field]) -> Any:
-    """Class of messages with a field for each column; a list is a repeated field. Integers are 64 bits wide."""
+    """Class of messages with a field for each column; a list is a repeated field."""
     file = FileDescriptorProto(name=f"{_PACKAGE}/{title}.proto", package=_PACKAGE, syntax="proto3")
     message = file.message_type.add(name=title)
     for number, column in enumerate(columns, 1):
@@ -37,4 +37,6 @@ def field_name(column: str) -> str:
 def _kind(number: pa.DataType) -> Any:
     if number == pa.float32():
         return FieldDescriptorProto.TYPE_FLOAT
-    return FieldDescriptorProto.TYPE_DOUBLE if number == pa.float64() else FieldDescriptorProto.TYPE_INT64
+    if number == pa.float64():
+        return FieldDescriptorProto.TYPE_DOUBLE
+    return FieldDescriptorProto.TYPE_INT64 if number.bit_width == 64 else FieldDescriptorProto.TYPE_INT32

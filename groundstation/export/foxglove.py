@@ -165,7 +165,7 @@ def _uavs(at: Instant) -> SceneUpdate:
     message = SceneUpdate()
     for uav, status in enumerate(at.status):
         entity = message.entities.add(id=name(uav), frame_id=name(uav), frame_locked=True)
-        _stamp(entity.timestamp, at.time_ns)
+        _show(entity, at.time_ns)
         arrow = entity.arrows.add(
             shaft_length=_LENGTH_M / 2,
             shaft_diameter=_LENGTH_M / 6,
@@ -173,6 +173,7 @@ def _uavs(at: Instant) -> SceneUpdate:
             head_diameter=_LENGTH_M / 3,
             color=_color(_COLORS[Status(status)]),
         )
+        arrow.pose.position.x = 0.0  # a viewer may expect every part of a message
         arrow.pose.orientation.w = 1.0
         _add_text(entity, label(uav, status), _COLORS[Status(status)])
     return message
@@ -188,6 +189,7 @@ def _mission(flown: Flown) -> list[SceneEntity]:
     entities = []
     for title, x, y, width, height, color, alpha in discs:
         entity = SceneEntity(id=title, frame_id=MAP)
+        _show(entity, 0)
         disc = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0, color=_color(color, alpha))
         disc.pose.position.x = x
         disc.pose.position.y = y
@@ -199,6 +201,12 @@ def _mission(flown: Flown) -> list[SceneEntity]:
         _add_text(entities[0], "goal", _GOAL)
         entities[0].texts[0].pose.position.x, entities[0].texts[0].pose.position.y = goals[0]
     return entities
+
+
+def _show(entity: SceneEntity, time_ns: int) -> None:
+    """Show an entity from a time on, until the next scene."""
+    _stamp(entity.timestamp, time_ns)
+    _stamp(entity.lifetime, 0)
 
 
 def _add_text(entity: SceneEntity, words: str, color: tuple[float, float, float]) -> None:
