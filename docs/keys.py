@@ -1,9 +1,12 @@
-"""Writes keys.md, the reference of scenario keys, from the schema of a scenario and the reasons below."""
+"""Writes keys.md, the reference of scenario keys, from the schema and the reasons below, and keys.csv for shells."""
 
+import csv
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation.cli.completion import KEYS as COMPLETED
 from meanflock.groundstation.results.quantities import KEY_UNITS
 from meanflock.swarm import scenario
 
@@ -229,6 +232,21 @@ def keys() -> list[str]:
     return found
 
 
+def completed() -> str:
+    """The keys that a shell completes, with what they mean, as CSV: those whose values fit on a command line."""
+    schema = scenario.schema()["$defs"]
+    written = io.StringIO()
+    rows = csv.writer(written, lineterminator="\n")
+    for key in keys():
+        table, _, name = key.rpartition(".")
+        described = schema["Scenario"]["properties"]
+        if table:
+            described = schema[described[table]["$ref"].rpartition("/")[2]]["properties"]
+        if key not in ("controller", "faults", "obstacles") and name != "options":
+            rows.writerow((key, _typed(described[name]).get("description", "")))
+    return written.getvalue()
+
+
 def _faults(schema: dict[str, Any]) -> Iterator[str]:
     for item in schema["Scenario"]["properties"]["faults"]["items"]["anyOf"]:
         yield item["$ref"].rpartition("/")[2]
@@ -289,3 +307,4 @@ def _meaning(key: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    COMPLETED.write_text(completed(), encoding="utf-8")

@@ -176,6 +176,7 @@ def test_a_written_page_is_that_of_the_code(name: str) -> None:
 def test_pages_have_the_numbers_and_names_of_the_code() -> None:
     keys, api = script_of("keys"), script_of("api")
     assert set(keys.KEYS) == set(keys.keys())
+    assert keys.COMPLETED.read_text(encoding="utf-8") == keys.completed(), "run `python docs/keys.py`"
     assert {name for _, names in api.SECTIONS.values() for name in names} == set(mf.__all__)
     assert "\n".join(communication.transmissions()) in communication.PAGE.read_text(encoding="utf-8")
     text = robustness.PAGE.read_text(encoding="utf-8")

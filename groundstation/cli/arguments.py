@@ -1,30 +1,53 @@
-"""Arguments of several commands: scenario, output folder, and output of a flight."""
+"""Arguments of several commands: scenario, output folder, and output of a flight.
+
+Shell completion imports this module and those of the commands, so they import what flies only when they run.
+"""
 
 import logging
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from meanflock.channel.outlook import tell_of_lost_models
-from meanflock.swarm import logs, plugins, scenario
-from meanflock.worldsim.faults import never
+from meanflock.groundstation.cli import completion
+from meanflock.swarm import logs
+
+if TYPE_CHECKING:
+    from meanflock.swarm.scenario import Scenario
 
 PATH = click.Path(path_type=Path)
-_METHODS = ", ".join(plugins.names("controller"))
 
 
-def _register(_context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+def _register(context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+    if context.resilient_parsing:  # completion runs no code of plug-ins
+        return
+    from meanflock.swarm import plugins
+
     with redirect_stdout(sys.stderr):  # what they print is not what the command says
         plugins.load_files(files)
 
 
+class _Method(click.Option):
+    """Option `--method`, whose help names the controllers that are installed."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Search for the controllers, then write the help."""
+        from meanflock.swarm import plugins
+
+        self.help = f"The controller: {', '.join(plugins.names('controller'))}."
+        return super().get_help_record(ctx)
+
+
 _OF_A_SCENARIO = {
-    "file": click.argument("file", metavar="[SCENARIO]", required=False, type=PATH),
-    "method": click.option("--method", metavar="NAME", help=f"The controller: {_METHODS}."),
+    "file": click.argument(
+        "file", metavar="[SCENARIO]", required=False, type=PATH, shell_complete=completion.scenarios
+    ),
+    "method": click.option(
+        "--method", cls=_Method, metavar="NAME", help="The controller.", shell_complete=completion.controllers
+    ),
     "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
     "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
     "duration": click.option("--duration", type=float, metavar="SECONDS", help="Longest simulated time of a flight."),
@@ -33,6 +56,7 @@ _OF_A_SCENARIO = {
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
+        shell_complete=completion.keys,
         help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
     ),
     "plugin": click.option(
@@ -59,13 +83,14 @@ def scenario_arguments(*names: str) -> Callable[[Any], Any]:
     return decorate
 
 
-def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> scenario.Scenario:
+def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> "Scenario":
     """Load the scenario of these arguments.
 
     Raises:
         BadInput: an invalid scenario, or a key that is set both by a flag and by `--set`.
     """
     from meanflock.studies.swept import refuse_setting
+    from meanflock.swarm import scenario
 
     for key, value in options.items():
         if value is not None:
@@ -73,8 +98,11 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     return scenario.load(file, settings, **options)
 
 
-def warn_before_take_off(flights: Iterable[scenario.Scenario]) -> None:
+def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
     """Warn of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
+    from meanflock.channel.outlook import tell_of_lost_models
+    from meanflock.worldsim.faults import never
+
     flights = list(flights)
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
         logs.tell(f"warning: {text}", logging.WARNING)
@@ -98,7 +126,7 @@ def report(paths: Iterable[Path]) -> None:
         click.echo(str(path))
 
 
-run_argument = click.argument("folder", metavar="RUN", type=PATH)
+run_argument = click.argument("folder", metavar="RUN", type=PATH, shell_complete=completion.runs)
 quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
 uavs_per_process_option = number_option("--uavs-per-process", "M", 1, "UAVs that one agent process flies.")
 in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")

@@ -9,10 +9,11 @@ from io import TextIOWrapper
 from typing import NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
+from meanflock.groundstation.cli import completion
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, last_line
-from meanflock.swarm.process import end
 
 
 class _Listed(NamedTuple):
@@ -62,6 +63,12 @@ class _Commands(click.Group):
         )
         return command
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Names of commands with their lines, and options."""
+        names = [name for name in _COMMANDS if name.startswith(incomplete)]
+        items = [CompletionItem(name, help=_COMMANDS[name].line) for name in names]
+        return [*items, *click.Command.shell_complete(self, ctx, incomplete)]
+
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands."""
         with formatter.section("Commands"):
@@ -99,7 +106,10 @@ def _of_output(error: OSError) -> bool:
 
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
-    if arguments is None:
+    completes = arguments is None and completion.asked()
+    if completes:
+        completion.install()
+    elif arguments is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # workers of a sweep do not import files of the working folder
         logs.divert()  # native code of libraries must not write to standard output
         if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
@@ -136,6 +146,8 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_RUN_FAILED
     finally:
         logs.stop()
-    if arguments is None:
+    if arguments is None and not completes:
+        from meanflock.swarm.process import end  # only here: completion needs none of it
+
         end(code)
     return code

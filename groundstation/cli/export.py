@@ -6,8 +6,6 @@ import click
 
 from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
 from meanflock.groundstation.cli.study_arguments import progress_of
-from meanflock.groundstation.results.flown import Flight
-from meanflock.groundstation.results.run_folder import alone, completed
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
 
@@ -29,6 +27,9 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) ->
     Example:
       meanflock export runs/20261121-101500-mfgfl-hf-s7 --mcap swarm.mcap
     """
+    from meanflock.groundstation.results.flown import Flight
+    from meanflock.groundstation.results.run_folder import alone, completed
+
     writers = []
     if mcap is not None:
         with needed(_NEED, _EXTRA):

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 
+from meanflock.groundstation.cli import completion
 from meanflock.groundstation.cli.arguments import number_option, out_option, quiet_option, report, scenario_arguments
 from meanflock.groundstation.cli.study_arguments import (
     backend_option,
@@ -24,14 +24,14 @@ _FIRST_SEED = 8001
 _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
-def _several(flag: str, what: str) -> Any:
+def _several(flag: str, what: str, complete: Any) -> Any:
     about = f"{what}, or all.  [default: all]"
-    return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about)
+    return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about, shell_complete=complete)
 
 
 @click.command(cls=lists("--missions", "--controllers", "--policies"))
-@_several("--missions", "Missions to fly")
-@_several("--controllers", "Controllers or named rows")
+@_several("--missions", "Missions to fly", completion.missions)
+@_several("--controllers", "Controllers or named rows", completion.controllers)
 @click.option(
     "--policies",
     multiple=True,
@@ -95,6 +95,8 @@ def leaderboard(
 
 def _tell(board: "Board") -> None:
     """Print the tables of a board."""
+    from rich.console import Console
+
     from meanflock.groundstation.cli.tables import console_for
     from meanflock.studies.leaderboard import tables, terminal
 

@@ -1,15 +1,16 @@
 """Commands that look at a run: view, picture, plot."""
 
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING
 
 import click
 
 from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
 from meanflock.groundstation.cli.study_arguments import progress_of
-from meanflock.groundstation.results.run_folder import RECORDING, alone, completed, flown_rows
-from meanflock.groundstation.results.timeseries_file import Per, write_csv
 from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.results.timeseries_file import Per
 
 
 @click.command()
@@ -79,10 +80,10 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     help="Write the time series to this file instead of plots.",
 )
 @click.option(
-    "--per", type=click.Choice(get_args(Per)), help="Rows of that file: tick and UAV, or tick.  [default: uav]"
+    "--per", type=click.Choice(("uav", "tick")), help="Rows of that file: tick and UAV, or tick.  [default: uav]"
 )
 @quiet_option
-def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> None:
+def plot(folder: Path, csv_file: Path | None, per: "Per | None", quiet: bool) -> None:
     """Plot paths and time series of a run, or write them as CSV.
 
     RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
@@ -90,6 +91,9 @@ def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> N
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
+    from meanflock.groundstation.results.run_folder import alone, completed, flown_rows
+    from meanflock.groundstation.results.timeseries_file import write_csv
+
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
     if per is not None and csv_file is None:
@@ -108,6 +112,8 @@ def plot(folder: Path, csv_file: Path | None, per: Per | None, quiet: bool) -> N
 
 
 def _recording(folder: Path) -> Path:
+    from meanflock.groundstation.results.run_folder import RECORDING
+
     path = folder if folder.suffix == ".rrd" else folder / RECORDING
     if not path.is_file():
         raise BadInput(f"{path}: no recording; name the folder of a run that was recorded")
@@ -117,6 +123,7 @@ def _recording(folder: Path) -> Path:
 def _complete(folder: Path, path: Path) -> None:
     """Complete the recording of a killed run from its time series, or repair it without one."""
     from meanflock.groundstation.recording.replay import complete, repair, verify
+    from meanflock.groundstation.results.run_folder import alone, completed
 
     if folder.is_dir():
         with alone(folder):

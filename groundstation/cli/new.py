@@ -1,18 +1,22 @@
 """The command `new`: a package for a plug-in of one's own."""
 
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING
 
 import click
 
-from meanflock.groundstation import scaffold
 from meanflock.groundstation.cli.arguments import report
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.scaffold import Kind
+
+_KINDS = ("controller", "aggregator", "channel", "vehicle", "filter")
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(get_args(scaffold.Kind)), metavar="KIND")
+@click.argument("kind", type=click.Choice(_KINDS), metavar="KIND")
 @click.argument("name", metavar="NAME")
-def new(kind: scaffold.Kind, name: str) -> None:
+def new(kind: "Kind", name: str) -> None:
     """Write a package for your own controller or other plug-in.
 
     KIND is controller, aggregator, channel, vehicle or filter. NAME is the name of the plug-in and of its folder in the
@@ -22,5 +26,7 @@ def new(kind: scaffold.Kind, name: str) -> None:
     \b
     Example: meanflock new controller swirl
     """
+    from meanflock.groundstation import scaffold
+
     report(scaffold.create(kind, name, Path()))
     click.echo(f"\nNext: pip install -e ./{name}\n      pytest {name}\n      {scaffold.flight(kind, name)}")

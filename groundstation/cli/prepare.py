@@ -8,12 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
-from meanflock.groundstation import catalogue
-from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli.arguments import (
     PATH,
     load_scenario,
@@ -22,7 +17,6 @@ from meanflock.groundstation.cli.arguments import (
     scenario_arguments,
     uavs_per_process_option,
 )
-from meanflock.groundstation.results.run_folder import to_toml
 from meanflock.swarm import __version__
 from meanflock.swarm.errors import EXIT_RUN_FAILED
 
@@ -44,6 +38,12 @@ def doctor(
     \b
     Example: meanflock doctor --uavs 64
     """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from meanflock.groundstation import doctor as checks
+
     findings = checks.examine(load_scenario(file, settings, **options), uavs_per_process, out, tls)
     table = Table(title=f"meanflock {__version__}")
     for heading in ("what", "verdict", "found", "what to do"):
@@ -109,6 +109,8 @@ def show(file: Path | None, settings: tuple[str, ...], **options: Any) -> None:
     \b
     Example: meanflock scenario show --method hjb > my.toml
     """
+    from meanflock.groundstation.results.run_folder import to_toml
+
     click.echo(to_toml(load_scenario(file, settings, **options)), nl=False)
 
 
@@ -122,6 +124,8 @@ def schema(method: str | None) -> None:
     \b
     Example: meanflock scenario schema --method mfgfl-hf
     """
+    from meanflock.groundstation import catalogue
+
     click.echo(json.dumps(catalogue.schema(method), indent=1))
 
 

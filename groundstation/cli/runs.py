@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from meanflock.groundstation.cli import completion
 from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
 from meanflock.groundstation.cli.study_arguments import progress_of
 
@@ -70,8 +71,8 @@ def show(folder: Path, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("first", metavar="A", type=PATH)
-@click.argument("second", metavar="B", type=PATH)
+@click.argument("first", metavar="A", type=PATH, shell_complete=completion.runs)
+@click.argument("second", metavar="B", type=PATH, shell_complete=completion.runs)
 @_json_option
 def diff(first: Path, second: Path, as_json: bool) -> None:
     """Compare two runs: which keys and which figures differ.

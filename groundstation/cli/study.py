@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import meanflock
+from meanflock.groundstation.cli import completion
 from meanflock.groundstation.cli.arguments import (
     PATH,
     load_scenario,
@@ -30,18 +31,15 @@ from meanflock.groundstation.cli.study_arguments import (
     seeds_option,
     store_in,
 )
-from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.studies.runner import terminable
-from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
     from meanflock.studies import study
+    from meanflock.swarm.scenario import Scenario
 
 
 @click.command()
-@click.argument("methods", nargs=-1, required=True, metavar="METHOD…")
+@click.argument("methods", nargs=-1, required=True, metavar="METHOD…", shell_complete=completion.controllers)
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @seeds_option
@@ -69,6 +67,7 @@ def compare(
     """
     from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.studies import swept
+    from meanflock.studies.runner import terminable
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
@@ -84,8 +83,14 @@ def compare(
 
 
 @click.command(cls=lists("--methods"))
-@click.argument("swept", metavar="KEY=V1,V2,…")
-@click.option("--methods", multiple=True, metavar="NAME…", help="Controllers to sweep with.  [default: the scenario's]")
+@click.argument("swept", metavar="KEY=V1,V2,…", shell_complete=completion.keys)
+@click.option(
+    "--methods",
+    multiple=True,
+    metavar="NAME…",
+    help="Controllers to sweep with.  [default: the scenario's]",
+    shell_complete=completion.controllers,
+)
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
 @seeds_option
@@ -114,6 +119,7 @@ def sweep(
     from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.groundstation.results.quantities import with_unit
     from meanflock.studies import study
+    from meanflock.studies.runner import terminable
     from meanflock.studies.swept import Swept, refuse_setting
 
     varied = Swept.parse(swept)
@@ -140,7 +146,7 @@ def sweep(
 def _fly(
     what: str,
     columns: tuple[str, ...],
-    scenarios: Mapping[Any, Scenario],
+    scenarios: "Mapping[Any, Scenario]",
     seeds: int,
     jobs: int,
     out: Path,
@@ -198,6 +204,10 @@ def paper(
     \b
     Example: meanflock paper --seeds 2 --out out/paper
     """
+    from meanflock.groundstation.doctor import tell_if_slow
+    from meanflock.studies.runner import terminable
+    from meanflock.swarm import scenario
+
     _find_reproduction()
     from reproduction.experiments import run_grid
     from reproduction.figures import FLOWN_FOR, chosen, draw

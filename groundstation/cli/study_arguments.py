@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from click.shell_completion import CompletionItem
 
+from meanflock.groundstation.cli import completion
 from meanflock.groundstation.cli.arguments import PATH
-from meanflock.groundstation.doctor import tell_if_slow
-from meanflock.studies.runner import BACKENDS
 from meanflock.swarm.durable import check_folder
 from meanflock.swarm.errors import BadInput
 
@@ -19,6 +17,7 @@ if TYPE_CHECKING:
     from meanflock.studies.store import Store
 
 SEEDS = 8
+_TAKING = "meanflock.taking"  # the list option at the end of the words, if any
 seeds_option = click.option(
     "--seeds", type=click.IntRange(1), metavar="K", help=f"Flights of each, with one seed each.  [default: {SEEDS}]"
 )
@@ -43,11 +42,12 @@ scenario_option = click.option(
     "file",
     type=PATH,
     metavar="SCENARIO",
+    shell_complete=completion.scenarios,
     help="A TOML file, or the name of a shipped scenario.  [default: the paper's]",
 )
 backend_option = click.option(
     "--backend",
-    type=click.Choice(BACKENDS),
+    type=click.Choice(("processes", "dask")),
     default="processes",
     show_default=True,
     help="Processes of this machine, or a Dask cluster.",
@@ -62,6 +62,9 @@ scheduler_option = click.option(
 @contextmanager
 def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callable[[int, int], None]]:
     """Progress bar with the time left, on stderr; called with the numbers of finished and of all units."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     console = Console(stderr=True)
     bar = Progress(
         TextColumn(f"[bold]{what}"),
@@ -81,6 +84,7 @@ def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callabl
 @contextmanager
 def store_in(out: Path) -> Iterator["Store"]:
     """Store of flights in `out`. If none could be flown, new folders are removed."""
+    from meanflock.groundstation.doctor import tell_if_slow
     from meanflock.studies.store import Store
 
     new = not out.exists()
@@ -113,10 +117,19 @@ def lists(*flags: str) -> type[click.Command]:
                     given += [] if taking else [word]
                 else:
                     given += [taking, word] if taking and "=" not in word else [word]
-            for flag in flags:
+            ctx.meta[_TAKING] = taking
+            for flag in () if ctx.resilient_parsing else flags:
                 if flag in args and flag not in given and not any(word.startswith(f"{flag}=") for word in args):
                     raise BadInput(f"{flag}: name one or more, or all")
             return super().parse_args(ctx, given)
+
+        def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+            """Complete the second and later words of a list like its first."""
+            items = super().shell_complete(ctx, incomplete)
+            for option in self.params:
+                if ctx.meta[_TAKING] in option.opts:
+                    items += option.shell_complete(ctx, incomplete)
+            return items
 
     return Lists
 

@@ -89,7 +89,7 @@ DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
     ("arguments", "forbidden"),
     [
         (["--help"], [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh", "meanflock.groundstation.cli.fly"]),
-        (["run", "--help"], [*DRAWING, "zenoh", "pyarrow.compute"]),
+        (["run", "--help"], [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh"]),
         ([*QUICK, "--json"], [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client", "scipy"]),
     ],
     ids=["help", "help of run", "run"],

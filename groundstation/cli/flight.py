@@ -1,0 +1,142 @@
+"""Flights of the commands `run` and `resume`: the checks before take-off, and what is printed afterwards."""
+
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+
+from meanflock.groundstation import doctor as checks
+from meanflock.groundstation.cli import display
+from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
+from meanflock.groundstation.launch.progress import summary_table
+from meanflock.groundstation.launch.resume import Back, back
+from meanflock.groundstation.launch.run import Options, Run, fly
+from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_everyone, said_of_loss
+from meanflock.swarm import logs, scenario
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.net.access import Address
+from meanflock.worldsim.summary import every_uav_was_lost, factor
+
+
+def run(
+    file: Path | None,
+    settings: Sequence[str],
+    *,
+    faults: Path | None,
+    realtime: str | None,
+    record: bool,
+    view: bool,
+    web: bool,
+    as_json: bool,
+    keys: dict[str, Any],
+    **given: Any,
+) -> None:
+    """Fly a scenario.
+
+    Args:
+        file, settings, keys: the scenario, as for `load_scenario`. faults: a fault script.
+        given: fields of `Options`, with `metrics` as text.
+    """
+    script = scenario.read_faults(faults) if faults is not None else None
+    with _prints_apart(as_json):
+        flown = load_scenario(file, settings, **keys, faults=script)
+        _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
+    if given["log_format"] != logs.JSON:  # the world reports it
+        warn_before_take_off([flown])
+    if view and not record:
+        raise BadInput("--view: shows what is recorded; leave out --no-record")
+    if web and not view:
+        raise BadInput("--web: says how to watch the flight; add --view")
+    if view and not web:
+        display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
+    given["realtime"] = factor(realtime) if realtime is not None else None
+    given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
+    if web:
+        _fly_in_a_browser(flown, as_json, **given)
+    elif view:
+        from meanflock.groundstation.recording.viewer import open_viewer
+
+        _fly(flown, as_json, watch=open_viewer, **given)
+    else:
+        _fly(flown, as_json, record=record, **given)
+
+
+def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
+    """Fly a scenario and show it on a page, live and then from its recording, until Ctrl-C."""
+    from meanflock.groundstation.recording.web import WebPage
+
+    with WebPage() as page:
+
+        def watch(live_url: str) -> None:
+            page.recording = live_url
+            logs.tell(f"live at {page.url}")
+
+        done = _fly(flown, as_json, watch=watch, **given)
+        page.recording = done.folder / RECORDING
+        logs.tell(f"{page.url} shows the recording until Ctrl-C")
+        page.attend()
+
+
+def resume(folder: Path, as_json: bool, **given: Any) -> None:
+    """Fly the rest of the run in a folder; `given` as for `run`."""
+    with _prints_apart(as_json):
+        dead = back(folder)
+        _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
+    _fly(dead.scenario, as_json, dead, out=dead.folder.parent, **given)
+
+
+def _fly(
+    flown: scenario.Scenario,
+    as_json: bool,
+    dead: Back | None = None,
+    *,
+    metrics: str | None,
+    log_format: str | None,
+    quiet: bool,
+    **given: Any,
+) -> Run:
+    """Fly a scenario, or the rest of a run, and print the result."""
+    where = None if metrics is None else Address.parse("--metrics", metrics)
+    only_logs = log_format == logs.JSON  # its lines name the run
+    with _prints_apart(as_json):
+        done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+    if as_json:
+        click.echo(json.dumps(done.summary))
+    else:
+        Console().print(summary_table(done.summary))
+    if every_uav_was_lost(flown, done.summary):
+        raise RunFailed(lost_everyone(done.folder))
+    if not only_logs:
+        if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
+            logs.tell(
+                f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
+                logging.WARNING,
+            )
+        if done.summary["lost"] and (why := said_of_loss(done.folder)):
+            lost = done.summary["lost"]
+            logs.tell(
+                f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
+            )
+        logs.tell(f"run folder {done.folder}")
+    return done
+
+
+def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
+    """Redirect the output of plug-ins to standard error if `--json` promises one object on standard output."""
+    return redirect_stdout(sys.stderr) if as_json else nullcontext()
+
+
+def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
+    """Refuse a swarm that does not fit into memory."""
+    processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
+    needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
+    needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
+    for finding in needs:
+        if finding.verdict == "fails":
+            raise BadInput(f"{finding.what}: {finding.found}; {finding.mend}")
