@@ -10,6 +10,8 @@ from pathlib import Path
 import click
 from click.shell_completion import BashComplete, CompletionItem, ZshComplete, add_completion_class
 
+from meanflock import swarm
+
 VARIABLE = "_MEANFLOCK_COMPLETE"  # set by the shell's function while it asks
 KEYS = Path(__file__).with_name("keys.csv")  # of a scenario, with what they mean; written by docs/keys.py
 _GROUP = "meanflock.controllers"
@@ -27,16 +29,12 @@ def controllers(_context: click.Context, _parameter: click.Parameter, incomplete
 
 def scenarios(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
     """Names of the shipped scenarios, else files."""
-    from meanflock.swarm.scenarios import shipped
-
-    return _or_files(incomplete, (path.stem for path in shipped()))
+    return _or_files(incomplete, _shipped())
 
 
 def missions(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
     """Names of missions, else files."""
-    from meanflock.swarm.scenarios import shipped
-
-    return _or_files(incomplete, (*(path.stem for path in shipped()), "all"))
+    return _or_files(incomplete, (*_shipped(), "all"))
 
 
 def keys(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
@@ -83,6 +81,11 @@ class _Zsh(ZshComplete):
         'local -a unspaced; [[ "$completions_with_descriptions[1]" == *=:* ]] && unspaced=(-S "")\n'
         '        _describe -V unsorted completions_with_descriptions -U "${unspaced[@]}"',
     )
+
+
+def _shipped() -> list[str]:
+    """Names of the shipped scenarios; `swarm.toml` has them too, and imports NumPy."""
+    return sorted(path.stem for path in Path(swarm.__file__).with_name("scenarios").glob("*.toml"))
 
 
 def _beginning(incomplete: str, names: Iterable[str]) -> Items:
