@@ -29,25 +29,6 @@ class RuleFailed(Exception):
     """An aggregation rule raised, or returned what cannot be broadcast; the text names the rule and the round."""
 
 
-def check_complete(scenario: Scenario) -> None:
-    """Validates that the radio delivers as many whole models in a round as the aggregation rule needs.
-
-    Raises:
-        BadInput: it does not, and the text says what to change.
-    """
-    needed, name = Rule(scenario).complete, scenario.federation.aggregation
-    upload = next((hop.coding for hop in scenario.hops if hop.mail is None), None)
-    if upload is None or upload.fragments is None or not needed:
-        return
-    share = share_delivered(scenario, 8 * upload.fragments.width)
-    expected = scenario.participants * share**upload.count
-    if expected < needed:
-        raise BadInput(
-            f"`federation.aggregation` {name} needs {needed} whole models in a round; of models in {upload.count} "
-            f"fragments {expected:.2g} are expected; take fedavg or median, or a smaller model"
-        )
-
-
 class Averager:
     """The mail of the UAVs that average for one hop, by round.
 
@@ -143,10 +124,22 @@ class Rule:
                 "uploads.models, uploads.uavs and uploads.round"
             ) from None
 
-    @property
-    def complete(self) -> int:
-        """Whole models that a round needs."""
-        return self._rule.complete
+    def check_radio(self, scenario: Scenario) -> None:
+        """Validates that the radio delivers as many whole models in a round as the rule needs.
+
+        Raises:
+            BadInput: it does not, and the text says what to change.
+        """
+        upload = next((hop.coding for hop in scenario.hops if hop.mail is None), None)
+        if upload is None or upload.fragments is None or not self._rule.complete:
+            return
+        share = share_delivered(scenario, 8 * upload.fragments.width)
+        expected = scenario.participants * share**upload.count
+        if expected < self._rule.complete:
+            raise BadInput(
+                f"`federation.aggregation` {self._name} needs {self._rule.complete} whole models in a round; of models "
+                f"in {upload.count} fragments {expected:.2g} are expected; take fedavg or median, or a smaller model"
+            )
 
     def begin(self) -> State:
         """The state before the first round.

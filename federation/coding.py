@@ -251,25 +251,28 @@ class Counted(Coding):
 _coding = cache(Coding)
 
 
-def of_uploads(scenario: Scenario) -> Coding:
+def of_uploads(scenario: Scenario, cut: Cut | None) -> Coding:
     """The coding of a scenario's uploads."""
-    return _coding(
-        scenario.upload_payload, scenario.declared.parts, _cut(scenario), weighted=scenario.declared.weighted
-    )
+    return _coding(scenario.upload_payload, scenario.declared.parts, cut, weighted=scenario.declared.weighted)
 
 
-def of_relays(scenario: Scenario, most: NDArray[np.intp]) -> Coding:
+def of_relays(scenario: Scenario, most: NDArray[np.intp], cut: Cut | None) -> Coding:
     """The coding of averages of `most` (N,) models at the most, which heads of clusters send."""
-    return Counted(scenario.radio_payload, scenario.declared.parameters, most, _cut(scenario))
+    return Counted(scenario.radio_payload, scenario.declared.parameters, most, cut)
 
 
-def of_broadcasts(scenario: Scenario) -> Coding:
+def of_broadcasts(scenario: Scenario, cut: Cut | None) -> Coding:
     """The coding of a scenario's global models."""
-    return _coding(scenario.broadcast_payload, scenario.declared.parts, _cut(scenario))
+    return _coding(scenario.broadcast_payload, scenario.declared.parts, cut)
 
 
-def _cut(scenario: Scenario) -> Cut | None:
-    """How a scenario cuts its models, by the longest of them."""
+def cut_of_models(scenario: Scenario) -> Cut | None:
+    """How a scenario cuts its models, by the longest of them; None: it does not. It may ask the channel, so ask once.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails, or a fragment has no room for a weight.
+    """
     parts = scenario.declared.parts
     upload = _coding(scenario.upload_payload, parts, weighted=scenario.declared.weighted)
     broadcast = _coding(scenario.broadcast_payload, parts)

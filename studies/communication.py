@@ -72,7 +72,7 @@ def transmissions() -> list[str]:
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
             written = scenario.load(None, WRITTEN[name], method=method)
-            coding = codings.of_uploads(written)
+            coding = codings.of_uploads(written, codings.cut_of_models(written))
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
             bare = Act(2**31, 1000, np.ones((1, 2 + len(written.declared.diagnostics))))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.federation.averager import Rule, check_complete
+from meanflock.federation.averager import Rule
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
@@ -40,8 +40,9 @@ class Limits:
             f"controller {scenario.method!r} failed in `init` with UAV 0",
             lambda: _begun(flyer, scenario),
         )
-        check_complete(scenario)
-        state_of_rule = control.encode_record(Rule(scenario).begin())
+        rule = Rule(scenario)
+        rule.check_radio(scenario)
+        state_of_rule = control.encode_record(rule.begin())
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
         numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent" and not hop.is_local)

@@ -36,8 +36,9 @@ class Clusters(Topology):
         leader = scenario.federation.leader
         self._check()
         division = Division(scenario)
-        uploads, broadcasts = coding.of_uploads(scenario), coding.of_broadcasts(scenario)
-        averages = coding.of_relays(scenario, division.sizes[division.cluster])
+        cut = coding.cut_of_models(scenario)
+        uploads, broadcasts = coding.of_uploads(scenario, cut), coding.of_broadcasts(scenario, cut)
+        averages = coding.of_relays(scenario, division.sizes[division.cluster], cut)
         relays = uploads.ticks - 1 + scenario.deadline_ticks
         after = relays + averages.ticks - 1 + scenario.hop_ticks
         least = after + 1 if broadcasts.fragments is None else after + broadcasts.ticks - 1 + scenario.hop_ticks
@@ -93,8 +94,8 @@ class Clusters(Topology):
             )
         if scenario.declared.weighted:
             raise ValueError(
-                f"{asked} `method` {scenario.method} declares a weight for each model, and heads count models; take "
-                "federation.topology leader or neighbours"
+                f"{asked} `method` {scenario.method} declares a weight for each model, and what heads send has room "
+                "for the number of models behind it only; take federation.topology leader or neighbours"
             )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
         if (largest := -(-scenario.uavs // count)) > exact:

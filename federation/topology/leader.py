@@ -15,7 +15,8 @@ class Leader(Topology):
     def hops(self) -> tuple[Hop, ...]:
         scenario, leader = self.scenario, self.scenario.federation.leader
         everyone = np.arange(scenario.uavs)
-        uploads, broadcasts = coding.of_uploads(scenario), coding.of_broadcasts(scenario)
+        cut = coding.cut_of_models(scenario)
+        uploads, broadcasts = coding.of_uploads(scenario, cut), coding.of_broadcasts(scenario, cut)
         after = uploads.ticks - 1 + scenario.deadline_ticks
         ticks = after + broadcasts.ticks - 1 + scenario.hop_ticks
         if uploads.fragments is not None and scenario.period_ticks < ticks:

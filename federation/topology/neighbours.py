@@ -21,7 +21,8 @@ class Neighbours(Topology):
             raise ValueError(
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
-        everyone, uploads = np.arange(scenario.uavs), coding.of_uploads(scenario)
+        everyone = np.arange(scenario.uavs)
+        uploads = coding.of_uploads(scenario, coding.cut_of_models(scenario))
         ticks = uploads.ticks - 1 + scenario.deadline_ticks
         if scenario.period_ticks <= ticks:
             raise ValueError(

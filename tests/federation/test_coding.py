@@ -150,6 +150,11 @@ def test_a_transmission_pays_for_every_weight_and_every_scale_and_slots_follow(m
 def test_both_directions_use_the_coding_of_the_scenario_or_the_radio_s_floats() -> None:
     for width, dtype in ((16, "<f2"), (32, "<f4"), (64, "<f8")):
         flown = load(None, [f"radio.bits_per_float={width}"])
-        assert (codings.of_uploads(flown).dtype, codings.of_broadcasts(flown).dtype) == (np.dtype(dtype),) * 2
+        assert (codings.of_uploads(flown, None).dtype, codings.of_broadcasts(flown, None).dtype) == (
+            np.dtype(dtype),
+        ) * 2
     mixed = load(None, ["federation.payload=int8", "federation.broadcast_payload=float16"])
-    assert (codings.of_uploads(mixed).dtype, codings.of_broadcasts(mixed).dtype) == (np.dtype("u1"), np.dtype("<f2"))
+    assert (codings.of_uploads(mixed, None).dtype, codings.of_broadcasts(mixed, None).dtype) == (
+        np.dtype("u1"),
+        np.dtype("<f2"),
+    )

@@ -31,7 +31,7 @@ class Ring(Topology):
         everyone = np.arange(uavs)
         following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
         counted = coding.Counted(scenario.radio_payload, scenario.declared.parameters, np.full(uavs, 4))
-        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario))
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, None))
         relay = Hop(FrameKind.RELAY, scenario.hop_ticks, "agent", everyone, following, counted, mail=upload)
         model = Hop(
             FrameKind.GLOBAL,
@@ -39,7 +39,7 @@ class Ring(Topology):
             "agent",
             everyone,
             everyone[:, None],
-            coding.of_broadcasts(scenario),
+            coding.of_broadcasts(scenario, None),
             mail=relay,
             is_last=True,
         )

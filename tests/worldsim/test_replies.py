@@ -95,7 +95,7 @@ class Air:
 
 
 def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
-    coding = codings.of_uploads(flown)
+    coding = codings.of_uploads(flown, None)
     models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
