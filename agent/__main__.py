@@ -38,16 +38,17 @@ def _run() -> None:
         end_with_launcher()  # if there are several, their parent ends them
     if given.uav >= 0:
         given.uav += number * given.rows
-    known = logs.start(given.log_format, run=given.run, node=keys.asker("agent", given.uav))
+    log_fields = logs.start(given.log_format, run=given.run, node=keys.requested_name("agent", given.uav))
     uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
     interrupted = Interrupted()
-    who, run = identity(given.tls, keys.asker("agent", uav)), keys.check_run(given.run)
+    certificate = identity(given.tls, keys.requested_name("agent", uav))
+    run = keys.check_run(given.run)
 
     def connect(timeout_s: float) -> ZenohBus:
-        return ZenohBus.client(given.endpoint, timeout_s, who)
+        return ZenohBus.client(given.endpoint, timeout_s, certificate)
 
     def welcomed(welcome: Welcome) -> None:
-        known.update(node=welcome.node, uavs=welcome.uavs)
+        log_fields.update(node=welcome.node, uavs=welcome.uavs)
 
     request = Join("agent", given.rows, uav)
     take_part(connect, run, request, Agent, given.wait, interrupted.__bool__, orphaned, welcomed)

@@ -35,8 +35,8 @@ class Guarded:
     asleep: mask (M,), as given to `begin`.
     """
 
-    def __init__(self, scenario: Scenario, uavs: Rows, complaints: list[str]) -> None:
-        """`complaints`: a list that gets one text for each row in which the controller failed.
+    def __init__(self, scenario: Scenario, uavs: Rows, problems: list[str]) -> None:
+        """`problems`: a list that gets one text for each row in which the controller failed.
 
         Raises:
             BadInput: the controller is not installed, or its options do not fit.
@@ -46,9 +46,9 @@ class Guarded:
         self._blank = np.zeros((len(uavs), AXES + len(self._declared.diagnostics)))  # commands
         self._uavs = uavs
         self._everyone = scenario.uavs
-        self._complaints = complaints
+        self._problems = problems
         self._controller: Controller = controller(scenario)
-        self._complained = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
+        self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
 
     def begin(self, asleep: Mask | None) -> None:
@@ -66,16 +66,18 @@ class Guarded:
             BadInput: it failed.
         """
         try:
-            return self._begun(self._uavs, plan)
+            return self._initial_memory(self._uavs, plan)
         except FAILURES as error:
-            by_row = _each_row(range(len(self._uavs)), lambda row: self._begun(self._uavs[row : row + 1], plan))
+            by_row = _each_row(
+                range(len(self._uavs)), lambda row: self._initial_memory(self._uavs[row : row + 1], plan)
+            )
             failed = [uav for row, uav in enumerate(self._uavs) if row not in by_row] or self._uavs
             uavs = ", ".join(map(str, failed))
             raise BadInput(
                 f"controller {self._method!r} failed in `init` with UAV {uavs}: {last_line(error)}"
             ) from error
 
-    def _begun(self, uavs: Rows, plan: Floats) -> Memory:
+    def _initial_memory(self, uavs: Rows, plan: Floats) -> Memory:
         memory = self._controller.init(uavs.copy(), plan)
         check_memory("memory", memory, len(uavs))
         return memory
@@ -133,13 +135,13 @@ class Guarded:
 
         Rows that are broken already had their complaint.
         """
-        rows = rows & ~self._complained
+        rows = rows & ~self._reported
         if not rows.any():
             return
         first = commands[np.flatnonzero(rows)[0]]
         column = int(np.flatnonzero(~(np.abs(first) < BEYOND_SENSE))[0])
         name = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)[column]
-        self._complain(rows, f"its {name} is {first[column]:g}")
+        self._report_problems(rows, f"its {name} is {first[column]:g}")
 
     def _step_rows(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
         """The steps of all rows, each alone. A row that fails keeps its memory, and its commands are NaN."""
@@ -196,16 +198,16 @@ class Guarded:
         if self.asleep is not None:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
-        if (fresh := broken & ~self._complained).any():
+        if (fresh := broken & ~self._reported).any():
             trace = error if isinstance(error, Exception) else None  # a `sys.exit()` needs no trace
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
-            self._complain(fresh, last_line(error))
+            self._report_problems(fresh, last_line(error))
 
-    def _complain(self, rows: Mask, why: str) -> None:
+    def _report_problems(self, rows: Mask, why: str) -> None:
         """Add one text for rows that had no complaint."""
-        self._complained = self._complained | rows
+        self._reported = self._reported | rows
         names = ", ".join(map(str, self._uavs[rows]))
-        self._complaints.append(f"controller {self._method!r} failed with UAV {names}: {why}")
+        self._problems.append(f"controller {self._method!r} failed with UAV {names}: {why}")
 
 
 def _checked_table(name: str, table: Floats, shape: tuple[int, ...]) -> Floats:
@@ -270,8 +272,8 @@ def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Decl
 
 def _check_broadcast(payload: object, senders: Rows | None, rows: int) -> None:
     if not isinstance(payload, np.ndarray):
-        came = type(payload).__name__
-        raise TypeError(f"a broadcast of a {came}; expected an array, a row of numbers for each sender")
+        payload_type = type(payload).__name__
+        raise TypeError(f"a broadcast of a {payload_type}; expected an array, a row of numbers for each sender")
     count = rows if senders is None else len(senders)
     if payload.ndim != 2 or len(payload) != count or not payload.shape[1]:
         raise ValueError(f"a broadcast has shape {payload.shape}; expected ({count}, 1 …)")
@@ -286,11 +288,11 @@ def _check_broadcast(payload: object, senders: Rows | None, rows: int) -> None:
         raise ValueError(f"a broadcast of rows {senders!r}; expected an array of some of 0 … {rows - 1}, ascending")
 
 
-def picked(which: Mask, yes: Memory, no: Memory) -> Memory:
-    """The rows `which` (M,) of the memory `yes`, all others of the memory `no`."""
+def choose(mask: Mask, chosen: Memory, others: Memory) -> Memory:
+    """The rows `mask` (M,) of the memory `chosen`, all others of the memory `others`."""
     return {
-        name: np.where(which.reshape(-1, *(1,) * (array.ndim - 1)), yes[name], array) if name in yes else array
-        for name, array in no.items()
+        name: np.where(mask.reshape(-1, *(1,) * (array.ndim - 1)), chosen[name], array) if name in chosen else array
+        for name, array in others.items()
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.guarded import Guarded, picked
+from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.party import Party, check_links
 from meanflock.swarm import faults, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
@@ -30,12 +30,12 @@ class Agent:
     def __init__(self, welcome: Welcome) -> None:
         """Raises BadInput if the controller cannot be made or its `init` fails."""
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
-        self.complaints: list[str] = []  # texts for the world that were not sent yet
+        self.problems: list[str] = []  # texts for the world that were not sent yet
         self._names = self.uavs.astype(np.int32)  # as frames have them
         self._scenario: Scenario = decode(welcome.scenario)
         self._declared = self._scenario.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._party = Party(self._scenario, "agent", self.uavs, self.complaints, self)
+        self._party = Party(self._scenario, "agent", self.uavs, self.problems, self)
         self._own = np.zeros(self._scenario.uavs, dtype=bool)
         self._own[self.uavs] = True
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -43,7 +43,7 @@ class Agent:
         self._asleep: Mask | None = None  # rows that the fault script pauses in this tick
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
-        self._controller = Guarded(self._scenario, self.uavs, self.complaints)
+        self._controller = Guarded(self._scenario, self.uavs, self.problems)
         self._memory = self._controller.init(plan.astype(np.float64))
         if welcome.memory:
             self._resume(welcome.memory)
@@ -77,7 +77,7 @@ class Agent:
         # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
         if asleep is not None:
             commands[asleep] = 0.0
-            self._memory = picked(asleep, before, self._memory)
+            self._memory = choose(asleep, before, self._memory)
         if sense.checkpoint:
             controller.break_not_finite(self._memory)
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
@@ -117,7 +117,7 @@ class Agent:
         self._any_failed = bool(self._failed.any())
         commands[self._failed] = 0.0
         nothing = {name: np.zeros_like(array) for name, array in self._memory.items()}
-        self._memory = picked(self._failed, nothing, self._memory)
+        self._memory = choose(self._failed, nothing, self._memory)
 
     def _frames_of(self, number: int, broadcast: Broadcast) -> list[Frames]:
         """The frames of a broadcast, with floats of the radio. Rows that fail or exceed these floats send none."""
@@ -161,7 +161,7 @@ class Agent:
 
     # -- rounds: the methods of a learner that the party calls --------------------------------------------------
 
-    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
+    def models_to_send(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
         """The rows among these that can send, their models (S, L) and the weights of these (S,)."""
         rows = rows[~self.silent()[rows]]
         if not len(rows):

@@ -23,7 +23,7 @@ class Channel:
     is the same in every mode, and after every resume.
     """
 
-    door: ClassVar = "channel"
+    plugin_kind: ClassVar = "channel"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -84,7 +84,7 @@ def remedies(scenario: Scenario, what: str) -> str:
     return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
 
 
-def tell_of_lost_models(flights: Iterable[Scenario]) -> None:
+def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
     """Prints on standard error how models are cut, and a warning for those that will mostly be lost; each text once."""
     texts: dict[str, int] = {}
     for flown in flights:

@@ -79,7 +79,7 @@ def _class(class_: type, members: tuple[str, ...] | None) -> Iterator[str]:
     source = textwrap.dedent(inspect.getsource(class_)).splitlines()
     body = ast.parse("\n".join(source)).body[0].body  # type: ignore[attr-defined]
     fields = [source[node.lineno - 1].strip() for node in body if isinstance(node, ast.AnnAssign)]
-    fields = [field for field in fields if not field.startswith("door:")]
+    fields = [field for field in fields if not field.startswith("plugin_kind:")]
     if fields and members is None:
         yield from ("", "```python", *fields, "```")
     for node in body:

@@ -45,9 +45,9 @@ class Byzantine:
             case "noise":
                 drawn = zip(uavs[false].tolist(), honest, strict=True)
                 lies = np.stack([self._noisy(number, uav, model, coding.largest / 2) for uav, model in drawn])
-        said = payload.copy()
-        said[false] = coding.encode(lies)
-        return said
+        falsified = payload.copy()
+        falsified[false] = coding.encode(lies)
+        return falsified
 
     def _noisy(self, number: int, uav: int, honest: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
         draw = generator(self._scenario.seed, "byzantine", 1 + number * self._scenario.uavs + uav)

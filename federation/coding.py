@@ -94,7 +94,7 @@ class Coding:
         return 8 * self.dtype.itemsize * self.width
 
     def encode(self, models: Floats) -> np.ndarray:
-        """Models `(S, L)` as numbers `(S, …)` for `pack`; `sound` says which of them can be sent."""
+        """Models `(S, L)` as numbers `(S, …)` for `pack`; `valid` says which of them can be sent."""
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             if self.is_exact:
                 return models.astype(self._item)
@@ -112,7 +112,7 @@ class Coding:
         steps, scales = self._halves(numbers)
         return steps * self._spread(scales)
 
-    def sound(self, numbers: np.ndarray) -> NDArray[np.bool_]:
+    def valid(self, numbers: np.ndarray) -> NDArray[np.bool_]:
         """Which models can be sent and read, `(S,)`: floats that are finite, steps and scales within bounds."""
         if self.is_exact:
             return np.asarray(np.isfinite(numbers).all(axis=-1))
@@ -162,7 +162,7 @@ class Coding:
         expect("payload", payload, (len(source), self.width), self.dtype)
         numbers, weights = self.unpack(payload)
         self.check_weights(weights)
-        if self.dtype == _BYTE and not self.sound(numbers).all():
+        if self.dtype == _BYTE and not self.valid(numbers).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
 
     def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:

@@ -26,19 +26,19 @@ class Exchange:
     Sums go by ascending UAV, the own model last: neither the order of arrival nor the other rows leave a trace.
     """
 
-    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, complaints: list[str]) -> None:
+    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, problems: list[str]) -> None:
         """
         Args:
             hop: the local hop.
             uavs: (M,) ascending.
-            complaints: texts about a rule that fails are appended.
+            problems: texts about a rule that fails are appended.
 
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
         assert hop.mail is not None
         self.hop, self._coding, self._uavs = hop, hop.mail.coding, uavs
-        self._complaints = complaints
+        self._problems = problems
         self._rule = Rule(scenario)
         self._states = {name: np.repeat(array[None], len(uavs), axis=0) for name, array in self._rule.begin().items()}
         self._copies = np.zeros((len(uavs), self._coding.floats))  # (M, L) own models, as the coding leaves them
@@ -47,13 +47,13 @@ class Exchange:
         self._mails: dict[int, Mail] = {}  # by round
         self._takes_late = scenario.federation.deadline is not None
 
-    def keep(self, number: int, rows: Indices, payload: np.ndarray) -> None:
+    def remember(self, number: int, rows: Indices, payload: np.ndarray) -> None:
         """Keeps the own models of rows (S,) for a round, as payloads (S, width), but for those that cannot be sent."""
         numbers, samples = self._coding.unpack(payload)
-        sound = self._coding.sound(numbers)
-        self._copies[rows[sound]] = self._coding.decode(numbers[sound])
-        self._samples[rows[sound]] = samples[sound]
-        self._copied[rows[sound]] = number
+        valid = self._coding.valid(numbers)
+        self._copies[rows[valid]] = self._coding.decode(numbers[valid])
+        self._samples[rows[valid]] = samples[valid]
+        self._copied[rows[valid]] = number
 
     def collect(self, frames: Frames) -> None:
         """Stores mail for the rows."""
@@ -81,7 +81,7 @@ class Exchange:
                 Uploads.complete(own, number, self._uavs[rows], samples=self._samples[rows])
             )
         except RuleFailed as error:
-            self._complaints.append(str(error))
+            self._problems.append(str(error))
             return rows[:0], own[:0], joined.refused
         if weights is not None and own_weights is not None:
             return rows, _weighted(joined, weights, own, own_weights, rows), joined.refused
@@ -95,7 +95,7 @@ class Exchange:
             if average is not None:
                 taken.append(row)
                 averages.append(average)
-        self._complaints += dict.fromkeys(failures)
+        self._problems += dict.fromkeys(failures)
         return np.array(taken, dtype=np.intp), np.array(averages).reshape(-1, self._coding.floats), joined.refused
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -105,12 +105,12 @@ class Fragments:
         """Ticks in which the fragments of a model are transmitted."""
         return -(-self.count // self.cut.per_tick)
 
-    def rows(self, numbers: np.ndarray, weights: Floats, turn: slice = slice(None)) -> NDArray[np.uint8]:
+    def rows(self, numbers: np.ndarray, weights: Floats, ready: slice = slice(None)) -> NDArray[np.uint8]:
         """Models `(S, …)`, written by a coding, and their declared weights (S,), as fragments `(S, T, width)`.
 
-        `turn`: the T fragments that are wanted, by their numbers; all F where left out.
+        `ready`: the T fragments that are wanted, by their numbers; all F where left out.
         """
-        size, chosen = self.cut.size, np.arange(self.count, dtype=_NUMBER)[turn]
+        size, chosen = self.cut.size, np.arange(self.count, dtype=_NUMBER)[ready]
         rows = np.empty((len(numbers), len(chosen), self.width), dtype=_BYTE)
         rows[:, :, : _NUMBER.itemsize] = chosen[:, None].view(_BYTE)
         if self._weighted:
@@ -125,11 +125,11 @@ class Fragments:
             rest = model[:, full * size :].view(_BYTE)
             written[:, full, : rest.shape[1]] = rest
         if self._counted:
-            counts = np.ascontiguousarray(numbers[:, self._floats :][:, turn, None])
+            counts = np.ascontiguousarray(numbers[:, self._floats :][:, ready, None])
             rows[:, :, self._end :] = counts.view(_BYTE)
         if self._scaled:
             scales = np.ascontiguousarray(numbers[:, self._floats :]).view(_FLOAT32)
-            rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of[turn]]).view(_BYTE)
+            rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of[ready]]).view(_BYTE)
         return rows
 
     def numbers(self, rows: NDArray[np.uint8]) -> NDArray[np.intp]:

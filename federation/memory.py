@@ -17,7 +17,7 @@ _GLOBALS, _SEEN, _FRESH = "meanflock.globals", "meanflock.seen", "meanflock.fres
 class Learner(Protocol):
     """The models of a node's rows."""
 
-    def tell(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
+    def models_to_send(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
         """The rows among these that can send, their models (S, L) and what these count (S,)."""
         ...
 
@@ -61,9 +61,9 @@ class Feedback:
             return self._coding.encode(models)
         meant = models + self.residuals[rows]
         payload = self._coding.encode(meant)
-        sound = self._coding.sound(payload)
+        valid = self._coding.valid(payload)
         self.residuals = self.residuals.copy()
-        self.residuals[rows[sound]] = meant[sound] - self._coding.decode(payload[sound])
+        self.residuals[rows[valid]] = meant[valid] - self._coding.decode(payload[valid])
         return payload
 
 
@@ -120,7 +120,7 @@ class GlobalModels:
             return
         own = None
         if not self._seen[rows].all():
-            rows, own, _ = learner.tell(rows)
+            rows, own, _ = learner.models_to_send(rows)
         every = self._globals if len(rows) == len(self._globals) else self._globals[rows]
         models = every.reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats].astype(np.float64)
         if own is not None:

@@ -25,7 +25,7 @@ class Party:
     """What one node sends, averages and takes over in the rounds.
 
     Attributes:
-        complaints: texts for the world, appended.
+        problems: texts for the world, appended.
         rule_record: the state of the aggregation rule after this tick's round, as a record; empty where none closed.
     """
 
@@ -34,7 +34,7 @@ class Party:
         scenario: Scenario,
         role: Role,
         uavs: NDArray[np.intp],
-        complaints: list[str],
+        problems: list[str],
         learner: Learner | None = None,
     ) -> None:
         """`uavs`: (M,) ascending, the rows of an agent; of the leader none.
@@ -44,7 +44,7 @@ class Party:
         """
         self._uavs = uavs
         self._learner = learner
-        self.complaints = complaints
+        self.problems = problems
         self._schedule = schedule = Schedule(scenario, uavs)
         schedule.draw_ahead()
         self.rule_record = b""
@@ -56,7 +56,7 @@ class Party:
             if hop.mail is not None and not hop.is_local and len(here := self._here(hop))
         ]
         local = next((hop for hop in self._own if hop.is_local), None)
-        self._exchange = None if local is None else Exchange(local, scenario, uavs, complaints)
+        self._exchange = None if local is None else Exchange(local, scenario, uavs, problems)
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._globals: GlobalModels | None = None
         if self._last is not None and self._last.coding.fragments is not None and not self._last.is_local:
@@ -175,11 +175,13 @@ class Party:
         """The models of the rows that take part in a round."""
         assert self._learner is not None
         assert self._feedback is not None
-        coding, taking = hop.coding, self._schedule.rows(number)
-        rows, models, weights = self._learner.tell(taking if self._exchange is None else np.arange(len(self._uavs)))
+        coding, participants = hop.coding, self._schedule.rows(number)
+        rows, models, weights = self._learner.models_to_send(
+            participants if self._exchange is None else np.arange(len(self._uavs))
+        )
         if self._exchange is not None:
-            self._exchange.keep(number, rows, coding.pack(coding.encode(models), weights))
-            takes_part = contains(taking, rows)
+            self._exchange.remember(number, rows, coding.pack(coding.encode(models), weights))
+            takes_part = contains(participants, rows)
             rows, models, weights = rows[takes_part], models[takes_part], weights[takes_part]
         if self._trigger is not None and len(rows):
             due = self._trigger.due(rows, models)
@@ -189,9 +191,9 @@ class Party:
         source = self._uavs[rows].astype(np.int32)
         numbers = self._feedback.encode(rows, models)
         if self._exchange is not None:
-            self._exchange.keep(number, rows, coding.pack(numbers, weights))
+            self._exchange.remember(number, rows, coding.pack(numbers, weights))
         numbers = self._byzantine.distort(number, source, numbers, coding)
-        return _sound(hop, number, source, coding.pack(numbers, weights))
+        return _valid(hop, number, source, coding.pack(numbers, weights))
 
     def _take_own(self, exchange: Exchange, number: int) -> list[int]:
         """Lets the learner take the averages of its rows; returns the UAVs whose models they refuse to average."""
@@ -210,7 +212,7 @@ class Party:
             try:
                 model, behind = averager.average(joined, number, uav)
             except RuleFailed as error:
-                self.complaints.append(str(error))
+                self.problems.append(str(error))
                 continue
             if model is not None:
                 found[uav] = model, behind
@@ -220,9 +222,9 @@ class Party:
             return []
         models = np.stack([model for model, _ in found.values()])
         payload = hop.coding.write(models, np.stack([behind for _, behind in found.values()]))
-        frames = _sound(hop, number, np.array(list(found), dtype=np.int32), payload)
+        frames = _valid(hop, number, np.array(list(found), dtype=np.int32), payload)
         if not frames and hop.role == "leader":
-            self.complaints.append(f"round {number}: the global model is beyond what the radio's floats can say")
+            self.problems.append(f"round {number}: the global model is beyond what the radio's floats can say")
         return frames
 
     def _speakers(self, averager: Averager) -> list[int]:
@@ -249,9 +251,9 @@ def _within(numbers: NDArray[np.int32], end: int) -> bool:
     return bool((numbers.astype(np.uint32) < end).all())  # a negative number becomes very large
 
 
-def _sound(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:
+def _valid(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:
     """Frames of a hop, without models that are beyond the range of the coding."""
-    fits = hop.coding.sound(hop.coding.unpack(payload)[0])
+    fits = hop.coding.valid(hop.coding.unpack(payload)[0])
     if not fits.all():
         source = source[fits]
         payload = payload[fits]

@@ -142,7 +142,7 @@ class Post:
                 return
         raise MessageRejected("wrong-shape", "refused names uploads to others")
 
-    def stray(self, frames: Frames, tick: int) -> MessageRejected | None:
+    def round_error(self, frames: Frames, tick: int) -> MessageRejected | None:
         """The reason why frames do not belong to a round that transmits in this tick; None where they do.
 
         Frames of a kind go on the air as those of one round, so a node that names another would take all models there.
@@ -155,10 +155,10 @@ class Post:
         if hop is None or frames.round != expected:
             return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
         if hop.mail is None:
-            taking = contains(self._schedule.participants(expected), frames.source)
-            if not taking.all():
-                strangers = frames.source[~taking].tolist()
-                return MessageRejected("wrong-round", f"UAVs {strangers} take no part in round {expected}")
+            participants = contains(self._schedule.participants(expected), frames.source)
+            if not participants.all():
+                outsiders = frames.source[~participants].tolist()
+                return MessageRejected("wrong-round", f"UAVs {outsiders} take no part in round {expected}")
         return None
 
     def refuse(self, uavs: Iterable[int]) -> None:
@@ -189,8 +189,8 @@ class Post:
                 if averaging is hop:
                     wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
             self._transmissions.append(Transmission(batch, hop.coding, wanted))
-        turns = [one.next(awake) for one in self._transmissions]
-        on_air += [turn for turn in turns if turn is not None]
+        batches = [one.next(awake) for one in self._transmissions]
+        on_air += [batch for batch in batches if batch is not None]
         self._transmissions = [one for one in self._transmissions if not one.is_over]
         return on_air
 

@@ -140,7 +140,7 @@ def _ask(bus: Bus, given: Namespace, interrupted: Interrupted) -> Welcome:
     for _ in range(max(1, round(wait_s / _ASK_S))):
         if interrupted:
             raise RunFailed("interrupted while waiting for the world's answer")
-        answer = bus.ask(keys.join(run, keys.asker("station")), request, _ASK_S)
+        answer = bus.ask(keys.join(run, keys.requested_name("station")), request, _ASK_S)
         if answer is not None:
             welcome = control.decode(answer)
             if isinstance(welcome, Welcome) and welcome.run == keys.fingerprint(run):

@@ -10,9 +10,9 @@ import msgspec
 
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins import GROUPS, Door, Plugin, options_table
+from meanflock.swarm.plugins import GROUPS, Plugin, PluginKind, options_table
 
-KEYS: dict[Door, str] = {  # of a scenario, that names the plug-in
+KEYS: dict[PluginKind, str] = {  # of a scenario, that names the plug-in
     "controller": "method",
     "aggregator": "federation.aggregation",
     "channel": "radio.model",

@@ -42,12 +42,12 @@ class Problem:
 
     path: Path
     why: str
-    mend: str
+    remedy: str
 
 
 def names(uavs: int, uavs_per_process: int = 1) -> list[str]:
     """Names of all nodes that need a certificate."""
-    return [WORLD, LEADER, STATION, *(keys.asker("agent", uav) for uav in range(0, uavs, uavs_per_process))]
+    return [WORLD, LEADER, STATION, *(keys.requested_name("agent", uav) for uav in range(0, uavs, uavs_per_process))]
 
 
 def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -> list[Path]:
@@ -197,7 +197,7 @@ def check(folder: Path, uavs: int, uavs_per_process: int) -> None:
         BadInput: it cannot; the message names the first invalid file.
     """
     for problem in problems(folder, names(uavs, uavs_per_process)):
-        raise BadInput(f"{problem.path}: {problem.why}; {problem.mend}")
+        raise BadInput(f"{problem.path}: {problem.why}; {problem.remedy}")
 
 
 def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) -> Iterator[Problem]:

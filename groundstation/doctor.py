@@ -39,12 +39,12 @@ Verdict = Literal["ok", "warning", "fails"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check; `mend` says what to do if it is not ok."""
+    """Result of one check; `remedy` says what to do if it is not ok."""
 
     what: str
     verdict: Verdict
     found: str
-    mend: str = ""
+    remedy: str = ""
 
 
 def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
@@ -100,7 +100,7 @@ def tell_if_slow() -> None:
     """Warn on standard error if the compiled kernels are missing."""
     finding = compiled()
     if finding.verdict != "ok":
-        logs.tell(f"warning: kernels {finding.found}; {finding.mend}", logging.WARNING)
+        logs.tell(f"warning: kernels {finding.found}; {finding.remedy}", logging.WARNING)
 
 
 def models(scenario: Scenario) -> list[Finding]:
@@ -124,8 +124,8 @@ def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
     if needed <= available:
         return Finding("memory", "ok", found)
     crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
-    mend = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
-    return Finding("memory", "fails", found, mend)
+    remedy = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
+    return Finding("memory", "fails", found, remedy)
 
 
 def _number(path: Path) -> int | None:
@@ -153,9 +153,9 @@ def threads(uavs: int, uavs_per_process: int, groups: Path = GROUPS) -> Finding:
             limits.append((most - now, f"give this container a limit of {now + needed} processes"))
     if not limits:
         return Finding("threads", "ok", f"{needed} needed, no limit")
-    left, mend = min(limits)
+    left, remedy = min(limits)
     found = f"{needed} needed, {max(0, left)} left"
-    return Finding("threads", "ok", found) if needed <= left else Finding("threads", "fails", found, mend)
+    return Finding("threads", "ok", found) if needed <= left else Finding("threads", "fails", found, remedy)
 
 
 def _of(process: psutil.Process, uid: int) -> bool:
@@ -183,12 +183,12 @@ def _loopback() -> Finding:
         return Finding("loopback", "fails", str(error), "bring the loopback interface up: ip link set lo up")
 
 
-def _port(what: str, port: int, mend: str) -> Finding:
+def _port(what: str, port: int, remedy: str) -> Finding:
     try:
         with socket.create_server(("127.0.0.1", port)):
             return Finding(what, "ok", f"{port} is free")
     except OSError as error:
-        return Finding(what, "warning", f"{port}: {os.strerror(error.errno or 0)}", mend)
+        return Finding(what, "warning", f"{port}: {os.strerror(error.errno or 0)}", remedy)
 
 
 def _existing(path: Path) -> Path:
@@ -220,9 +220,9 @@ def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding
     found = [
         Finding(
             "certificate",
-            "warning" if problem.mend.startswith("chmod") else "fails",
+            "warning" if problem.remedy.startswith("chmod") else "fails",
             f"{problem.path}: {problem.why}",
-            problem.mend,
+            problem.remedy,
         )
         for problem in certs.problems(folder, wanted)
     ]
@@ -246,8 +246,8 @@ def engine() -> list[Finding]:
     return [Finding("container engine", "ok", f"version {output}"), _compose()]
 
 
-def _engineless(found: str, mend: str) -> Finding:
-    return Finding("container engine", "warning", found, f"only needed for containers: {mend}")
+def _engineless(found: str, remedy: str) -> Finding:
+    return Finding("container engine", "warning", found, f"only needed for containers: {remedy}")
 
 
 def _unreachable(output: str) -> tuple[str, str]:
@@ -262,12 +262,12 @@ def _unreachable(output: str) -> tuple[str, str]:
 
 def _compose() -> Finding:
     code, output = _docker("compose", "version", "--short")
-    mend = f"only needed for containers: install the compose plugin, version {COMPOSE_MAJOR} or newer"
+    remedy = f"only needed for containers: install the compose plugin, version {COMPOSE_MAJOR} or newer"
     if code:
-        return Finding("docker compose", "warning", "no such plugin", mend)
+        return Finding("docker compose", "warning", "no such plugin", remedy)
     major = output.removeprefix("v").partition(".")[0]
     if not major.isdigit() or int(major) < COMPOSE_MAJOR:
-        return Finding("docker compose", "warning", f"version {output}", mend)
+        return Finding("docker compose", "warning", f"version {output}", remedy)
     return Finding("docker compose", "ok", f"version {output}")
 
 

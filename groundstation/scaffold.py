@@ -93,7 +93,7 @@ def _check(kind: Kind, name: str) -> None:
     if keyword.iskeyword(name) or keyword.iskeyword(_class_of(name)):
         raise BadInput(f"{name}: a keyword of Python, or its class would be; take another name")
     for plugin in plugins.installed():
-        if (plugin.kind, plugin.name) == (cast(plugins.Door, kind), name):
+        if (plugin.kind, plugin.name) == (cast(plugins.PluginKind, kind), name):
             raise BadInput(f"{name}: a {kind} of that name is installed, of {plugin.source}; take another name")
     if find_spec(name) is not None:
         raise BadInput(f"{name}: Python has a module of that name; take another name")

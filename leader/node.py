@@ -13,10 +13,10 @@ class Leader:
 
     def __init__(self, welcome: Welcome) -> None:
         """Raises BadInput if `init` of the aggregation rule fails."""
-        self.complaints: list[str] = []  # texts for the world that were not sent yet
+        self.problems: list[str] = []  # texts for the world that were not sent yet
         scenario = decode(welcome.scenario)
         self._uavs = scenario.uavs
-        self._party = Party(scenario, "leader", np.zeros(0, dtype=np.intp), self.complaints)
+        self._party = Party(scenario, "leader", np.zeros(0, dtype=np.intp), self.problems)
 
     def act(self, sense: Sense) -> Act:
         """Compute one tick.

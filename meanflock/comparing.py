@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.channel.outlook import tell_of_lost_models
+from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.means import Means
@@ -163,7 +163,7 @@ def _fly(
     points: Mapping[Any, Sequence[Scenario]], jobs: int, out: str | Path | None, progress: Progress | None
 ) -> dict[Any, study.Summaries]:
     show = progress or (lambda _done, _total: None)
-    tell_of_lost_models(flights[0] for flights in points.values())
+    warn_of_lost_models(flights[0] for flights in points.values())
     try:
         if out is not None:
             return study.fly_all(points, jobs, show, Store(Path(out)))

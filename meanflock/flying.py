@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from meanflock.channel.outlook import tell_of_lost_models
+from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept, Sink
 from meanflock.groundstation.results.quantities import check_diagnostics
@@ -59,7 +59,7 @@ def fly(
     options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     flown = scenario_of(scenario, settings, **options)
     check_diagnostics(flown.method, flown.declared.diagnostics)
-    tell_of_lost_models([flown])
+    warn_of_lost_models([flown])
     memory = Kept()
     with ExitStack() as stack:
         outputs, run_id = None, f"{flown.method}-s{flown.seed}"

@@ -99,7 +99,7 @@ def _kept(done: int, total: int, store: Store | None) -> str:
 
 def key_of(flown: Scenario, study: str = STUDY) -> str:
     """Key of a run in the store. It changes with the files of plug-ins and the versions of their packages."""
-    found = (plugins.find(door, name) for door, name, _ in flown.plugins())
+    found = (plugins.find(kind, name) for kind, name, _ in flown.plugins())
     theirs = (
         plugin for plugin in found if not plugin.reference.startswith("meanflock.")
     )  # the store knows our version

@@ -24,16 +24,16 @@ def replace(path: Path, content: bytes | memoryview) -> None:
         raise
 
 
-def put(path: Path, content: bytes | memoryview, mend: str = "make room and repeat the command") -> Path:
+def put(path: Path, content: bytes | memoryview, remedy: str = "make room and repeat the command") -> Path:
     """Like `replace`, for an output of a command; returns the path.
 
     Raises:
-        RunFailed: the file cannot be written; `mend` is the advice in the message.
+        RunFailed: the file cannot be written; `remedy` is the advice in the message.
     """
     try:
         replace(path, content)
     except OSError as error:
-        raise RunFailed(f"{path}: {error.strerror}; {mend}") from error
+        raise RunFailed(f"{path}: {error.strerror}; {remedy}") from error
     return path
 
 

@@ -28,7 +28,7 @@ class MeanflockError(Exception):
 
 
 class BadInput(MeanflockError):
-    """A file, flag or variable that cannot be used; the message says what, where and how to mend it."""
+    """A file, flag or variable that cannot be used; the message says what, where and how to fix it."""
 
     exit_code = EXIT_BAD_INPUT
 
@@ -117,7 +117,7 @@ def lacking(error: BaseException, by: str, extra: str = "") -> str:
 
 
 def _is_there(library: str) -> bool:
-    """Whether the library is installed. If so, the error is a defect of it, which installing an extra does not mend."""
+    """Whether the library is installed. If so, the error is a defect of it, which installing an extra does not fix."""
     try:
         return find_spec(library) is not None
     except ValueError:

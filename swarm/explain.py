@@ -1,4 +1,4 @@
-"""Error messages for invalid scenarios: the key, what was expected, what it is, and how to mend it."""
+"""Error messages for invalid scenarios: the key, what was expected, what it is, and how to fix it."""
 
 import difflib
 import re
@@ -8,7 +8,7 @@ from typing import Any
 
 from msgspec import inspect
 
-MEND = "`meanflock scenario schema` lists every key with its unit and bounds"
+REMEDY = "`meanflock scenario schema` lists every key with its unit and bounds"
 _WORDS = {
     "int": "a whole number",
     "float": "a number",
@@ -20,10 +20,10 @@ _WORDS = {
 }
 
 
-def explain(message: str, root: type, table: dict[str, Any], where: str = "", mend: str = MEND) -> str:
+def explain(message: str, root: type, table: dict[str, Any], where: str = "", remedy: str = REMEDY) -> str:
     """Translate an error of msgspec about a `table`, which should be a `root`, into a message for users.
 
-    `where`: key of that table, if it is part of another. `mend`: a text that names the command that lists the keys.
+    `where`: key of that table, if it is part of another. `remedy`: a text that names the command that lists the keys.
     """
     text, _, path = message.partition(" - at ")
     place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
@@ -33,15 +33,15 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", me
     if unknown:
         meant = ".".join(filter(None, (where, _meant(root, place, unknown[1]))))
         meant = f"; did you mean `{meant}`?" if meant != where else ""
-        return f"{prefix}there is no key `{unknown[1]}`{meant}; {mend}"
+        return f"{prefix}there is no key `{unknown[1]}`{meant}; {remedy}"
     if text.startswith("Invalid "):
         choices = _choices(root, place)
-        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {mend}"
+        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {remedy}"
     if text.startswith("Expected "):
         expected, _, got = re.sub(r"`([\w |]+)`", lambda found: _in_words(found[1]), text).partition(", got ")
         got = _value_at(table, place) or got
-        return f"{prefix}e{expected[1:]}{f', got {got}' if got else ''}; {mend}"
-    return prefix + (text if ";" in text else f"{text}; {mend}")
+        return f"{prefix}e{expected[1:]}{f', got {got}' if got else ''}; {remedy}"
+    return prefix + (text if ";" in text else f"{text}; {remedy}")
 
 
 def _in_words(types: str) -> str:

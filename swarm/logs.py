@@ -33,10 +33,10 @@ class TextLines(logging.Formatter):
 class JsonLines(logging.Formatter):
     """Formatter of JSON: time, level, logger and message, then fields of the process, then fields of the record."""
 
-    def __init__(self, known: dict[str, Any]) -> None:
-        """`known`: fields of every line, such as run and node; read anew for each line."""
+    def __init__(self, fields: dict[str, Any]) -> None:
+        """`fields`: fields of every line, such as run and node; read anew for each line."""
         super().__init__()
-        self._known = known
+        self._fields = fields
 
     def format(self, record: logging.LogRecord) -> str:
         """Returns one line."""
@@ -45,7 +45,7 @@ class JsonLines(logging.Formatter):
             "level": record.levelname,
             "logger": record.name,
             "message": record.getMessage(),
-            **self._known,
+            **self._fields,
             **{name: record.__dict__[name] for name in FIELDS if name in record.__dict__},
         }
         if record.exc_info:
@@ -66,7 +66,7 @@ def check(form: str) -> str:
     return form
 
 
-def start(form: str, **known: Any) -> dict[str, Any]:
+def start(form: str, **fields: Any) -> dict[str, Any]:
     """Start the log on standard error, in a form, from the level $MEANFLOCK_LOG (default WARNING) on.
 
     Returns:
@@ -80,11 +80,11 @@ def start(form: str, **known: Any) -> dict[str, Any]:
         raise BadInput(f"MEANFLOCK_LOG={level}: choose one of {', '.join(_LEVELS)}")
     handler = logging.StreamHandler(sys.stderr)
     handler.set_name(_NAME)
-    handler.setFormatter(JsonLines(known) if check(form) == JSON else TextLines())
+    handler.setFormatter(JsonLines(fields) if check(form) == JSON else TextLines())
     stop()
     logging.root.addHandler(handler)
     logging.root.setLevel(level)
-    return known
+    return fields
 
 
 def stop() -> None:

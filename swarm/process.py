@@ -101,7 +101,7 @@ class Interrupted:
 
     def __init__(self) -> None:
         self.at_once: Callable[[], str] | None = None  # called before an immediate end; returns the error text
-        self._came = False
+        self._interrupted = False
         self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def __enter__(self) -> Self:
@@ -112,11 +112,11 @@ class Interrupted:
             signal.signal(number, handler)
 
     def __bool__(self) -> bool:
-        return self._came
+        return self._interrupted
 
     def _note(self, number: int, _frame: object) -> None:
-        if not self._came:
-            self._came = True
+        if not self._interrupted:
+            self._interrupted = True
             return
         if self.at_once is not None:
             with suppress(Exception):  # the process may be in any state

@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ROOMS = tuple(sorted(path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()))
-CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python door
+CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python API
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
 REPRODUCTION = sorted((ROOT / "reproduction").rglob("*.py"))  # of the source, not of the package
 MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR + REPRODUCTION
@@ -75,7 +75,7 @@ def room_of(module: str) -> str:
     if module.split(".")[0] == "reproduction":
         return "reproduction"
     second = module.split(".")[1] if "." in module else ""
-    return second if second in ROOMS else "door"
+    return second if second in ROOMS else "meanflock"
 
 
 def users_of(*libraries: str) -> set[str]:

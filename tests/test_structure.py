@@ -30,7 +30,7 @@ from tests.sources import (
     users_of,
 )
 
-MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
+MAY_IMPORT = {  # of the other rooms; `kind` is the package meanflock itself
     "kernels": set(),
     "swarm": {"kernels"},
     "federation": {"swarm"},
@@ -41,7 +41,7 @@ MAY_IMPORT = {  # of the other rooms; `door` is the package meanflock itself
 }
 MAY_IMPORT["groundstation"] = set(MAY_IMPORT)
 MAY_IMPORT["studies"] = set(MAY_IMPORT)
-MAY_IMPORT["door"] = set(MAY_IMPORT)
+MAY_IMPORT["meanflock"] = set(MAY_IMPORT)
 MAY_IMPORT["reproduction"] = set(MAY_IMPORT)
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 WITHIN = {  # of the other folders of groundstation; what lies beside them may be imported by all

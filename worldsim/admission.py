@@ -106,7 +106,7 @@ class Admission:
                 received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
                 self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
-                self._hear(keys.node_of(delivery.key), delivery.payload)
+                self._receive(keys.node_of(delivery.key), delivery.payload)
             elif delivery.kind == "question":
                 self._answer(delivery)
             elif delivery.kind == "oversized":
@@ -149,7 +149,7 @@ class Admission:
         assert member is not None
         self.lose(member, why)
         if out_s:
-            self.members.shut(member, self._clock() + out_s, f"is lost: {why}")
+            self.members.close_places(member, self._clock() + out_s, f"is lost: {why}")
 
     def dismiss(self, member: Member, why: str, lost: bool = False) -> None:
         """Stop a node and free its UAVs for another. `lost`: whether the node should join again."""
@@ -203,7 +203,7 @@ class Admission:
 
     # -- messages -----------------------------------------------------------------------------------------------
 
-    def _hear(self, name: str, raw: bytes) -> None:
+    def _receive(self, name: str, raw: bytes) -> None:
         member = self.members.get(name)
         if member is None:
             raise MessageRejected("unknown-node", name)
@@ -274,8 +274,8 @@ class Admission:
         join = control.decode(delivery.payload, limit=JOIN_BYTES)
         if not isinstance(join, Join):
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
-        if keys.node_of(delivery.key) != (asker := keys.asker(join.role, join.uav)):
-            raise MessageRejected("wrong-name", f"a Join of {asker}")
+        if keys.node_of(delivery.key) != (expected := keys.requested_name(join.role, join.uav)):
+            raise MessageRejected("wrong-name", f"a Join of {expected}")
         if self.closed and join.role != STATION:  # a station may still get the telemetry that waits
             delivery.reply(control.encode(Refusal("the flight is over", over=True)))
             return

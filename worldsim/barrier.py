@@ -224,7 +224,7 @@ class FrameMerger:
         senders: set[int] = set()
         for batch in batches:
             uavs = batch.source.tolist()
-            error = self._post.stray(batch, tick)
+            error = self._post.round_error(batch, tick)
             if error is None and not senders.isdisjoint(uavs):
                 error = MessageRejected("duplicate", f"two {batch.kind.name} frames of one UAV")
             if error is None:

@@ -245,9 +245,9 @@ class Checkpoints:
         checkpoint: Any = resume.checkpoint
         if checkpoint.get("scenario") != self._scenario.sha256():
             raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
-        for was, now in zip(checkpoint.get("plugins", ()), self._scenario.plugins(), strict=False):
-            if tuple(was) != now:
-                raise BadInput(f"the checkpoint is of {was[0]} {was[1]!r} of {was[2]}; here it is of {now[2]}")
+        for stored, now in zip(checkpoint.get("plugins", ()), self._scenario.plugins(), strict=False):
+            if tuple(stored) != now:
+                raise BadInput(f"the checkpoint is of {stored[0]} {stored[1]!r} of {stored[2]}; here it is of {now[2]}")
         try:
             self._flight.restore(checkpoint["flight"], resume.history)
             self._air.restore(checkpoint["air"])

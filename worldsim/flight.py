@@ -275,13 +275,13 @@ class Flight:
             self.any_lost = True
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
-    def rejoin(self, uavs: NDArray[np.intp], who: str) -> None:
+    def rejoin(self, uavs: NDArray[np.intp], node: str) -> None:
         """Take lost UAVs back into the mission, with a new controller. Arrived UAVs keep that status."""
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
             self.any_lost = bool(self.lost.any())
-            self._event("rejoined", f"{who} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
+            self._event("rejoined", f"{node} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
         """Fly one tick.

@@ -38,7 +38,7 @@ class Limits:
         memory = _record(
             "memory",
             f"controller {scenario.method!r} failed in `init` with UAV 0",
-            lambda: _begun(flyer, scenario),
+            lambda: _initial_memory(flyer, scenario),
         )
         rule = Rule(scenario)
         rule.check_radio(scenario)
@@ -64,7 +64,7 @@ class Limits:
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
-def _begun(flyer: Any, scenario: Scenario) -> dict[str, Any]:
+def _initial_memory(flyer: Any, scenario: Scenario) -> dict[str, Any]:
     """Initial memory of a controller for UAV 0; raises BadInput if its model has another size than declared."""
     memory: dict[str, Any] = flyer.init(np.arange(1), mission.starts(scenario))
     wanted = (1, scenario.declared.parameters)

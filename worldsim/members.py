@@ -83,7 +83,7 @@ class Members:
         self._lives: Counter[str] = Counter()
         self._admitted: dict[tuple[str, int], Member] = {}  # by role and token of their Join
         self._incumbent: str | None = None
-        self._shut: dict[int, tuple[float, str]] = {}  # closed places: until when, and why
+        self._closed: dict[int, tuple[float, str]] = {}  # closed places: until when, and why
         self._rejoins: defaultdict[int, deque[int]] = defaultdict(deque)  # ticks, by place
 
     def admit(self, join: Join, now_s: float = 0.0) -> Member:
@@ -135,17 +135,17 @@ class Members:
             ticks.append(tick)
             while tick - ticks[0] > rules.rejoin_ticks:
                 ticks.popleft()
-            if len(ticks) >= rules.rejoins and place not in self._shut:
+            if len(ticks) >= rules.rejoins and place not in self._closed:
                 too_often = True
         if too_often:
             why = f"joined again {rules.rejoins} times within {rules.rejoin_ticks} ticks, the most that "
-            self.shut(member, math.inf, f"{why}`pace.rejoins` and `pace.rejoin_ticks` allow")
+            self.close_places(member, math.inf, f"{why}`pace.rejoins` and `pace.rejoin_ticks` allow")
         return too_often
 
-    def shut(self, member: Member, until_s: float, why: str) -> None:
+    def close_places(self, member: Member, until_s: float, why: str) -> None:
         """Close the places of a node until a time."""
         for place in member.places:
-            self._shut[place] = max(self._shut.get(place, (0.0, "")), (until_s, why))
+            self._closed[place] = max(self._closed.get(place, (0.0, "")), (until_s, why))
 
     def lead(self) -> Member | None:
         """The elected leader among those that are ready; None if there is none."""
@@ -181,11 +181,11 @@ class Members:
 
     def _check_open(self, places: Sequence[int], now_s: float) -> None:
         for place in places:
-            until_s, why = self._shut.get(place, (0.0, ""))
+            until_s, why = self._closed.get(place, (0.0, ""))
             if until_s > now_s:
-                who = "the leader" if place == _LEADERS_PLACE else f"the agent of UAV {place}"
-                when = "for good" if until_s == math.inf else f"for {until_s - now_s:.0f} s"
-                raise JoinRefused(f"refused {when}: {who} {why}", for_now=until_s < math.inf)
+                holder = "the leader" if place == _LEADERS_PLACE else f"the agent of UAV {place}"
+                duration = "for good" if until_s == math.inf else f"for {until_s - now_s:.0f} s"
+                raise JoinRefused(f"refused {duration}: {holder} {why}", for_now=until_s < math.inf)
 
     def _wanted(self, join: Join, now_s: float) -> NDArray[np.intp]:
         if join.uav >= self._uavs:
@@ -194,7 +194,7 @@ class Members:
             raise JoinRefused("every UAV of this run has its agent already", for_now=True)
         rows = min(join.rows, self._rows_at_most or join.rows)
         if join.uav < 0:
-            usable = [uav for uav in self._free.tolist() if self._shut.get(uav, (0.0, ""))[0] <= now_s]
+            usable = [uav for uav in self._free.tolist() if self._closed.get(uav, (0.0, ""))[0] <= now_s]
             if not usable:
                 self._check_open(self._free.tolist(), now_s)
             return np.array(usable[:rows], dtype=np.intp)

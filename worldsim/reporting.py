@@ -44,9 +44,9 @@ class Outbox:
     dropped: blocks given up because too many waited.
     """
 
-    def __init__(self, *, keeps: bool = True) -> None:
-        """`keeps`: whether a station may ever listen; if not, nothing is encoded."""
-        self._keeps = keeps
+    def __init__(self, *, enabled: bool = True) -> None:
+        """`enabled`: whether a station may ever listen; if not, nothing is encoded."""
+        self._enabled = enabled
         self.dropped = 0
         self._checkpoint = -1  # the last block that contains a checkpoint
         self._waiting: deque[tuple[int, bytes]] = deque()
@@ -55,7 +55,7 @@ class Outbox:
 
     def add(self, block: Telemetry | Finished) -> None:
         """Keep a block until it is acknowledged; drop the oldest ones beyond the limit."""
-        if not self._keeps:
+        if not self._enabled:
             return
         raw = control.encode(block)
         if isinstance(block, Telemetry) and block.checkpoint:
@@ -118,9 +118,9 @@ class Reporter:
         post: Post,
         *,
         block_rows: int | None,
-        keeps: bool,
+        enabled: bool,
     ) -> None:
-        """`block_rows`: most rows of a block; None in real time. `keeps`: whether a station may ever listen."""
+        """`block_rows`: most rows of a block; None in real time. `enabled`: whether a station may ever listen."""
         uavs = flight.scenario.uavs
         self._bus = bus
         self._run = run
@@ -145,7 +145,7 @@ class Reporter:
             "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
         }
         self._outages = -1.0  # at the last row; below any count, so that the first row is looked at
-        self.outbox = Outbox(keeps=keeps)
+        self.outbox = Outbox(enabled=enabled)
         self.begin(0, 0)
 
     def begin(self, block: int, first_tick: int) -> None:

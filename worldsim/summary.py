@@ -113,7 +113,7 @@ class Counters:
         nodes_rejoined: nodes that joined in flight, in the place of a lost one or as a standby.
         uploads_refused: models that a node did not average.
         states_refused: implausible states that nodes received, one for each tick and sending UAV.
-        disbelieved: the UAVs that sent them.
+        implausible: the UAVs that sent them.
         wall_s: wall-clock time flown before the run was resumed.
         spread: distance of the models from their mean when last measured; None if never.
         drops: messages that the world rejected, by reason.
@@ -128,7 +128,7 @@ class Counters:
         self.nodes_rejoined = 0
         self.uploads_refused = 0
         self.states_refused = 0
-        self.disbelieved: set[int] = set()
+        self.implausible: set[int] = set()
         self.wall_s = 0.0
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
@@ -150,7 +150,7 @@ class Counters:
             "wall_s": wall_s,
             "spread": self.spread,
             "drops": dict(self.drops),
-            "disbelieved": sorted(self.disbelieved),
+            "implausible": sorted(self.implausible),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -159,7 +159,7 @@ class Counters:
             setattr(self, name, type(number)(snapshot[name]))
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
-        self.disbelieved = set(snapshot["disbelieved"])
+        self.implausible = set(snapshot["implausible"])
 
     def _numbers(self) -> dict[str, int | float]:
         return {name: value for name, value in vars(self).items() if isinstance(value, int | float)}

@@ -122,7 +122,7 @@ class World:
             self.counters,
             self.post,
             block_rows=block_rows if realtime is None else None,
-            keeps=telemetry,
+            enabled=telemetry,
         )
         self._note = self._reporter.note
         self.outbox = self._reporter.outbox
@@ -350,12 +350,12 @@ class World:
         """Store the commands and diagnostics of the replies; returns their frames, joined by kind."""
         barrier = self._barrier
         barrier.close()
-        disbelieved: set[int] = set()
+        implausible: set[int] = set()
         for name, member in barrier.asked.items():
             if (act := barrier.acts.get(name)) is not None and (len(act.refused) or len(act.lost) or act.memory):
-                disbelieved |= self._take_notice(member, act)
-        if disbelieved:
-            self._count_disbelieved(disbelieved)
+                implausible |= self._take_notice(member, act)
+        if implausible:
+            self._count_implausible(implausible)
         diverged = self._commands.store(barrier.commands, barrier.replied, self._awake, self.flight.on_way)
         if len(diverged):
             self.flight.lose(diverged, "diverged", "an answer beyond all bounds")
@@ -377,11 +377,11 @@ class World:
             self._note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged", uploads.tolist())
         return set(act.refused[act.refused >= 0].tolist())
 
-    def _count_disbelieved(self, uavs: set[int]) -> None:
+    def _count_implausible(self, uavs: set[int]) -> None:
         """Count each UAV once a tick, however many nodes refuse its states; name it once a run."""
         self.counters.states_refused += len(uavs)
-        if new := sorted(uavs - self.counters.disbelieved):
-            self.counters.disbelieved |= uavs
+        if new := sorted(uavs - self.counters.implausible):
+            self.counters.implausible |= uavs
             self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
     def _report(self, tick: int, checkpoint: bool) -> None:

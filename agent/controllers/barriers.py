@@ -119,8 +119,8 @@ class Ecbf(Barrier):
         along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
         speed = closing[..., 0] * closing[..., 0] + closing[..., 1] * closing[..., 1]
         bounds = -share * (speed + 2.0 * rate * along + 0.5 * rate * rate * (near.squared - distance * distance))
-        length = np.sqrt(np.where(near.there, near.squared, 1.0))
-        return np.where(near.there[..., None], away / length[..., None], 0.0), bounds / length
+        length = np.sqrt(np.where(near.present, near.squared, 1.0))
+        return np.where(near.present[..., None], away / length[..., None], 0.0), bounds / length
 
 
 class Braking(Barrier):
@@ -137,8 +137,8 @@ class Braking(Barrier):
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
         """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
-        length = np.sqrt(np.where(near.there, near.squared, 1.0))
-        normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)
+        length = np.sqrt(np.where(near.present, near.squared, 1.0))
+        normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)
         closing = near.closing
         along = normals[..., 0] * closing[..., 0] + normals[..., 1] * closing[..., 1]
         across = normals[..., 0] * closing[..., 1] - normals[..., 1] * closing[..., 0]

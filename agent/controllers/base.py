@@ -84,7 +84,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 class Controller:
     """Base class of controllers: override `step`, and `init` if it has a memory; declare what differs from these."""
 
-    door: ClassVar[Literal["controller"]] = "controller"
+    plugin_kind: ClassVar[Literal["controller"]] = "controller"
     name: ClassVar[str] = ""  # value of `method`
     Options: ClassVar[type[msgspec.Struct]] = Options
     parameters: int = 0  # floats of the model it shares with the federation

@@ -23,24 +23,24 @@ Slowing: TypeAlias = Annotated[float, Meta(gt=0, description="speed near the goa
 class Travel:
     """Velocities that rows would fly if they were alone."""
 
-    def __init__(self, scenario: Scenario, speed_m_s: float, slowing_1_s: float, stays: bool = False) -> None:
-        """`stays`: a UAV stays where it entered the destination, and does not fly on to the goal."""
+    def __init__(self, scenario: Scenario, speed_m_s: float, slowing_1_s: float, stays_inside: bool = False) -> None:
+        """`stays_inside`: a UAV stays where it entered the destination, and does not fly on to the goal."""
         self._speed = speed_m_s
         self._slowing = slowing_1_s
-        self._stays = stays
+        self._stays_inside = stays_inside
         self._radius = scenario.destination.radius
         self._goals = mission.goal_states(scenario)
 
     def init(self, uavs: NDArray[np.intp]) -> Memory:
         """Memory of rows with numbers (M,): the point to which each flies. Names begin with `travel_`."""
         memory: Memory = {"travel_end": self._goals[uavs, :AXES]}
-        if self._stays:
+        if self._stays_inside:
             memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
         return memory
 
     def velocity(self, memory: Memory, own: States) -> tuple[Memory, Plane]:
         """Memory after the tick, and velocities (M, 2) m/s: min(speed, slowing · distance) towards the goal."""
-        if self._stays:
+        if self._stays_inside:
             memory = self._arrive(memory, own)
         return memory, towards(memory["travel_end"], own, self._speed, self._slowing)
 
@@ -95,7 +95,7 @@ class Cruise(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, stays=True)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, stays_inside=True)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._travel.init(uavs)

@@ -28,7 +28,7 @@ _OWN = 0  # the number of the filter's broadcast
 class Filter:
     """Base class of filters: override `admit`; declare its options and the diagnostics that it reports."""
 
-    door: ClassVar[Literal["filter"]] = "filter"
+    plugin_kind: ClassVar[Literal["filter"]] = "filter"
     name: ClassVar[str] = ""  # value of `filter.kind`
     Options: ClassVar[type[msgspec.Struct]] = Options
     columns: tuple[str, ...] = ()  # diagnostics of the filter, after those of the controller and before `unsent`
@@ -47,9 +47,9 @@ class Filter:
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
             raise ValueError(f"`columns` {self.columns} must be different names, and none of them {_UNSENT!r}")
-        theirs = tuple(inner.diagnostics)
-        mine = tuple(PREFIX + name if name in theirs else name for name in (*self.columns, _UNSENT))
-        self.diagnostics = (*theirs, *mine)
+        inner_names = tuple(inner.diagnostics)
+        own_names = tuple(PREFIX + name if name in inner_names else name for name in (*self.columns, _UNSENT))
+        self.diagnostics = (*inner_names, *own_names)
         self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
         self.pairwise = True  # it knows a state of every other UAV
         self.shares = True
@@ -71,27 +71,27 @@ class Filter:
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """See `Controller.init`."""
-        theirs = self.inner.init(uavs, plan)
-        if taken := sorted(name for name in theirs if name.startswith(PREFIX)):
+        inner_memory = self.inner.init(uavs, plan)
+        if taken := sorted(name for name in inner_memory if name.startswith(PREFIX)):
             raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the filter")
-        return theirs | _named(self._neighbours.init(uavs, plan))
+        return inner_memory | _prefixed(self._neighbours.init(uavs, plan))
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """See `Controller.step`."""
-        theirs, mine = _apart(memory)
-        step = self.inner.step(theirs, tick, own.copy(), _of_inner(received))
+        inner_memory, own_memory = _split(memory)
+        step = self.inner.step(inner_memory, tick, own.copy(), _of_inner(received))
         wanted = step.acceleration
         if np.shape(wanted) != (len(own), 2):
             raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
-        mine, refused = self._neighbours.receive(mine, tick, received, _OWN)
-        others = self._neighbours.states(mine, tick)
-        acceleration, reported = self._admitted(own, others, mine["neighbour_uav"], wanted)
-        mine, broadcast = self._neighbours.speak(mine, tick, own)
-        theirs_reported = () if step.diagnostics is None else (step.diagnostics,)
+        own_memory, refused = self._neighbours.receive(own_memory, tick, received, _OWN)
+        others = self._neighbours.states(own_memory, tick)
+        acceleration, reported = self._admitted(own, others, own_memory["neighbour_uav"], wanted)
+        own_memory, broadcast = self._neighbours.broadcast_states(own_memory, tick, own)
+        inner_reported = () if step.diagnostics is None else (step.diagnostics,)
         return Step(
-            step.memory | _named(mine),
+            step.memory | _prefixed(own_memory),
             acceleration,
-            np.concatenate([*theirs_reported, reported, self._neighbours.unsent(mine)], axis=1),
+            np.concatenate([*inner_reported, reported, self._neighbours.unsent(own_memory)], axis=1),
             (broadcast, *step.broadcasts),
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
@@ -112,31 +112,31 @@ class Filter:
 
     def get(self, memory: Memory) -> Floats:
         """See `Controller.get`."""
-        return self.inner.get(_apart(memory)[0])
+        return self.inner.get(_split(memory)[0])
 
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """See `Controller.set`."""
-        theirs, mine = _apart(memory)
-        return self.inner.set(theirs, rows, models) | _named(mine)
+        inner_memory, own_memory = _split(memory)
+        return self.inner.set(inner_memory, rows, models) | _prefixed(own_memory)
 
     def samples(self, memory: Memory) -> Floats:
         """See `Controller.samples`."""
-        return self.inner.samples(_apart(memory)[0])
+        return self.inner.samples(_split(memory)[0])
 
     def report(self, memory: Memory) -> Floats:
         """See `Controller.report`."""
-        return self.inner.report(_apart(memory)[0])
+        return self.inner.report(_split(memory)[0])
 
 
-def _named(mine: Memory) -> Memory:
-    return {PREFIX + name: array for name, array in mine.items()}
+def _prefixed(own_memory: Memory) -> Memory:
+    return {PREFIX + name: array for name, array in own_memory.items()}
 
 
-def _apart(memory: Memory) -> tuple[Memory, Memory]:
+def _split(memory: Memory) -> tuple[Memory, Memory]:
     """The memories of the controller and of the filter, each with its own names."""
-    theirs = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
-    mine = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
-    return theirs, mine
+    inner_memory = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
+    own_memory = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
+    return inner_memory, own_memory
 
 
 def _of_inner(received: Sequence[Received]) -> tuple[Received, ...]:

@@ -64,7 +64,7 @@ class Aggregator:
     Models are in ascending order of their UAVs, so the order of arrival has no effect.
     """
 
-    door: ClassVar[Literal["aggregator"]] = "aggregator"
+    plugin_kind: ClassVar[Literal["aggregator"]] = "aggregator"
     name: ClassVar[str] = ""  # value of `federation.aggregation`
     Options: ClassVar[type[msgspec.Struct]] = Options
     complete: ClassVar[int] = 0  # uploads without a lost fragment that a round needs

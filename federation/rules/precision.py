@@ -39,11 +39,13 @@ class Precision(Aggregator):
         arrived = uploads.arrived.reshape(parts.shape)
         complete = arrived.all(axis=1)  # a mean without its precision counts as unknown, and so does the reverse
         weights = np.where(complete, np.maximum(parts[:, -1], 0.0), 0.0)
-        total, weighed, plain = np.zeros_like(weights[0]), np.zeros_like(parts[0, :-1]), np.zeros_like(parts[0, :-1])
+        weight_sum = np.zeros_like(weights[0])
+        weighted_sum = np.zeros_like(parts[0, :-1])
+        plain_sum = np.zeros_like(parts[0, :-1])
         for means, weight in zip(parts[:, :-1], weights, strict=True):
-            total = total + weight
-            weighed = weighed + weight * means
-            plain = plain + means
-        known = total > 0.0
-        mean = np.where(known, weighed / np.where(known, total, 1.0), plain / len(parts))
-        return state, np.concatenate([mean, (total / np.maximum(complete.sum(axis=0), 1))[None]]).reshape(-1)
+            weight_sum = weight_sum + weight
+            weighted_sum = weighted_sum + weight * means
+            plain_sum = plain_sum + means
+        is_weighted = weight_sum > 0.0
+        mean = np.where(is_weighted, weighted_sum / np.where(is_weighted, weight_sum, 1.0), plain_sum / len(parts))
+        return state, np.concatenate([mean, (weight_sum / np.maximum(complete.sum(axis=0), 1))[None]]).reshape(-1)

@@ -59,7 +59,7 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class Topology:
     """Base class of topologies; override `hops`."""
 
-    door: ClassVar[Literal["topology"]] = "topology"
+    plugin_kind: ClassVar[Literal["topology"]] = "topology"
     name: ClassVar[str] = ""  # value of `federation.topology`
     Options: ClassVar[type[msgspec.Struct]] = Options
 

@@ -100,13 +100,13 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
 
 def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
     """Warn of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
-    from meanflock.channel.outlook import tell_of_lost_models
+    from meanflock.channel.outlook import warn_of_lost_models
     from meanflock.worldsim.faults import never
 
     flights = list(flights)
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
         logs.tell(f"warning: {text}", logging.WARNING)
-    tell_of_lost_models(flights)
+    warn_of_lost_models(flights)
 
 
 def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:

@@ -141,8 +141,8 @@ def main(arguments: list[str] | None = None) -> int:
     except BaseException as error:
         if isinstance(error, Exception):  # a defect of meanflock: show the traceback
             raise
-        mend = "a plug-in must raise an Exception; what was flown is kept"
-        logs.tell(f"error: the command was ended by {last_line(error)}; {mend}", logging.ERROR)
+        remedy = "a plug-in must raise an Exception; what was flown is kept"
+        logs.tell(f"error: the command was ended by {last_line(error)}; {remedy}", logging.ERROR)
         code = EXIT_RUN_FAILED
     finally:
         logs.stop()

@@ -139,4 +139,4 @@ def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_pr
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
     for finding in needs:
         if finding.verdict == "fails":
-            raise BadInput(f"{finding.what}: {finding.found}; {finding.mend}")
+            raise BadInput(f"{finding.what}: {finding.found}; {finding.remedy}")

@@ -176,5 +176,5 @@ def missing(folder: Path, series: Past, there: Recorded, uavs: int) -> Iterator[
 
 def _events(folder: Path, series: Past, uavs: int) -> list[Event]:
     """Read the events; raises BadInput if some are missing or damaged."""
-    mend = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
-    return past_events(folder / EVENTS, series.events_bytes, uavs, mend)
+    remedy = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
+    return past_events(folder / EVENTS, series.events_bytes, uavs, remedy)

@@ -108,11 +108,11 @@ def lock(file: IO[Any], folder: Path) -> None:
         raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
 
 
-def past_events(path: Path, size: int, uavs: int, mend: str) -> list[Event]:
+def past_events(path: Path, size: int, uavs: int, remedy: str) -> list[Event]:
     """Read the events in the first `size` bytes of the file.
 
     Raises:
-        BadInput: some of them are missing or damaged; `mend` is the advice in the message.
+        BadInput: some of them are missing or damaged; `remedy` is the advice in the message.
     """
     try:
         with path.open("rb") as file:
@@ -121,9 +121,9 @@ def past_events(path: Path, size: int, uavs: int, mend: str) -> list[Event]:
             raise ValueError(f"{len(content)} bytes of the {size} that belong to what was flown")
         return [_event(json.loads(line), uavs) for line in content.splitlines()]
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+        raise BadInput(f"{path}: {error.strerror}; {remedy}") from error
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
-        raise BadInput(f"{path}: damaged ({error}); {mend}") from error
+        raise BadInput(f"{path}: damaged ({error}); {remedy}") from error
 
 
 def _event(row: Any, uavs: int) -> Event:

@@ -75,8 +75,8 @@ class Flight:
         self.ticks = self._series.ticks
         self.columns = self._series.columns
         self.finished = (folder / SUMMARY).is_file()
-        mend = "bring the file back"
-        self._events = past_events(folder / EVENTS, self._series.events_bytes, self.scenario.uavs, mend)
+        remedy = "bring the file back"
+        self._events = past_events(folder / EVENTS, self._series.events_bytes, self.scenario.uavs, remedy)
 
     def pieces(self) -> Iterator[Piece]:
         """The flight in the order of the ticks.

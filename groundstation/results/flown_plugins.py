@@ -18,8 +18,8 @@ def files(flown: Scenario) -> dict[str, bytes]:
         BadInput: a file has changed since it was loaded, or cannot be read; or a plug-in is not installed here.
     """
     found: dict[str, bytes] = {}
-    for door, name, fingerprint in flown.plugins():
-        plugin = plugins.find(door, name)
+    for kind, name, fingerprint in flown.plugins():
+        plugin = plugins.find(kind, name)
         if not plugins.is_file(plugin) or plugin.source == plugins.HERE:
             continue
         path = Path(plugin.source)
@@ -69,9 +69,9 @@ def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]])
     for before, now in zip(was, flown.plugins(), strict=False):
         if tuple(before) != now:
             copies = _copies(folder)
-            mend = f"read the copy of what flew and name that: {copies}" if copies else "install that version again"
+            remedy = f"read the copy of what flew and name that: {copies}" if copies else "install that version again"
             raise BadInput(
-                f"{folder}: it flew {before[0]} {before[1]!r} of {before[2]}; here it is of {now[2]}; {mend}"
+                f"{folder}: it flew {before[0]} {before[1]!r} of {before[2]}; here it is of {now[2]}; {remedy}"
             )
 
 

@@ -81,9 +81,9 @@ class RunFolder:
                 like another column. A folder with a past is then as it was.
         """
         self.path = parent / run_id
-        mend = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
+        remedy = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
         if past is not None:
-            past_events(self.path / EVENTS, past.events_bytes, flown.uavs, mend)
+            past_events(self.path / EVENTS, past.events_bytes, flown.uavs, remedy)
         check_diagnostics(flown.method, flown.declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
         self._over = False
@@ -105,7 +105,7 @@ class RunFolder:
             raise self._unusable(error, new) from error
         except MessageRejected as error:
             self._events.close()
-            raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {mend}") from error
+            raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {remedy}") from error
         self._assembly = Assembly()
         self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
@@ -305,8 +305,8 @@ def unreadable(path: Path, error: OSError) -> BadInput:
     """The error of a time series that cannot be read, with advice."""
     written = path.with_name(SCENARIO)
     again = f"bring the file back, or fly the run again with `meanflock run {written}`"
-    mend = again if written.is_file() else "name the folder of a run"
-    return BadInput(f"{path}: {error.strerror or error}; {mend}")
+    remedy = again if written.is_file() else "name the folder of a run"
+    return BadInput(f"{path}: {error.strerror or error}; {remedy}")
 
 
 def check_flown(path: Path, ticks: int) -> None:
@@ -333,12 +333,12 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         kept = control.decode_record(whole["record"])
         return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
-        mend = "name the folder of a run that was flown for a hundred ticks and did not finish"
-        raise BadInput(f"{path}: {error.strerror}; {mend}") from error
+        remedy = "name the folder of a run that was flown for a hundred ticks and did not finish"
+        raise BadInput(f"{path}: {error.strerror}; {remedy}") from error
     except (MessageRejected, KeyError, TypeError) as error:
-        mend = f"fly it again with `meanflock run {folder / SCENARIO}`"
+        remedy = f"fly it again with `meanflock run {folder / SCENARIO}`"
         raise BadInput(
-            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {mend}"
+            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {remedy}"
         ) from error
 
 

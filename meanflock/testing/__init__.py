@@ -5,7 +5,7 @@
     def test_mine() -> None:
         check_controller(Mine)
 
-Each check raises `ConformanceError`, an AssertionError with the result, the expected one, and what to mend.
+Each check raises `ConformanceError`, an AssertionError with the result, the expected one, and what to fix.
 """
 
 from meanflock.testing.aggregator import check_aggregator

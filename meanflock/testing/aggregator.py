@@ -41,7 +41,7 @@ def check_aggregator(
         slow_ms: limit of the median time of a round of 25 models, or of all UAVs if there are fewer.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     check_class(aggregator, "aggregator")
     flown = msgspec.structs.replace(scenario or Scenario(), federation=Scenario().federation)
@@ -98,13 +98,13 @@ def check_aggregator(
         return with_other_randomness(run, seed)
 
     first, state = rounds(1)
-    for again, why, mend in (
+    for again, why, remedy in (
         (rounds(2), "the same rounds differed in a second run", "draw nothing from global generators"),
         (rounds(1, afresh=True), "rounds that continue from a checkpoint differ", "keep all you remember in the state"),
     ):
         models, after = again
         if not all(same(one, other) for one, other in zip(first, models, strict=True)) or alike(state, after):
-            fail(aggregator, why, mend)
+            fail(aggregator, why, remedy)
 
     rule: Aggregator = make(aggregator, options, flown)
     rule_state, uavs = _begun(rule, MODEL), np.arange(min(SWARM, flown.uavs))
@@ -126,6 +126,6 @@ def _is_mean(model: np.ndarray, models: np.ndarray, weights: Any) -> bool:
 
 def _begun(rule: Aggregator, parameters: int) -> State:
     """Initial state of a rule."""
-    state = asked(type(rule), rule.init, parameters, mend="return a dict of arrays")
+    state = asked(type(rule), rule.init, parameters, remedy="return a dict of arrays")
     check_kept(type(rule), "state", state)
     return state

@@ -31,7 +31,7 @@ def check_channel(
         slow_ms: limit of the median time of a message over 600 links.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     check_class(channel, "channel")
     flown = scenario or Scenario()
@@ -49,11 +49,11 @@ def check_channel(
                         set_random_state(rng, saved)
                         made = make(channel, options or {}, flown)
                     answer = asked(
-                        channel, made.transmit, distance, bits, rng, mend=f"{links} links must do, as any number"
+                        channel, made.transmit, distance, bits, rng, remedy=f"{links} links must do, as any number"
                     )
                     if not same(given, distance):
                         fail(channel, "`transmit` writes to the distances", "copy before you write")
-                    form = asked(channel, made.expected, distance, bits, mend=f"{links} links must do, as any number")
+                    form = asked(channel, made.expected, distance, bits, remedy=f"{links} links must do, as any number")
                     try:
                         all_sent += map(np.array, carried(answer, links))
                         all_sent.append(np.array(closed_form(form) or ()))
@@ -64,7 +64,7 @@ def check_channel(
         return with_other_randomness(run, seed)
 
     first = sent(1, 7)
-    for again, what, mend in (
+    for again, what, remedy in (
         (sent(2, 7), "the same messages differed in a second run", "draw from the generator you are given"),
         (
             sent(1, 7, afresh=True),
@@ -73,7 +73,7 @@ def check_channel(
         ),
     ):
         if not all(same(one, other) for one, other in zip(first, again, strict=True)):
-            fail(channel, what, mend)
+            fail(channel, what, remedy)
     made = make(channel, options or {}, flown)
     rng = np.random.default_rng(8)
     distance = np.linspace(1.0, 200.0, ALL_LINKS)

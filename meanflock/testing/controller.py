@@ -35,7 +35,7 @@ def check_controller(
             slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     check_class(controller, "controller")
     flown = scenario or Scenario(uavs=UAVS)
@@ -51,16 +51,16 @@ def check_controller(
     vars(flown)["declared"] = swarm.declared  # the class need not be registered under its name
     check_swarm(swarm, slow_ms)
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
-        from meanflock.channel.outlook import tell_of_lost_models
+        from meanflock.channel.outlook import warn_of_lost_models
 
-        tell_of_lost_models([flown])
+        warn_of_lost_models([flown])
 
 
 def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     """Check everything that a flight relies on.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     _silence(swarm)
     _empty_rows(swarm)
@@ -139,10 +139,10 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     ):
         if not width:
             continue
-        expected, mend = (len(swarm.uavs), width), f"return one row a UAV, `{name}` wide"
-        table = asked(plugin, method, together.memory, mend=mend)
+        expected, remedy = (len(swarm.uavs), width), f"return one row a UAV, `{name}` wide"
+        table = asked(plugin, method, together.memory, remedy=remedy)
         if np.shape(table) != expected:
-            fail(plugin, f"`{called}` returns shape {np.shape(table)}, expected {expected}", mend)
+            fail(plugin, f"`{called}` returns shape {np.shape(table)}, expected {expected}", remedy)
         if not np.isfinite(table).all():
             fail(plugin, f"`{called}` returns a number that is not finite", "guard divisions, roots and empty sums")
     if not parameters:
@@ -151,8 +151,8 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     rows = np.array([0, len(swarm.uavs) - 1])
     before = {name: array.copy() for name, array in together.memory.items()}
     models = np.stack([model, model])
-    mend = "return the memory with `models` in its rows `rows`"
-    after = asked(plugin, made.set, together.memory, rows, models, mend=mend)
+    remedy = "return the memory with `models` in its rows `rows`"
+    after = asked(plugin, made.set, together.memory, rows, models, remedy=remedy)
     if not same(models, np.stack([model, model])) or not same(rows, np.array([0, len(swarm.uavs) - 1])):
         fail(plugin, "`set` writes to an array it was given", _PURE)
     if (written := alike(before, together.memory)) is not None:
@@ -160,7 +160,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     try:
         check_same_form("memory", after, together.memory)
     except (TypeError, ValueError) as error:
-        fail(plugin, f"`set` returns what a flight cannot use: {error}", mend)
+        fail(plugin, f"`set` returns what a flight cannot use: {error}", remedy)
     got, had = made.get(after), made.get(together.memory)
     if not np.allclose(got[rows], model):
         fail(plugin, "`get` does not return what was `set`", "store the model in the memory")

@@ -10,29 +10,29 @@ from numpy.typing import NDArray
 
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins import guard
-from meanflock.swarm.plugins.registry import Door, checked
+from meanflock.swarm.plugins.registry import PluginKind, checked
 
 T = TypeVar("T")
 
 
 class ConformanceError(AssertionError):
-    """A plug-in fails a check of its conformance suite; the text says what to mend."""
+    """A plug-in fails a check of its conformance suite; the text says what to fix."""
 
 
-def fail(plugin: Any, what: str, mend: str) -> NoReturn:
+def fail(plugin: Any, what: str, remedy: str) -> NoReturn:
     """Raises ConformanceError."""
-    raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {what}; {mend}")
+    raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {what}; {remedy}")
 
 
-def check_class(plugin: Any, door: Door) -> None:
+def check_class(plugin: Any, kind: PluginKind) -> None:
     """Check the class before an instance is made."""
     if not isinstance(plugin, type):
         fail(plugin, "it is no class", "pass the class itself, neither its name nor an instance")
     for attribute in ("name", "Options"):
         if not getattr(plugin, attribute, None):
-            fail(plugin, f"it has no `{attribute}`", "derive it from the base class of its door and give it a name")
+            fail(plugin, f"it has no `{attribute}`", "derive it from the base class of its kind and give it a name")
     try:
-        checked(door, plugin.name, plugin, plugin.__module__)  # type: ignore[attr-defined]
+        checked(kind, plugin.name, plugin, plugin.__module__)  # type: ignore[attr-defined]
     except BadInput as error:
         fail(plugin, str(error), "no flight takes it")
 
@@ -55,12 +55,12 @@ def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
         )
 
 
-def asked(plugin: type, method: Callable[..., T], *given: Any, mend: str) -> T:
+def asked(plugin: type, method: Callable[..., T], *given: Any, remedy: str) -> T:
     """Call a method; an exception fails the check."""
     try:
         return method(*given)
     except FAILURES as error:
-        fail(plugin, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", mend)
+        fail(plugin, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", remedy)
 
 
 def check_kept(plugin: type, what: str, arrays: Any, rows: int | None = None) -> None:

@@ -59,7 +59,7 @@ def check_filter(
             Its [filter] decides when states are broadcast. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     check_class(filter_, "filter")
     flown, given = scenario or Scenario(uavs=UAVS), options or {}
@@ -82,7 +82,7 @@ def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
     wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)
     given = [swarm.plan.copy(), others, swarm.uavs.copy(), wanted]
     before = copies(given)
-    answer = asked(plugin, made.admit, *given, mend="any states must do")
+    answer = asked(plugin, made.admit, *given, remedy="any states must do")
     if not isinstance(answer, tuple) or len(answer) != 2:
         fail(
             plugin,
@@ -96,7 +96,7 @@ def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
         fail(plugin, "`admit` writes to an array it was given", "return new arrays; copy before you write")
     wanted[0] = np.nan
     with np.errstate(invalid="ignore"):
-        admitted, _ = cast(Any, asked(plugin, made.admit, *given, mend="a command that is no number must do, too"))
+        admitted, _ = cast(Any, asked(plugin, made.admit, *given, remedy="a command that is no number must do, too"))
     if np.isfinite(admitted[0]).all():
-        mend = "let it pass, so that the UAV is lost and not flown by chance"
-        fail(plugin, "it returns a finite command for one that is not finite", mend)
+        remedy = "let it pass, so that the UAV is lost and not flown by chance"
+        fail(plugin, "it returns a finite command for one that is not finite", remedy)

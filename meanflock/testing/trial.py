@@ -69,7 +69,7 @@ class PointSwarm:
 
                 check_diagnostics(controller.name, self.declared.diagnostics)
         except BadInput as error:
-            fail(controller, str(error), "mend the declaration")
+            fail(controller, str(error), "fix the declaration")
 
     def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
         """Initial memory of UAVs with numbers (M,)."""
@@ -93,7 +93,7 @@ class PointSwarm:
         try:
             return made.step(memory, tick, own, received)
         except FAILURES as error:
-            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "mend it")
+            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "fix it")
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """Check a step after the memory `before`; returns its commands (M, 2 + K)."""
@@ -109,8 +109,8 @@ class PointSwarm:
         check_kept(self.controller, "memory", step.memory)
         for number, broadcast in enumerate(step.broadcasts):
             if not np.isfinite(broadcast.payload).all():
-                mend = "such a frame is not sent; guard divisions, roots and empty sums"
-                fail(self.controller, f"broadcast {number} has a number that is not finite", mend)
+                remedy = "such a frame is not sent; guard divisions, roots and empty sums"
+                fail(self.controller, f"broadcast {number} has a number that is not finite", remedy)
         if not np.isfinite(commands).all():
             fail(
                 self.controller, "`step` returned a number that is not finite", "guard divisions, roots and empty sums"
@@ -166,9 +166,10 @@ class PointSwarm:
         memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
         models = np.zeros((len(own), 0))
         if self.declared.parameters:
-            mend = "return one row a UAV, `parameters` wide"
+            remedy = "return one row a UAV, `parameters` wide"
             found = [
-                asked(self.controller, one.get, stored, mend=mend) for one, stored in zip(made, memories, strict=True)
+                asked(self.controller, one.get, stored, remedy=remedy)
+                for one, stored in zip(made, memories, strict=True)
             ]
             models = np.concatenate(found)
         return Trial(commands, broadcasts, memory, models)

@@ -35,7 +35,7 @@ def check_vehicle(
             UAVs. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
-        ConformanceError: a check fails; the text says what to mend.
+        ConformanceError: a check fails; the text says what to fix.
     """
     check_class(vehicle, "vehicle")
     flown = scenario or Scenario(uavs=UAVS)
@@ -56,13 +56,13 @@ def check_vehicle(
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, push, noise, *hidden.values()]
                 before = copies(given)
-                answer = asked(vehicle, made.step, states, hidden, push, noise, mend="any number of UAVs must do")
+                answer = asked(vehicle, made.step, states, hidden, push, noise, remedy="any number of UAVs must do")
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     came = f"`step` returns a {type(answer).__name__}"
                     fail(vehicle, came, "return the states and the hidden state")
                 states, hidden = answer
                 check_kept(vehicle, "hidden", hidden)
-                power = asked(vehicle, made.power, states, hidden, push, mend="any number of UAVs must do")
+                power = asked(vehicle, made.power, states, hidden, push, remedy="any number of UAVs must do")
                 check_same_form(vehicle, "hidden", hidden, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
@@ -78,7 +78,7 @@ def check_vehicle(
 
     together = flown_by(1)
     flown_by(1, slice(0, 0))
-    for again, what, mend in (
+    for again, what, remedy in (
         (flown_by(2), "the same flight differed in a second run", "all noise is in the argument `noise`"),
         (
             flown_by(1, afresh=True),
@@ -87,7 +87,7 @@ def check_vehicle(
         ),
     ):
         if not all(same(one, other) for one, other in zip(together, again, strict=True)):
-            fail(vehicle, what, mend)
+            fail(vehicle, what, remedy)
     for row in range(UAVS):
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
@@ -105,7 +105,7 @@ def check_vehicle(
 
 def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
     """The hidden state at take-off."""
-    hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, mend="return a dict of arrays, a row a UAV")
+    hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, remedy="return a dict of arrays, a row a UAV")
     check_kept(type(made), "hidden", hidden, uavs)
     return hidden
 

@@ -83,7 +83,7 @@ def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
     """Zenoh's `access_control` for a run: each agent, the leader and the station may use their own keys only."""
     rules_of_node = {LEADER: _node(run, LEADER, LEADER), STATION: _station(run)}
     for uav in range(0, uavs, uavs_per_process):
-        name = keys.asker("agent", uav)
+        name = keys.requested_name("agent", uav)
         rules_of_node[name] = _node(run, "agent", name)
     numbered = {
         name: [

@@ -35,7 +35,7 @@ _MOST_RETURNS = 3  # rejoins of a node that was stopped; each costs all others t
 class Node(Protocol):
     """Agent or leader."""
 
-    complaints: list[str]  # problems to report to the world; the client reports and clears them
+    problems: list[str]  # problems to report to the world; the client reports and clears them
 
     def act(self, sense: Sense) -> Act:
         """Reply to a Sense; MessageRejected leaves the node unchanged."""
@@ -76,14 +76,14 @@ class NodeClient:
         welcome = self._ask(request, timeout_s, cancelled)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
-        self._speak = keys.act(self._run, welcome.node)
+        self._act_key = keys.act(self._run, welcome.node)
         self._blank = np.zeros((len(welcome.uavs), state.SIZE))  # of the states of a Sense
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
         except BadInput as error:  # the world logs it too, so that its user sees it
             why = f"{welcome.node} on host {platform.node()}: {error}"
-            self._bus.put(self._speak, control.encode(Refusal(why)))
+            self._bus.put(self._act_key, control.encode(Refusal(why)))
             raise BadInput(why) from error
         self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
@@ -133,10 +133,10 @@ class NodeClient:
             if sense.tick > self._last_tick:
                 self._last_act = tick.write_act(self._node.act(sense))
                 self._last_tick = sense.tick
-                if self._node.complaints:
-                    self._complain(self._node.complaints)
+                if self._node.problems:
+                    self._report_problems(self._node.problems)
             # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
-            self._bus.put(self._speak, self._last_act)
+            self._bus.put(self._act_key, self._last_act)
         except MessageRejected as error:
             self._drop(key, error)
 
@@ -148,7 +148,7 @@ class NodeClient:
 
     def _ask(self, request: Join, timeout_s: float, cancelled: Callable[[], bool]) -> Message:
         """The first answer of a world that is not a temporary refusal."""
-        question, raw = keys.join(self._run, keys.asker(request.role, request.uav)), control.encode(request)
+        question, raw = keys.join(self._run, keys.requested_name(request.role, request.uav)), control.encode(request)
         failure = BusError(f"no world of run {self._run!r} answered within {timeout_s:.0f} s")
         end = time.monotonic() + timeout_s
         while True:
@@ -186,14 +186,14 @@ class NodeClient:
         except MessageRejected as error:
             self._drop(key, error)
 
-    def _complain(self, complaints: list[str]) -> None:
+    def _report_problems(self, problems: list[str]) -> None:
         """Report problems to the world."""
-        for text in complaints:
-            self._bus.put(self._speak, control.encode(Event(self._last_tick, "failed", text)))
-        complaints.clear()
+        for text in problems:
+            self._bus.put(self._act_key, control.encode(Event(self._last_tick, "failed", text)))
+        problems.clear()
 
     def _ready(self) -> None:
-        self._bus.put(self._speak, control.encode(Ready(self._fingerprint)))
+        self._bus.put(self._act_key, control.encode(Ready(self._fingerprint)))
 
 
 def take_part(
@@ -285,8 +285,8 @@ def _check_plugins(welcome: Welcome, role: str) -> None:
     Raises:
         BadInput: one is missing, or has another version here.
     """
-    for door, name, fingerprint in welcome.plugins:
-        if door in ("controller", "filter") or (door == "aggregator" and role == "leader"):
-            here = plugins.find(door, name)
+    for kind, name, fingerprint in welcome.plugins:
+        if kind in ("controller", "filter") or (kind == "aggregator" and role == "leader"):
+            here = plugins.find(kind, name)
             if here.fingerprint != fingerprint:
-                raise BadInput(f"{door} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")
+                raise BadInput(f"{kind} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

@@ -29,13 +29,13 @@ def fingerprint(run: str) -> int:
     return zlib.crc32(run.encode())
 
 
-def asker(role: str, uav: int = -1) -> str:
+def requested_name(role: str, uav: int = -1) -> str:
     """The name under which a node asks to join: its own, or its role if the world may choose its UAVs."""
     return f"{role}-{uav}" if uav >= 0 else role
 
 
 def join(run: str, name: str = "*") -> str:
-    """Key of questions to join; `name` is that of `asker`."""
+    """Key of questions to join; `name` is that of `requested_name`."""
     return f"{ROOT}/{run}/node/{name}/join"
 
 

@@ -286,8 +286,8 @@ class ZenohBus:
 
     def watch(self, key: str) -> None:
         def receive(sample: zenoh.Sample) -> None:
-            came = sample.kind == zenoh.SampleKind.PUT
-            self._backlog.put(Delivery("alive" if came else "gone", str(sample.key_expr)))
+            is_alive = sample.kind == zenoh.SampleKind.PUT
+            self._backlog.put(Delivery("alive" if is_alive else "gone", str(sample.key_expr)))
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, receive, history=True))
 

@@ -89,8 +89,8 @@ def check_same_form(what: str, after: Any, before: Mapping[str, NDArray[Any]]) -
         if array is not first and (
             not isinstance(array, np.ndarray) or array.dtype != first.dtype or array.shape != first.shape
         ):
-            came = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
-            raise ValueError(f"{what}[{name!r}] is {came}; of `init` it was {first.shape} {first.dtype}")
+            found = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
+            raise ValueError(f"{what}[{name!r}] is {found}; of `init` it was {first.shape} {first.dtype}")
 
 
 def _check_dict(what: str, arrays: Any) -> None:

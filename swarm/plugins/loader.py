@@ -10,7 +10,7 @@ from types import CodeType, ModuleType
 
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.plugins import registry
-from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Door, Plugin, entry_of, key_of
+from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Plugin, PluginKind, entry_of, key_of
 
 FILES = "MEANFLOCK_PLUGINS"  # variable with the files to register at start, separated as in PATH
 
@@ -63,9 +63,9 @@ def load_file(path: Path | str) -> list[Plugin]:
     return [plugin for plugin, _ in entries.values()]
 
 
-def _defined(module: ModuleType, where: str) -> dict[tuple[Door, str], tuple[str, type]]:
+def _defined(module: ModuleType, where: str) -> dict[tuple[PluginKind, str], tuple[str, type]]:
     """The plug-ins that a module defines, by kind and name, each with its name in the module."""
-    found: dict[tuple[Door, str], tuple[str, type]] = {}
+    found: dict[tuple[PluginKind, str], tuple[str, type]] = {}
     for attribute, value in vars(module).items():
         key = key_of(value) if getattr(value, "__module__", None) == module.__name__ else None
         if key is None:

@@ -9,9 +9,10 @@ import msgspec
 
 from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line
 
-Door: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
+PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
 
-NEEDED: dict[Door, tuple[str, ...]] = {  # methods that a class must have; the others have defaults in the base classes
+# Methods that a class must have; the others have defaults in the base classes.
+NEEDED: dict[PluginKind, tuple[str, ...]] = {
     "controller": ("init", "step"),
     "aggregator": ("step",),
     "channel": ("transmit",),
@@ -21,8 +22,8 @@ NEEDED: dict[Door, tuple[str, ...]] = {  # methods that a class must have; the o
 }
 PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a name is part of file names and keys
 
-GROUPS: dict[Door, str] = {
-    door: "meanflock.topologies" if door == "topology" else f"meanflock.{door}s" for door in get_args(Door)
+GROUPS: dict[PluginKind, str] = {
+    kind: "meanflock.topologies" if kind == "topology" else f"meanflock.{kind}s" for kind in get_args(PluginKind)
 }
 HERE = "this process"  # source of a class that was registered by Python code
 NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
@@ -35,33 +36,33 @@ class Plugin(NamedTuple):
         class in the file. fingerprint: version of the package, or hash of the file; a checkpoint stores it.
     """
 
-    kind: Door
+    kind: PluginKind
     name: str
     source: str
     reference: str
     fingerprint: str
 
 
-registered: dict[tuple[Door, str], tuple[Plugin, type]] = {}  # plug-ins that are in no package
+registered: dict[tuple[PluginKind, str], tuple[Plugin, type]] = {}  # plug-ins that are in no package
 
 
 @cache
-def _packaged() -> dict[tuple[Door, str], tuple[Plugin, ...]]:
+def _packaged() -> dict[tuple[PluginKind, str], tuple[Plugin, ...]]:
     """Every entry point of the groups, without importing any of them."""
     from importlib.metadata import entry_points  # only here: it takes time to load
 
-    found: dict[tuple[Door, str], tuple[Plugin, ...]] = {}
+    found: dict[tuple[PluginKind, str], tuple[Plugin, ...]] = {}
     packages: dict[Any, str] = {}  # name and version by distribution: reading them takes time
     points = entry_points()  # one search for all groups
-    for door, group in GROUPS.items():
+    for kind, group in GROUPS.items():
         for point in points.select(group=group):
             if point.dist not in packages:
                 packages[point.dist] = f"{point.dist.name} {point.dist.version}" if point.dist else "unknown package"
             package = packages[point.dist]
-            plugin = Plugin(door, point.name, package, point.value, package)
-            others = found.get((door, point.name), ())
+            plugin = Plugin(kind, point.name, package, point.value, package)
+            others = found.get((kind, point.name), ())
             if all(other.reference != plugin.reference for other in others):  # a package on the path twice is one
-                found[door, point.name] = (*others, plugin)
+                found[kind, point.name] = (*others, plugin)
     return found
 
 
@@ -72,53 +73,53 @@ def installed() -> list[Plugin]:
     return sorted(found, key=lambda plugin: (list(GROUPS).index(plugin.kind), plugin.name))
 
 
-def names(door: Door) -> list[str]:
+def names(kind: PluginKind) -> list[str]:
     """Names of all plug-ins of a kind."""
-    return sorted({plugin.name for plugin in installed() if plugin.kind == door})
+    return sorted({plugin.name for plugin in installed() if plugin.kind == kind})
 
 
-def find(door: Door, name: str) -> Plugin:
+def find(kind: PluginKind, name: str) -> Plugin:
     """The plug-in of that name.
 
     Raises:
         BadInput: there is none, or more than one.
     """
-    key = (door, name)
+    key = (kind, name)
     candidates = [*_packaged().get(key, ()), *([registered[key][0]] if key in registered else [])]
     if not candidates:
         from difflib import get_close_matches  # only here: no agent needs it
 
-        close = get_close_matches(name, names(door), 1)
-        mend = f"did you mean {close[0]!r}? Else install" if close else "install"
+        close = get_close_matches(name, names(kind), 1)
+        remedy = f"did you mean {close[0]!r}? Else install" if close else "install"
         raise BadInput(
-            f"{door} {name!r} is not installed here; {mend} its package, or name its file: --plugin FILE.py; "
-            f"there are {', '.join(names(door)) or 'none'}"
+            f"{kind} {name!r} is not installed here; {remedy} its package, or name its file: --plugin FILE.py; "
+            f"there are {', '.join(names(kind)) or 'none'}"
         )
     if len(candidates) > 1:
         where = " and ".join(f"{plugin.reference} ({plugin.source})" for plugin in candidates)
-        raise BadInput(f"two {door}s are named {name!r}: {where}; rename one of them, or uninstall its package")
+        raise BadInput(f"two {kind}s are named {name!r}: {where}; rename one of them, or uninstall its package")
     return candidates[0]
 
 
-def load(door: Door, name: str) -> type:
+def load(kind: PluginKind, name: str) -> type:
     """The class of that name.
 
     Raises:
         BadInput: there is none, it cannot be imported, or it lacks a method.
     """
-    plugin = find(door, name)
-    if (door, name) in registered:
-        return registered[door, name][1]
+    plugin = find(kind, name)
+    if (kind, name) in registered:
+        return registered[kind, name][1]
     module, _, attribute = plugin.reference.partition(":")
     try:
         found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:
-        what = f"{door} {name!r} of {plugin.source}"
+        what = f"{kind} {name!r} of {plugin.source}"
         ours = lacking(error, what) if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{what}: {last_line(error)}") from error
-    return checked(door, name, found, plugin.source)
+    return checked(kind, name, found, plugin.source)
 
 
 def register(made: type) -> Plugin:
@@ -138,41 +139,41 @@ def is_file(plugin: Plugin) -> bool:
     return (plugin.kind, plugin.name) in registered
 
 
-def create(door: Door, name: str, options: dict[str, Any], *context: Any) -> Any:
+def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) -> Any:
     """An instance of the plug-in of that name: `Class(options, *context)`, its options converted to their type.
 
     Raises:
         BadInput: like `load`; or the options do not fit, or the constructor fails.
     """
-    made: Any = load(door, name)
+    made: Any = load(kind, name)
     try:
         typed = msgspec.convert(options, made.Options)
     except msgspec.ValidationError as error:
         from meanflock.swarm.explain import explain  # only here: nodes receive valid options
 
-        asked = f"scenario schema --method {name}" if door == "controller" else "plugins"
-        mend = f"`meanflock {asked}` lists the options of {name!r}"
-        raise BadInput(explain(str(error), made.Options, options, options_table(door), mend)) from error
+        asked = f"scenario schema --method {name}" if kind == "controller" else "plugins"
+        remedy = f"`meanflock {asked}` lists the options of {name!r}"
+        raise BadInput(explain(str(error), made.Options, options, options_table(kind), remedy)) from error
     except FAILURES as error:  # of a `__post_init__`
-        raise BadInput(f"{door} {name!r}: its options cannot be made: {last_line(error)}") from error
+        raise BadInput(f"{kind} {name!r}: its options cannot be made: {last_line(error)}") from error
     try:
         return made(typed, *context)
     except BadInput:
         raise
     except FAILURES as error:
-        raise BadInput(f"{door} {name!r} cannot be made: {last_line(error)}") from error
+        raise BadInput(f"{kind} {name!r} cannot be made: {last_line(error)}") from error
 
 
-def options_table(door: Door) -> str:
+def options_table(kind: PluginKind) -> str:
     """The table of a scenario that holds the options of a kind of plug-in."""
     tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
-    return tables.get(door, f"{door}.options")
+    return tables.get(kind, f"{kind}.options")
 
 
-def key_of(made: Any) -> tuple[Door, str] | None:
+def key_of(made: Any) -> tuple[PluginKind, str] | None:
     """Kind and name of a plug-in; None for anything else, such as a base class."""
-    door, name = getattr(made, "door", None), getattr(made, "name", "")
-    return (door, name) if isinstance(made, type) and door in GROUPS and isinstance(name, str) and name else None
+    kind, name = getattr(made, "plugin_kind", None), getattr(made, "name", "")
+    return (kind, name) if isinstance(made, type) and kind in GROUPS and isinstance(name, str) and name else None
 
 
 def entry_of(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
@@ -184,21 +185,21 @@ def entry_of(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]
     return plugin, checked(*key, made, plugin.source)
 
 
-def checked(door: Door, name: str, found: Any, source: str) -> type:
+def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:
     """Check a class of a package or file `source`, and return it.
 
     Raises:
         BadInput: it cannot be a plug-in of that kind under that name.
     """
     if not isinstance(found, type):
-        raise BadInput(f"{door} {name!r} of {source} is a {type(found).__name__}; it must be a class")
+        raise BadInput(f"{kind} {name!r} of {source} is a {type(found).__name__}; it must be a class")
     if not PLAIN.fullmatch(name):
-        raise BadInput(f"{door} {name!r} of {source}: a name is up to 64 of A-Z, a-z, 0-9, '-', '_' and '.'")
-    lacking = [method for method in NEEDED[door] if not callable(getattr(found, method, None))]
+        raise BadInput(f"{kind} {name!r} of {source}: a name is up to 64 of A-Z, a-z, 0-9, '-', '_' and '.'")
+    lacking = [method for method in NEEDED[kind] if not callable(getattr(found, method, None))]
     lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
     if lacking:
-        raise BadInput(f"{door} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
+        raise BadInput(f"{kind} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
     options = getattr(found, "Options", None)
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
-        raise BadInput(f"{door} {name!r} of {source}: `Options` must be a msgspec.Struct")
+        raise BadInput(f"{kind} {name!r} of {source}: `Options` must be a msgspec.Struct")
     return found

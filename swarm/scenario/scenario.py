@@ -14,7 +14,7 @@ from meanflock.swarm import mission, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
-from meanflock.swarm.plugins import Door, create, find
+from meanflock.swarm.plugins import PluginKind, create, find
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
 from meanflock.swarm.toml import Table as _Table
@@ -76,7 +76,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     Raises:
         BadInput: unknown key, wrong type, value out of range, keys that contradict each other, or a key that has
-            no effect without another. The message names the key, its value, the bound, and how to mend it.
+            no effect without another. The message names the key, its value, the bound, and how to fix it.
     """
 
     method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
@@ -306,13 +306,13 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             return self.hop_ticks
         return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
 
-    def plugins(self) -> tuple[tuple[Door, str, str], ...]:
+    def plugins(self) -> tuple[tuple[PluginKind, str, str], ...]:
         """Kind, name and fingerprint of every plug-in that the scenario needs.
 
         Raises:
             BadInput: a plug-in is not installed here.
         """
-        wanted: tuple[tuple[Door, str], ...] = (
+        wanted: tuple[tuple[PluginKind, str], ...] = (
             ("controller", self.method),
             ("aggregator", self.federation.aggregation),
             ("channel", self.radio.model),
@@ -321,7 +321,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         )
         if self.filter.kind != NO_FILTER:
             wanted += (("filter", self.filter.kind),)
-        return tuple((door, name, find(door, name).fingerprint) for door, name in wanted)
+        return tuple((kind, name, find(kind, name).fingerprint) for kind, name in wanted)
 
     def leaders(self, tick: int = 0) -> int:
         """Number of leader nodes in a tick: one, plus a standby for each loss with `standby`, minus the losses before.

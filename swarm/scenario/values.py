@@ -104,7 +104,7 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
 
     Raises:
         BadInput: unknown key, wrong type, value out of range, or a key that has no effect without another. The
-            message names the key, its value, the bound, and how to mend it.
+            message names the key, its value, the bound, and how to fix it.
     """
     try:
         made = msgspec.convert(table, kind)

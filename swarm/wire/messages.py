@@ -11,7 +11,7 @@ from typing import TypeAlias
 import msgspec
 import numpy as np
 
-from meanflock.swarm.plugins import Door
+from meanflock.swarm.plugins import PluginKind
 
 
 class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):
@@ -61,7 +61,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     scenario: bytes  # canonical JSON
     initial_states: np.ndarray  # (N, 4) floats of the radio: the mission plan, known to all UAVs
     memory: bytes = b""  # in a resumed run: a record of the memory of the node's UAVs
-    plugins: tuple[tuple[Door, str, str], ...] = ()  # kind, name and fingerprint of the plug-ins of the run
+    plugins: tuple[tuple[PluginKind, str, str], ...] = ()  # kind, name and fingerprint of the plug-ins of the run
 
 
 class Refusal(_Message, frozen=True, tag="refusal"):

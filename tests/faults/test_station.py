@@ -54,7 +54,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
     def start(_timeout_s: float) -> None:
         if not late:
             raw = control.encode(Join("station", 0))
-            answer = lab.engine.network.endpoint().ask(keys.join(RUN, keys.asker("station")), raw, 1.0)
+            answer = lab.engine.network.endpoint().ask(keys.join(RUN, keys.requested_name("station")), raw, 1.0)
             assert isinstance(control.decode(answer), Welcome)
             late.append(listen(lab))
 

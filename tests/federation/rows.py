@@ -9,7 +9,7 @@ class Rows:
     def __init__(self, uavs: tuple[int, ...] | range, floats: int = 108) -> None:
         self.uavs, self.silence, self._floats = np.array(uavs), np.zeros(0, dtype=int), floats
 
-    def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def models_to_send(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return rows[:0], np.zeros((0, self._floats))
 
     def take(self, rows: np.ndarray, models: np.ndarray) -> None:

@@ -101,4 +101,4 @@ def test_a_relay_is_the_model_and_one_more_float(bits: int, method: str, floats:
     assert averages.weights.tolist() == [3.0, 1.0]
     coding.check(np.array([0, 8], np.int32), written)
     beyond = coding.write(np.full((1, floats), 1e300), np.ones((1, 1)))
-    assert coding.sound(beyond).tolist() == [bits == 64]
+    assert coding.valid(beyond).tolist() == [bits == 64]

@@ -50,7 +50,7 @@ def test_a_weight_is_off_by_at_most_half_a_step_of_its_part(method: str) -> None
     @given(models(method))
     def check(meant: np.ndarray) -> None:
         coded = coding.encode(meant)
-        assert coding.sound(coded).all()
+        assert coding.valid(coded).all()
         off = np.abs(coding.decode(coded) - meant)
         for row, scales in enumerate(scales_of(coded, method)):
             for end, size, scale in zip(ends, PARTS[method], scales, strict=True):
@@ -82,7 +82,7 @@ def test_a_weight_that_cannot_be_written_makes_its_own_row_unsound_and_no_other(
     meant = np.ones((3, 108))
     meant[1, 7] = bad
     coded = coding.encode(meant)
-    assert coding.sound(coded).tolist() == [True, False, True]
+    assert coding.valid(coded).tolist() == [True, False, True]
     with pytest.raises(MessageRejected) as caught:
         receive(coding, coded)
     assert caught.value.reason == "non-finite"

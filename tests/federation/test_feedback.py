@@ -40,7 +40,7 @@ def test_a_model_that_is_not_sent_leaves_its_residual() -> None:
     broken = draw.standard_normal((2, 246))
     broken[1, 9] = np.inf
     payload = feedback.encode(np.array([0, 2]), broken)
-    assert coding.sound(payload).tolist() == [True, False]
+    assert coding.valid(payload).tolist() == [True, False]
     assert not np.array_equal(feedback.residuals[0], before[0])
     np.testing.assert_array_equal(feedback.residuals[1:], before[1:])
 

@@ -125,7 +125,7 @@ def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_
     class Learner:
         models = np.full((2, 4), 9.0)
 
-        def tell(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        def models_to_send(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             return rows, self.models[rows], np.ones(len(rows))
 
         def take(self, rows: np.ndarray, models: np.ndarray) -> None:

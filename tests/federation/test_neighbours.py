@@ -29,7 +29,7 @@ def exchanged(of: Scenario, models: np.ndarray, links: np.ndarray, uavs: Any = N
     """The models (M, L) of `uavs` after one round in which models (N, L) went over `links` (K, 2): UAV to UAV."""
     uavs = np.arange(of.uavs) if uavs is None else np.array(uavs)
     exchange = Exchange(of.hops[-1], of, uavs, [])
-    exchange.keep(number, np.arange(len(uavs)), models[uavs])
+    exchange.remember(number, np.arange(len(uavs)), models[uavs])
     here = links[np.isin(links[:, 1], uavs)].astype(np.int32)
     for batch in np.array_split(here, 3):  # as if they had arrived in three ticks
         if len(batch):
@@ -107,7 +107,7 @@ def test_models_that_cannot_be_averaged_are_refused_and_the_others_count() -> No
     of = scenario(4, *DOUBLES)
     models = drawn(of)
     exchange = Exchange(of.hops[-1], of, np.arange(2), [])
-    exchange.keep(1, np.arange(2), models[:2])
+    exchange.remember(1, np.arange(2), models[:2])
     sent = models[2:].copy()
     sent[1] = 1e30
     links = np.array([[0, 0], [1, 0], [1, 1]], dtype=np.int32)
@@ -234,7 +234,7 @@ def test_a_state_of_the_rule_is_a_row_for_each_uav() -> None:
     mf.register(Counts)
     of = scenario(3, *DOUBLES, "federation.aggregation=counts")
     models, exchange = drawn(of), Exchange(of.hops[-1], of, np.arange(3), [])
-    exchange.keep(1, np.arange(3), models)
+    exchange.remember(1, np.arange(3), models)
     links = np.array([[0, 1], [0, 2], [1, 2]], dtype=np.int32)
     exchange.collect(Frames(FrameKind.UPLOAD, 1, np.array([0, 1], dtype=np.int32), models[:2], links))
     rows, averages, _ = exchange.average(1, np.ones(3, dtype=bool))

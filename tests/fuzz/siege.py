@@ -143,7 +143,9 @@ class Siege:
         match self._turn // 4 % 8:
             case 0:
                 role, uav = (message.role, message.uav) if isinstance(message, Join) else ("agent", -1)
-                delivery = Delivery("question", keys.join(RUN, keys.asker(role, uav)), raw, self._answers.append)
+                delivery = Delivery(
+                    "question", keys.join(RUN, keys.requested_name(role, uav)), raw, self._answers.append
+                )
             case 1:
                 delivery = Delivery("message", keys.received(RUN), raw)
             case _ if self._is_its_word(name, raw, message):

@@ -27,7 +27,7 @@ def docker(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
 def test_an_engine_and_its_compose_plugin_are_found_with_their_versions(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     (missing,) = doctor.engine()
-    assert (missing.verdict, missing.found, "install" in missing.mend) == ("warning", "not found", True)
+    assert (missing.verdict, missing.found, "install" in missing.remedy) == ("warning", "not found", True)
     docker(tmp_path, monkeypatch, "case $1 in version) echo 28.2.2;; compose) echo 2.26.1-4;; esac")
     assert doctor.engine() == [
         Finding("container engine", "ok", "version 28.2.2"),
@@ -62,7 +62,7 @@ def test_an_engine_that_cannot_be_used_is_a_warning_with_a_remedy(
         if expected is not None:
             assert finding.verdict == "warning"
             assert expected[0] in finding.found
-            assert expected[1] in finding.mend
+            assert expected[1] in finding.remedy
 
 
 def test_kernels_that_were_not_compiled_are_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +71,7 @@ def test_kernels_that_were_not_compiled_are_a_warning(monkeypatch: pytest.Monkey
     for built, words in ((False, "compiler"), (True, "pip install")):  # True: of other sources
         monkeypatch.setattr(sources, "built", lambda built=built: built)
         finding = doctor.compiled()
-        assert (finding.verdict, words in finding.mend) == ("warning", True)
+        assert (finding.verdict, words in finding.remedy) == ("warning", True)
     assert "other sources" in finding.found
     monkeypatch.setenv("MEANFLOCK_PURE", "1")
     assert (doctor.compiled().verdict, "MEANFLOCK_PURE" in doctor.compiled().found) == ("ok", True)
@@ -85,7 +85,7 @@ def test_threads_beyond_the_limit_of_the_container_fail_with_the_number_that_is_
     assert doctor.threads(9, 1, tmp_path).verdict == "ok"
     tight = doctor.threads(10, 1, tmp_path)
     assert (tight.verdict, tight.found) == ("fails", "104 needed, 100 left")
-    assert "132" in tight.mend
+    assert "132" in tight.remedy
     assert doctor.threads(10, 10, tmp_path).verdict == "ok"
 
 
@@ -93,7 +93,7 @@ def test_a_port_in_use_is_a_warning() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         taken = doctor._port("bus port", port, "end it")
-    assert (taken.verdict, taken.found, taken.mend) == ("warning", f"{port}: Address already in use", "end it")
+    assert (taken.verdict, taken.found, taken.remedy) == ("warning", f"{port}: Address already in use", "end it")
     assert doctor._port("bus port", port, "end it").verdict == "ok"
 
 

@@ -42,7 +42,7 @@ JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Joi
 @pytest.mark.parametrize("join", [*JOINS, Join("leader", 0), Join("pirate", 1)])
 def test_a_join_without_a_free_place_is_refused_with_a_reason(join: Join) -> None:
     engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
-    key = keys.join(RUN, keys.asker(join.role, join.uav))
+    key = keys.join(RUN, keys.requested_name(join.role, join.uav))
     engine.world.handle(Delivery("question", key, control.encode(join), replies.append))
     (answer,) = (control.decode(raw) for raw in replies)
     assert isinstance(answer, Refusal)

@@ -71,4 +71,4 @@ def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, p
     assert found.verdict == verdict
     assert f"{needed_mb(200, processes)} MB for 200 UAVs" in found.found
     assert f"{left_mb} MB left of this container's limit" in found.found
-    assert remedy in found.mend
+    assert remedy in found.remedy

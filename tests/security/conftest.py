@@ -127,7 +127,7 @@ class Flight:
 
     def _take_off(self) -> None:
         for uav in range(UAVS):
-            bus: Any = self.client(keys.asker("agent", uav))
+            bus: Any = self.client(keys.requested_name("agent", uav))
             if uav == HELD:
                 bus = self.held = Holding(bus, self.go_on)
             self._board(bus, Join("agent", 1, uav), Agent)

@@ -108,7 +108,7 @@ def test_doctor_warns_of_keys_others_can_read_and_of_an_end_that_is_near(tmp_pat
     (folder / "leader.key").chmod(0o644)
     (finding,) = certificates(folder, 1, 1)
     assert finding.verdict == "warning"
-    assert finding.mend == f"chmod 600 {folder / 'leader.key'}"
+    assert finding.remedy == f"chmod 600 {folder / 'leader.key'}"
     (folder / "leader.key").chmod(0o600)
     (folder / "ca.key").rename(tmp_path / "in a safe place")
     assert [one.verdict for one in certificates(folder, 1, 1)] == ["warning"]

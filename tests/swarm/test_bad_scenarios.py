@@ -14,7 +14,7 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.scenario import Scenario, Wind, load
 
-MEND = "`meanflock scenario schema`"
+REMEDY = "`meanflock scenario schema`"
 # Text of a scenario, then parts of the line beside MEND.
 WRONG_KEYS = [
     ("speed = 3", "speed"),
@@ -51,7 +51,7 @@ CONTRADICTIONS = [
     ("[cost]\nseparation_range = 2.0", "cost.separation_range", "cost.separation="),
     ('[federation]\nbyzantine_kind = "noise"', "federation.byzantine_kind", "federation.byzantine_fraction="),
 ]
-TABLES = [*((*row, MEND) for row in WRONG_KEYS), *CONTRADICTIONS]
+TABLES = [*((*row, REMEDY) for row in WRONG_KEYS), *CONTRADICTIONS]
 NO_TOML = [
     ("uavs = = 3", "TOML", "line 1"),
     ("uavs = 1\nuavs = 2", "TOML"),
@@ -89,10 +89,10 @@ def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(
 @pytest.mark.parametrize(
     ("keys", "parts"),
     [
-        ({"wind": Wind(sigma=-0.3)}, ("wind.sigma", "a number >= 0.0, got -0.3", MEND)),
-        ({"wind.mean": np.zeros(3)}, ("wind.mean", "a list of length 2, got [0.0, 0.0, 0.0]", MEND)),
-        ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", MEND)),
-        ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", MEND)),
+        ({"wind": Wind(sigma=-0.3)}, ("wind.sigma", "a number >= 0.0, got -0.3", REMEDY)),
+        ({"wind.mean": np.zeros(3)}, ("wind.mean", "a list of length 2, got [0.0, 0.0, 0.0]", REMEDY)),
+        ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", REMEDY)),
+        ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", REMEDY)),
         ({"duration": object()}, ("duration", "type object", "give a number")),
         ({"wind": 3, "wind.sigma": 1}, ("wind.sigma", "`wind` is not a table")),
     ],
@@ -125,7 +125,7 @@ def test_a_bad_setting_is_bad_input(setting: str, parts: tuple[str, ...]) -> Non
 
 def test_no_key_is_suggested_where_none_is_near() -> None:
     for text in ("obstacles=[{x = 1.0}]", "wind.x=1"):
-        said = check_line(lambda: load(None, [text]), "there is no key", MEND)  # noqa: B023
+        said = check_line(lambda: load(None, [text]), "there is no key", REMEDY)  # noqa: B023
         assert "did you mean" not in said
 
 

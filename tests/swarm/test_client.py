@@ -28,7 +28,7 @@ class Node:
 
     def __init__(self) -> None:
         self.answered: list[tuple[int, int]] = []  # tick and thread of every answer
-        self.complaints: list[str] = []
+        self.problems: list[str] = []
         self.begun, self.go_on = threading.Event(), threading.Event()
         self._work = threading.Lock()
 

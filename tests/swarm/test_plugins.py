@@ -66,13 +66,13 @@ def test_a_class_is_found_by_its_name_once_it_has_the_methods_of_its_kind(base: 
     assert plugin.kind == base.lower()
 
 
-@pytest.mark.parametrize("door", plugins.GROUPS)
-def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(door: plugins.Door) -> None:
-    for name in plugins.names(door):
+@pytest.mark.parametrize("kind", plugins.GROUPS)
+def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.PluginKind) -> None:
+    for name in plugins.names(kind):
         with pytest.raises(BadInput, match=f"is not installed here; did you mean '{name}'[?] Else install"):
-            plugins.find(door, name.replace("-", "") + "_")
+            plugins.find(kind, name.replace("-", "") + "_")
     with pytest.raises(BadInput, match="is not installed here; install its package, or name its file"):
-        plugins.find(door, "/etc/passwd")
+        plugins.find(kind, "/etc/passwd")
 
 
 @pytest.mark.parametrize("method", ["/etc/passwd", "mine.py", "os:system", ""])
@@ -97,9 +97,9 @@ def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
         GROUPS = plugins.GROUPS
 
         @staticmethod
-        def find(door: Any, name: str) -> Plugin:
-            found = plugins.find(door, name)
-            return found._replace(fingerprint="sha256 of another file") if door == kind else found
+        def find(asked: Any, name: str) -> Plugin:
+            found = plugins.find(asked, name)
+            return found._replace(fingerprint="sha256 of another file") if asked == kind else found
 
     monkeypatch.setattr(client, "plugins", OtherVersions)
     monkeypatch.setattr(client.platform, "node", lambda: "far-away")

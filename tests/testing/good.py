@@ -99,7 +99,7 @@ class Kind(NamedTuple):
     good: type
     method: str
     position: int
-    mend: str  # part of the text where randomness is wrong
+    remedy: str  # part of the text where randomness is wrong
     pace: str
 
 

@@ -175,7 +175,7 @@ def test_the_suite_names_the_error_and_the_line_of_a_method_that_fails(kind: Kin
     ids=["Python", "NumPy"],
 )
 def test_a_plugin_that_draws_from_a_global_generator_is_rejected(kind: Kind, draw: Callable[[Any], int]) -> None:
-    with pytest.raises(ConformanceError, match=f"^Wrong: .*differed in a second run.*; .*{kind.mend}"):
+    with pytest.raises(ConformanceError, match=f"^Wrong: .*differed in a second run.*; .*{kind.remedy}"):
         kind.check(shifted(kind, draw))
 
 

@@ -26,7 +26,7 @@ class Vehicle:
     Anything besides the states [x, y, vx, vy] (m, m/s) belongs in `hidden`, which checkpoints store, and not in self.
     """
 
-    door: ClassVar = "vehicle"
+    plugin_kind: ClassVar = "vehicle"
     name: ClassVar[str] = ""
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

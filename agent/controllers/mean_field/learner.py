@@ -199,25 +199,25 @@ class Learner:
             weights[:, DENSITY] = fit(self._scenario, self._constants, initial_states)
         return weights
 
-    def refit(self, weights: Floats, rows: NDArray[np.intp], known: Floats) -> Floats:
-        """The weights (M, 246), with the density of some rows fitted to the states `known` to them, `(M, N, 4)`."""
+    def refit(self, weights: Floats, rows: NDArray[np.intp], known_states: Floats) -> Floats:
+        """The weights (M, 246), with the density of some rows fitted to the states that they know, (M, N, 4)."""
         refitted, first = weights.copy(), slice(DENSITY.start, DENSITY.start + DENSITY_FEATURES)
         for row in rows.tolist():
-            refitted[row, first] = fit(self._scenario, self._constants, known[row])[:DENSITY_FEATURES]
+            refitted[row, first] = fit(self._scenario, self._constants, known_states[row])[:DENSITY_FEATURES]
         return refitted
 
-    def step(self, weights: Floats, states: Floats, known: Floats | None) -> tuple[Floats, Floats]:
+    def step(self, weights: Floats, states: Floats, known_states: Floats | None) -> tuple[Floats, Floats]:
         """Update each network once; returns the new weights (M, 246), and numbers (M, 5), [a_x, a_y, e_H, e_F, φ_G].
 
         Args:
-            weights: (M, 246). states: (M, 4). known: (M, N, 4), the states known to each row, for hjb only.
+            weights: (M, 246). states: (M, 4). known_states: (M, N, 4), the states known to each row, for hjb only.
         """
         around, cost = None, self._scenario.cost
         if not self._learns_density:
-            if known is None:
+            if known_states is None:
                 raise ValueError("hjb needs the states known to its rows")
             with np.errstate(over="ignore", invalid="ignore"):
-                around = known if cost.beta == 1.0 else empirical(states, known, cost.epsilon, cost.beta)
+                around = known_states if cost.beta == 1.0 else empirical(states, known_states, cost.epsilon, cost.beta)
         stepped, numbers = weights.copy(), np.empty((len(weights), NUMBERS))
         kernels.learn(self._prepared, states, stepped, around, stepped, numbers)
         return stepped, numbers

@@ -110,29 +110,29 @@ class MeanField(Controller):
         else:
             memory = {"weights": self.learner.init(len(uavs), plan)}
         if self.state_period:  # states of the mission plan, later replaced by received ones
-            memory |= {"known": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
+            memory |= {"known_states": np.repeat(plan[None], len(uavs), axis=0), "uav": uavs.astype(np.int32)}
         if self.separation is not None:
             memory |= self.separation.init(uavs, plan)
         return memory
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         weights = memory["weights"]
-        known = None
+        known_states = None
         refused = NOBODY
         goal = memory.get("goal")
         if self.state_period:
-            known, fresh, _, refused = self._take_in(memory["known"], received)
+            known_states, fresh, _, refused = self._receive_states(memory["known_states"], received)
             if self.learns_density and len(fresh):  # only rows that received a state
-                seen = known if goal is None else known - goal[:, None]
+                seen = known_states if goal is None else known_states - goal[:, None]
                 weights = self.learner.refit(weights, distinct(fresh), seen)
-            known[np.arange(len(own)), memory["uav"]] = own
-            memory = memory | {"known": known}
+            known_states[np.arange(len(own)), memory["uav"]] = own
+            memory = memory | {"known_states": known_states}
         states = own if goal is None else own - goal
-        known = known if goal is None or known is None else known - goal[:, None]
-        weights, numbers = self.learner.step(weights, states, known)
+        known_states = known_states if goal is None or known_states is None else known_states - goal[:, None]
+        weights, numbers = self.learner.step(weights, states, known_states)
         broadcasts, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
         if self.separation is not None:
-            states_received, row, source, refused = self._take_in(memory["believed"], received)
+            states_received, row, source, refused = self._receive_states(memory["believed"], received)
             memory, pushed = self.separation.step(memory, tick, own, states_received, (row, source))
             action, broadcasts = action + pushed, tick > 0
         return Step(
@@ -154,22 +154,24 @@ class MeanField(Controller):
     def report(self, memory: Memory) -> Floats:
         return memory["weights"]
 
-    def _take_in(self, known: Floats, received: Sequence[Received]) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
-        """Update the states `known` to rows, (M, N, 4), by the received ones.
+    def _receive_states(
+        self, known_states: Floats, received: Sequence[Received]
+    ) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
+        """Update the states that rows know, (M, N, 4), by the received ones.
 
         Returns:
             The states; row and sender of each received state; and the senders of implausible states.
         """
         frames, refused = believed(of_kind(received, SIZE), self._plausible)
-        known = known.copy()
+        known_states = known_states.copy()
         rows = [NOBODY]
         sources = [NOBODY]
         for states in frames:
             sent, row = states.links.T
-            known[row, states.source[sent]] = states.payload[sent]
+            known_states[row, states.source[sent]] = states.payload[sent]
             rows.append(row)
             sources.append(states.source[sent])
-        return known, np.concatenate(rows).astype(np.intp), np.concatenate(sources).astype(np.intp), refused
+        return known_states, np.concatenate(rows).astype(np.intp), np.concatenate(sources).astype(np.intp), refused
 
 
 class Hjb(MeanField):

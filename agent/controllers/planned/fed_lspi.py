@@ -85,7 +85,7 @@ class FedLspi(PlannedLearner):
             self.parts = len(_UPPER[0]), PAIRS * STATES
             self.parameters = sum(self.parts)
         self.period_ticks = max(1, round(options.period / scenario.dt))
-        self._explores = round(options.exploration_time / scenario.dt)
+        self._exploration_ticks = round(options.exploration_time / scenario.dt)
         self._noise: dict[int, Floats] = {}
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
@@ -104,7 +104,7 @@ class FedLspi(PlannedLearner):
         memory = self._learn(memory, tick, error)
         gains = memory["gains"]
         wanted = inputs(gains, error)
-        if tick < self._explores:
+        if tick < self._exploration_ticks:
             wanted = wanted + self.options.exploration * self._perturbation(uavs, tick)
         given = np.clip(wanted, -self.options.limit, self.options.limit)
         after = memory | {"error": error, "input": given, "tick": np.full(len(own), tick, dtype=np.int32)}
@@ -153,7 +153,7 @@ class FedLspi(PlannedLearner):
         """The perturbations of a UAV in all ticks, (ticks, 2)."""
         if uav not in self._noise:
             draw = seeds.generator(self.scenario.seed, "controller", uav)
-            self._noise[uav] = draw.standard_normal((self._explores, AXES))
+            self._noise[uav] = draw.standard_normal((self._exploration_ticks, AXES))
         return self._noise[uav]
 
 
@@ -230,9 +230,9 @@ def improve(gains: Floats, squares: Floats, steps: Floats, discount: float, fact
     for _ in range(ITERATIONS):
         if not unsettled.any():
             break
-        better, sound = _best(now, transition, discount)
+        better, valid = _best(now, transition, discount)
         better = np.clip(better, low, high)
-        unsettled &= sound
+        unsettled &= valid
         change = np.abs(better - now).max(axis=1)
         now = np.where(unsettled[:, None], better, now)
         unsettled &= change > SETTLED
@@ -252,5 +252,5 @@ def _best(gains: Floats, transition: Floats, discount: float) -> tuple[Floats, N
         curvature = weights[:, _U2 : _U2 + 1]
         slopes = weights[:, [_PU, _VU, 8, 12]]
         better = slopes / (2.0 * curvature)
-    sound = np.isfinite(better).all(axis=1) & (curvature[:, 0] > LEAST_CURVATURE)
-    return np.where(sound[:, None], better, gains), sound
+    valid = np.isfinite(better).all(axis=1) & (curvature[:, 0] > LEAST_CURVATURE)
+    return np.where(valid[:, None], better, gains), valid

@@ -87,7 +87,7 @@ class Neighbours:
         remembered = self._predict.keep(plan, np.arange(everyone), 0)
         return {
             "neighbour_uav": uavs.astype(np.int32),
-            "neighbour_kept": np.repeat(remembered.T[None], rows, axis=0),  # (M, 4, N)
+            "neighbour_remembered": np.repeat(remembered.T[None], rows, axis=0),  # (M, 4, N)
             "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # of sending
             "neighbour_repeats": np.zeros(
                 rows, dtype=np.int32
@@ -109,13 +109,13 @@ class Neighbours:
         frames, refused = believed(frames, self._plausible)
         if not frames:
             return memory, refused
-        remembered, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        remembered, sent_tick = memory["neighbour_remembered"].copy(), memory["neighbour_tick"].copy()
         for states in frames:
             sent, row = states.links.T
             source = states.source[sent]
             remembered[row, :, source] = self._predict.keep(states.payload, states.source, tick - 1)[sent]
-            sent_in[row, source] = tick - 1
-        return memory | {"neighbour_kept": remembered, "neighbour_tick": sent_in}, refused
+            sent_tick[row, source] = tick - 1
+        return memory | {"neighbour_remembered": remembered, "neighbour_tick": sent_tick}, refused
 
     def states(self, memory: Memory, tick: int) -> States:
         """Predicted states of all UAVs in a tick, for each row: (M, N, 4), a view whose columns are contiguous.
@@ -123,13 +123,13 @@ class Neighbours:
         A row's own state is the prediction of its last broadcast. A forgotten UAV is `FAR_M` away, at rest.
         """
         age = tick - memory["neighbour_tick"]
-        now = self._predict.now(memory["neighbour_kept"], age, slice(None), tick)
+        now = self._predict.now(memory["neighbour_remembered"], age, slice(None), tick)
         states: States = np.swapaxes(now, 1, 2)
         if self._forget is not None and (forgotten := age > self._forget).any():
             states[forgotten] = _NOWHERE
         return states
 
-    def speak(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
+    def broadcast_states(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
         """Returns the memory after the broadcasts of rows (M, 4) in this tick, and the broadcast."""
         if not self._events:
             sent = own.astype(self._float).astype(np.float64)
@@ -159,7 +159,7 @@ class Neighbours:
         """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
         uav = memory["neighbour_uav"].astype(np.intp)
         rows = np.arange(len(uav))
-        remembered = memory["neighbour_kept"][rows, :, uav][:, :, None]
+        remembered = memory["neighbour_remembered"][rows, :, uav][:, :, None]
         age = tick - memory["neighbour_tick"][rows, uav][:, None]
         return self._predict.now(remembered, age, uav[:, None], tick)[:, :, 0]
 
@@ -168,10 +168,10 @@ class Neighbours:
         if not len(rows):
             return memory
         uav = memory["neighbour_uav"][rows].astype(np.intp)
-        remembered, sent_in = memory["neighbour_kept"].copy(), memory["neighbour_tick"].copy()
+        remembered, sent_tick = memory["neighbour_remembered"].copy(), memory["neighbour_tick"].copy()
         remembered[rows, :, uav] = self._predict.keep(states, uav, tick)
-        sent_in[rows, uav] = tick
-        return memory | {"neighbour_kept": remembered, "neighbour_tick": sent_in}
+        sent_tick[rows, uav] = tick
+        return memory | {"neighbour_remembered": remembered, "neighbour_tick": sent_tick}
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]
@@ -195,7 +195,7 @@ class SharingController(Controller):
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         memory, refused = self._neighbours.receive(memory, tick, received)
         step = self.fly(memory, own, self._neighbours.states(memory, tick))
-        memory, broadcast = self._neighbours.speak(step.memory, tick, own)
+        memory, broadcast = self._neighbours.broadcast_states(step.memory, tick, own)
         reported = self._neighbours.unsent(memory)
         if step.diagnostics is not None:
             reported = np.concatenate([step.diagnostics, reported], axis=1)
@@ -221,11 +221,11 @@ class Travelling(Options, frozen=True):
 class TravellingController(SharingController):
     """Base class of controllers that fly like `cruise` without other UAVs; options derive from `Travelling`."""
 
-    stays: ClassVar[bool] = False  # whether a UAV stays where it entered the destination
+    stays_inside: ClassVar[bool] = False  # whether a UAV stays where it entered the destination
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, self.stays)
+        self._travel = Travel(scenario, options.speed_m_s, options.slowing_1_s, self.stays_inside)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return super().init(uavs, plan) | self._travel.init(uavs)

@@ -37,7 +37,7 @@ class BufferedVoronoi(TravellingController):
 
     name = "bvc"
     diagnostics = ("infeasible", "unsent")
-    stays = True
+    stays_inside = True
 
     class Options(Travelling, frozen=True):
         """The options of `bvc`."""
@@ -65,8 +65,8 @@ class BufferedVoronoi(TravellingController):
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         options = self.options
-        memory, wished = self._travel.velocity(memory, own)
-        wished = to_the_right(wished, options.right_bias)
+        memory, preferred = self._travel.velocity(memory, own)
+        preferred = to_the_right(preferred, options.right_bias)
         near = closest(own, others, memory["neighbour_uav"], options.reach_m, options.neighbours)
         normals, bounds = self._faces(near, options.radius_m, 0.5)
         if len(self._obstacles):
@@ -74,7 +74,7 @@ class BufferedVoronoi(TravellingController):
             more, least = self._faces(discs, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         velocity, missing = np.empty((len(own), 2)), np.empty(len(own))
-        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, options.speed_max_m_s, velocity, missing)
+        kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, velocity, missing)
         acceleration = limited(options.velocity_gain_1_s * (velocity - own[:, VELOCITY]), self._limit)
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
@@ -88,6 +88,6 @@ class BufferedVoronoi(TravellingController):
         Returns:
             Normals (M, K, 2), 0 in unused columns, and bounds (M, K), m/s.
         """
-        length = np.sqrt(np.where(near.there, near.squared, 1.0))
-        normals = np.where(near.there[..., None], near.away / length[..., None], 0.0)
+        length = np.sqrt(np.where(near.present, near.squared, 1.0))
+        normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)
         return normals, -stopping_speed(share * length - buffer, self._limit, self._delay_s)

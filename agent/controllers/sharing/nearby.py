@@ -32,7 +32,7 @@ class Near(NamedTuple):
 
 def near(
     own: States,
-    known: States,
+    states: States,
     uavs: NDArray[np.integer],
     range_m: float,
     matters: Callable[[Floats, Floats], NDArray[np.bool_]] | None = None,
@@ -40,19 +40,19 @@ def near(
     """The pairs at most `range_m` apart that satisfy `matters`.
 
     Args:
-        own: (M, 4). known: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
+        own: (M, 4). states: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
         matters: condition on squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
-    x, y = own[:, X, None] - known[..., X], own[:, Y, None] - known[..., Y]
+    x, y = own[:, X, None] - states[..., X], own[:, Y, None] - states[..., Y]
     squared = x * x + y * y
     squared[np.arange(len(own)), uavs] = np.inf
     chosen = squared <= range_m * range_m
     if matters is not None:
-        vx, vy = own[:, VX, None] - known[..., VX], own[:, VY, None] - known[..., VY]
+        vx, vy = own[:, VX, None] - states[..., VX], own[:, VY, None] - states[..., VY]
         chosen &= matters(squared, vx * vx + vy * vy)
     row, other = np.nonzero(chosen)
     apart = np.stack([x[row, other], y[row, other]], axis=-1)
-    closing = own[row, VX : VY + 1] - known[row, other, VX : VY + 1]
+    closing = own[row, VX : VY + 1] - states[row, other, VX : VY + 1]
     distance = np.sqrt(squared[row, other])
     away = apart / np.maximum(distance, NOWHERE_M)[:, None]
     if (one_place := distance < NOWHERE_M).any():
@@ -82,13 +82,13 @@ class Closest(NamedTuple):
     """The K closest objects (UAVs or obstacles) of each of M rows, the closest first.
 
     away: (M, K, 2) m, from the object to the row's UAV. closing: (M, K, 2) m/s, velocity of the UAV minus that of the
-    object. squared: (M, K) m², of `away`. there: (M, K), mask of the columns in use; other columns have no meaning.
+    object. squared: (M, K) m², of `away`. present: (M, K), mask of the columns in use; other columns have no meaning.
     """
 
     away: Plane
     closing: Plane
     squared: Rows
-    there: Mask
+    present: Mask
 
 
 def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: float, most: int) -> Closest:
@@ -100,18 +100,18 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     x, y = own[:, X, None] - others[:, :, X], own[:, Y, None] - others[:, :, Y]
     squared = x * x + y * y
     squared[np.arange(len(own)), uavs] = np.inf
-    which, there = _first(squared, reach_m * reach_m, most)
+    which, present = _first(squared, reach_m * reach_m, most)
     row, right = np.arange(len(own))[:, None], np.where(uavs[:, None] < which, -1.0, 1.0)
     closing = own[:, None, VX:] - others[row, which, VX:]
-    return _apart(x[row, which], y[row, which], closing, there, right)
+    return _apart(x[row, which], y[row, which], closing, present, right)
 
 
 def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
     """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
     x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
-    which, there = _first(np.sqrt(x * x + y * y) - discs[:, 2], reach_m, most)
+    which, present = _first(np.sqrt(x * x + y * y) - discs[:, 2], reach_m, most)
     row, closing = np.arange(len(own))[:, None], np.broadcast_to(own[:, None, VX:], (*which.shape, 2))
-    return _apart(x[row, which], y[row, which], closing, there, 1.0), discs[which, 2]
+    return _apart(x[row, which], y[row, which], closing, present, 1.0), discs[which, 2]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
@@ -122,13 +122,13 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
     return which, np.take_along_axis(within, which, axis=1)
 
 
-def _apart(x: Rows, y: Rows, closing: Plane, there: Mask, right: Rows | float) -> Closest:
+def _apart(x: Rows, y: Rows, closing: Plane, present: Mask, right: Rows | float) -> Closest:
     """The objects as `Closest`. `right`: 1 if a UAV at the same place counts as right of the object, −1 if left."""
     squared = x * x + y * y
-    if (same := there & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
+    if (same := present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
         x, y = np.where(same, right * NEVER_NEARER_M, x), np.where(same, 0.0, y)
         squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
-    return Closest(np.stack([x, y], axis=-1), closing, squared, there)
+    return Closest(np.stack([x, y], axis=-1), closing, squared, present)
 
 
 def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:

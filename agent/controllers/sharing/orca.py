@@ -29,7 +29,7 @@ class Orca(TravellingController):
 
     name = "orca"
     diagnostics = ("infeasible", "unsent")
-    stays = True
+    stays_inside = True
 
     class Options(Travelling, frozen=True):
         """The options of `orca`."""
@@ -46,17 +46,17 @@ class Orca(TravellingController):
         reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is not avoided, m")] = 15.0
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
-        memory, wished = self._travel.velocity(memory, own)
-        wished = to_the_right(wished, self.options.right_bias)
-        velocity, missing = self.velocity(own, others, memory["neighbour_uav"], wished)
+        memory, preferred = self._travel.velocity(memory, own)
+        preferred = to_the_right(preferred, self.options.right_bias)
+        velocity, missing = self.velocity(own, others, memory["neighbour_uav"], preferred)
         acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
-    def velocity(self, own: States, others: States, uavs: NDArray[np.integer], wished: Plane) -> tuple[Plane, Rows]:
+    def velocity(self, own: States, others: States, uavs: NDArray[np.integer], preferred: Plane) -> tuple[Plane, Rows]:
         """Velocities chosen by rows (M, 4), (M, 2) m/s, and the largest violation of a half-plane, (M,) m/s.
 
-        `others`: (M, N, 4), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows. `wished`: (M,
-        2), the preferred velocities.
+        `others`: (M, N, 4), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows.
+        `preferred`: (M, 2), the preferred velocities.
         """
         options, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
@@ -66,7 +66,7 @@ class Orca(TravellingController):
             more, least = half_planes(discs, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         chosen, missing = np.empty((len(own), 2)), np.empty(len(own))
-        kernels.nearest(np.ascontiguousarray(wished), normals, bounds, options.speed_max_m_s, chosen, missing)
+        kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, chosen, missing)
         return chosen, missing
 
 
@@ -84,7 +84,7 @@ def half_planes(
     y = -near.away[..., 1]
     v_x = near.closing[..., 0]
     v_y = near.closing[..., 1]
-    squared = np.where(near.there, near.squared, 1.0)
+    squared = np.where(near.present, near.squared, 1.0)
     touching = squared <= radius * radius
     rate = np.where(touching, 1.0 / dt, 1.0 / horizon_s)
     # Relative to the centre of the disc that cuts the cone off.
@@ -103,4 +103,4 @@ def half_planes(
     n_x, n_y = np.where(disc, out_x, -leg_y), np.where(disc, out_y, leg_x)
     off = np.where(disc, radius * rate - length, -(v_x * n_x + v_y * n_y))  # how far u leads along n
     bounds = n_x * own[:, None, 2] + n_y * own[:, None, 3] + share * off
-    return np.where(near.there[..., None], np.stack([n_x, n_y], axis=-1), 0.0), bounds
+    return np.where(near.present[..., None], np.stack([n_x, n_y], axis=-1), 0.0), bounds

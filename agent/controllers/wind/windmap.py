@@ -66,7 +66,9 @@ class Windmap(Controller):
         dt, wind = scenario.dt, scenario.wind
         self._drag, self._mean = max(wind.drag, 1e-6), np.array(wind.mean)
         self._deviation = max(wind.sigma, 1e-3) / np.sqrt(dt) / self._drag  # of a tick's measurement, m/s
-        self._speaks, self._replans = (max(1, round(each / dt)) for each in (options.speak_s, options.replan_s))
+        self._broadcast_ticks, self._replans = (
+            max(1, round(each / dt)) for each in (options.speak_s, options.replan_s)
+        )
         self.period_ticks = max(1, round(options.period_s / dt))
         self.broadcast_numbers = MEASURED if options.share == "measurements" else 0
         self._numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)  # shared numbers of a node
@@ -116,7 +118,7 @@ class Windmap(Controller):
         if self._numbers:
             memory["shared"] = np.zeros((rows, nodes, self._numbers))  # the global model
         if self.options.share == "measurements":
-            memory["said"] = np.zeros(
+            memory["unsent"] = np.zeros(
                 (rows, MEASURED + 1)
             )  # sums of the next broadcast, and the number of measurements
         return memory
@@ -124,11 +126,11 @@ class Windmap(Controller):
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         uavs = memory["uav"]
         refused = NOBODY
-        memory, wind, sound = self._measure(memory, tick, own)
+        memory, wind, valid = self._measure(memory, tick, own)
         broadcasts: tuple[Broadcast, ...] = ()
         if self.options.share == "measurements":
             memory, refused = self._receive(memory, received)
-            memory, broadcasts = self._speak(memory, tick, wind, sound)
+            memory, broadcasts = self._broadcast(memory, tick, wind, valid)
         goals, since = self._corridor.goals[uavs], tick - self._corridor.launches[uavs]
         due = (since >= 0) & (since % self._replans == 0)
         if due.any():
@@ -171,39 +173,39 @@ class Windmap(Controller):
         fresh = (memory["tick"] == tick - 1) & (tick > self._corridor.launches[memory["uav"]])
         change = (own[:, VELOCITY] - before[:, VELOCITY]) / self.scenario.dt - memory["commanded"]
         wind = before[:, VELOCITY] + change / self._drag - self._mean
-        sound = fresh & (np.abs(wind) < self._most(1)).all(axis=1)
-        rows = np.flatnonzero(sound)
+        valid = fresh & (np.abs(wind) < self._most(1)).all(axis=1)
+        rows = np.flatnonzero(valid)
         if not len(rows):
-            return memory, wind, sound
+            return memory, wind, valid
         each = np.full(len(rows), self._deviation**-2)
         new = self._grid.informed(rows, before[rows, POSITION], wind[rows], each, len(own))
-        return memory | {"information": memory["information"] + new}, wind, sound
+        return memory | {"information": memory["information"] + new}, wind, valid
 
     def _most(self, ticks: int) -> float:
         """Bound of a measured deviation, averaged over so many ticks, m/s."""
         return float(BEYOND * np.sqrt(self._deviation**2 / ticks + self.options.rms_m_s**2))
 
-    def _speak(
-        self, memory: Memory, tick: int, wind: Floats, sound: NDArray[np.bool_]
+    def _broadcast(
+        self, memory: Memory, tick: int, wind: Floats, valid: NDArray[np.bool_]
     ) -> tuple[Memory, tuple[Broadcast, ...]]:
         """Returns the memory, and the means of the measurements since the last broadcast, of rows with at least half of
         them."""
         now = np.concatenate([memory["state"][:, POSITION], wind, np.ones((len(wind), 1))], axis=1)
-        sums = memory["said"] + np.where(sound[:, None], now, 0.0)
-        if tick % self._speaks:
-            return memory | {"said": sums}, ()
-        rows = np.flatnonzero(2.0 * sums[:, MEASURED] >= self._speaks)
+        sums = memory["unsent"] + np.where(valid[:, None], now, 0.0)
+        if tick % self._broadcast_ticks:
+            return memory | {"unsent": sums}, ()
+        rows = np.flatnonzero(2.0 * sums[:, MEASURED] >= self._broadcast_ticks)
         payload = sums[rows, :MEASURED] / sums[rows, MEASURED:]
-        return memory | {"said": np.zeros_like(sums)}, (Broadcast(payload, rows),)
+        return memory | {"unsent": np.zeros_like(sums)}, (Broadcast(payload, rows),)
 
     def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
         """Returns the memory with the measurements of others, and the senders of implausible ones."""
-        most, information = self._most(self._speaks), memory["information"]
+        most, information = self._most(self._broadcast_ticks), memory["information"]
         frames, refused = believed(of_kind(received, MEASURED), lambda sums: np.abs(sums[:, AXES:]).max(axis=1) < most)
         for sums in frames:
             links = sums.links[np.lexsort((sums.source[sums.links[:, 0]], sums.links[:, 1]))]  # by row, then by UAV
             measured = sums.payload[links[:, 0]]
-            each = np.full(len(links), self._speaks * self._deviation**-2)
+            each = np.full(len(links), self._broadcast_ticks * self._deviation**-2)
             new = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
             information = information + new
         return memory | {"information": information}, refused

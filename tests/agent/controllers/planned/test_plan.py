@@ -61,6 +61,6 @@ def test_states_are_rarely_sent_if_others_predict_by_the_plan() -> None:
         neighbours = Neighbours(sharing, predict)
         memory, said[name] = neighbours.init(np.arange(9), mission.starts(scenario)), 0
         for tick, own in enumerate(states):
-            memory, broadcast = neighbours.speak(memory, tick, own)
+            memory, broadcast = neighbours.broadcast_states(memory, tick, own)
             said[name] += len(broadcast.payload)
     assert said["plan"] < 0.2 * said["velocity"]

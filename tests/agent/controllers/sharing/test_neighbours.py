@@ -60,7 +60,7 @@ def test_along_a_plan_a_deviation_falls_to_a_part_in_e() -> None:
 def test_a_broadcast_of_every_tick_reaches_the_uavs_in_range() -> None:
     table, now = neighbours(TICK), plan(1)
     memory = table.init(UAVS, plan())
-    spoken, broadcast = table.speak(memory, 4, now)
+    spoken, broadcast = table.broadcast_states(memory, 4, now)
     assert broadcast.rows is None
     received = frames(broadcast, N)
     kept = received.links[:, 1] != 2  # row 2 receives nothing
@@ -76,7 +76,7 @@ def test_a_broadcast_of_every_tick_reaches_the_uavs_in_range() -> None:
 def test_with_a_state_every_tick_a_uav_not_received_for_long_is_forgotten() -> None:
     table = neighbours(Sharing(policy="tick", forget_s=1.0))
     memory = table.init(UAVS, plan())
-    said, broadcast = table.speak(memory, 3, plan())
+    said, broadcast = table.broadcast_states(memory, 3, plan())
     memory, _ = table.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
     assert (np.abs(table.states(memory, 10)) < 1e3).all()
     known = table.states(memory, 11)
@@ -93,7 +93,7 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     now[2, :2] += (-0.2, 0.25)  # 0.32 m
     now[3, 2:] += (0.2, -0.25)  # a velocity alone is an event only where one is asked for
     now[4, 2:] += (0.2, -0.2)  # 0.28 m/s
-    after, broadcast = table.speak(memory, 10, now)
+    after, broadcast = table.broadcast_states(memory, 10, now)
     assert broadcast.rows is not None
     assert broadcast.rows.tolist() == [2]
     assert broadcast.payload.dtype == np.int16
@@ -103,10 +103,12 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     expected[:2] += 0.1 * now[2, 2:]
     np.testing.assert_allclose(known[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)
     also = neighbours(Sharing(policy="event", velocity_delta_m_s=0.3))
-    assert also.speak(also.init(UAVS, plan()), 10, now)[1].rows.tolist() == [2, 3]  # type: ignore[union-attr]
-    again, broadcast = table.speak(after, 11, np.where(UAVS[:, None] == 2, expected, table.states(after, 11)[0]))
+    assert also.broadcast_states(also.init(UAVS, plan()), 10, now)[1].rows.tolist() == [2, 3]  # type: ignore[union-attr]
+    again, broadcast = table.broadcast_states(
+        after, 11, np.where(UAVS[:, None] == 2, expected, table.states(after, 11)[0])
+    )
     assert not len(broadcast.payload)
-    assert again["neighbour_kept"].tobytes() == after["neighbour_kept"].tobytes()
+    assert again["neighbour_remembered"].tobytes() == after["neighbour_remembered"].tobytes()
 
 
 @pytest.mark.parametrize("repeats", [1, 2, 5])
@@ -117,7 +119,7 @@ def test_a_repeated_state_is_the_current_one(repeats: int) -> None:
     said = []
     for tick in range(1, 9):
         now = now + np.array([0.01, 0.0, 0.0, 0.0])
-        memory, broadcast = table.speak(memory, tick, now)
+        memory, broadcast = table.broadcast_states(memory, tick, now)
         said.append(broadcast.payload[:, 0].tolist())
     assert [len(one) for one in said] == [1] * repeats + [0] * (8 - repeats)
     assert [one[0] - said[0][0] for one in said[:repeats]] == list(range(repeats))
@@ -129,7 +131,7 @@ def test_sender_and_receivers_predict_the_same_bits() -> None:
     draw, now = np.random.default_rng(3), plan()[:1]
     for tick in range(60):
         now = now + 0.2 * draw.standard_normal((1, 4))
-        mine, broadcast = table.speak(mine, tick, now)
+        mine, broadcast = table.broadcast_states(mine, tick, now)
         received = Received(0, UAVS[:1][broadcast.rows], broadcast.payload, np.zeros((len(broadcast.payload), 2), int))
         theirs, _ = other.receive(theirs, tick + 1, [received] if len(broadcast.payload) else [])
         assert table.states(mine, tick + 1)[0, 0].tobytes() == other.states(theirs, tick + 1)[0, 0].tobytes()
@@ -144,7 +146,7 @@ def test_a_payload_of_another_type_or_width_is_no_state(payload: np.ndarray) -> 
     table = neighbours(EVENT)
     memory = table.init(UAVS[:2], plan())
     after, _ = table.receive(memory, 1, [Received(0, UAVS[2:3], payload, np.array([[0, 0]]))])
-    assert after["neighbour_kept"] is memory["neighbour_kept"]
+    assert after["neighbour_remembered"] is memory["neighbour_remembered"]
     right = Received(1, UAVS[2:3], np.ones((1, 4), np.int16), np.array([[0, 0]]))
     assert table.receive(memory, 1, [right])[0]["neighbour_tick"] is memory["neighbour_tick"]
     assert (table.receive(memory, 3, [right], number=1)[0]["neighbour_tick"] == [[0, 0, 2, 0, 0], [0] * 5]).all()
