@@ -86,7 +86,7 @@ constraints: ## Pin the newest versions within the ranges of pyproject.toml in c
 	$(find_python); $(call make_venv,"$$tmp/venv"); \
 	"$$tmp/venv/bin/python" -m pip install -qq -e '.[dev]'; \
 	{ echo "# Every direct and transitive dependency of .[dev], at the version we test; pyproject.toml has the ranges. Refresh: make constraints"; \
-	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable --exclude meanflock | tr 'A-Z_' 'a-z-' | LC_ALL=C sort; \
+	  "$$tmp/venv/bin/python" -m pip freeze --exclude-editable --exclude meanflock | tr 'A-Z_' 'a-z-' | sed -E ':a; s/^([^=]*)\./\1-/; ta' | LC_ALL=C sort; \
 	} > "$$tmp/constraints.txt"; \
 	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
 
