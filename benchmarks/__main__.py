@@ -29,6 +29,7 @@ RACES = (
     "wire",
     "recorder",
     "federated",
+    "rounds",
     "monte_carlo",
     "tls",
     "peers",

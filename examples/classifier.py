@@ -9,6 +9,7 @@ meanflock[ground]; a checkout that has run `make test` has both.
 import argparse
 import json
 import sys
+from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -137,95 +138,68 @@ class Classifier(mf.Controller):
 def fly(way: str, given: argparse.Namespace, say: Any) -> list[dict[str, float]]:
     """A flight; after each round the test accuracy of the UAVs' models, mean and least, and the bits sent so far."""
     mission, settings = WAYS[way]
-    period, dt = Classifier.period_ticks, mf.Scenario.load(mission).dt
-    run = mf.fly(
-        mission,
-        method=Classifier,
-        uavs=given.uavs,
-        seed=given.seed,
-        progress=lambda tick, ticks: say(f"{way}: {100 * tick // ticks} %"),
-        **{"stop": "duration", "duration": (given.rounds + 1) * period * dt, **settings, **dict(given.set)},
-    )
-    rows = run.frame().take([period * (number + 1) for number in range(given.rounds + 1)]).to_pydict()
-    accuracy = np.array(rows["accuracy"])
-    bits = np.sum([rows[f"{kind}_bits"] for kind in ("uplink", "relay", "broadcast")], axis=0)
+    duration = (given.rounds + 1) * Classifier.period_ticks * mf.Scenario.load(mission).dt
+    settings = {"stop": "duration", "duration": duration, **settings, **dict(given.set)}
+    told = {"progress": lambda tick, ticks: say(f"{way}: {100 * tick // ticks} %")}
+    run = mf.fly(mission, method=Classifier, uavs=given.uavs, seed=given.seed, **told, **settings)
+    rows = run.frame().to_pylist()[Classifier.period_ticks :: Classifier.period_ticks]  # before the next global model
+    bits = [sum(row[f"{kind}_bits"] for kind in ("uplink", "relay", "broadcast")) for row in rows]
+    known = [np.array(row["accuracy"]) for row in rows]
     return [
-        {"round": number, "accuracy": float(each.mean()), "accuracy_min": float(each.min()), "bits": int(bits[number])}
-        for number, each in enumerate(accuracy)
+        {"round": number, "accuracy": float(each.mean()), "accuracy_min": float(each.min()), "bits": bits[number]}
+        for number, each in enumerate(known[: given.rounds + 1])
     ]
 
 
 def table(flown: dict[str, list[dict[str, float]]]) -> str:
-    """Test accuracy, mean of the UAVs, and bits so far in Mbit, by round and way, in Markdown."""
-    rounds = sorted({row["round"] for rows in flown.values() for row in rows if row["round"] % 5 == 0})
-    lines = ["| round | " + " | ".join(flown) + " |", "|---" * (len(flown) + 1) + "|"]
-    for number in rounds:
-        cells = [f"{100 * rows[number]['accuracy']:.1f} %, {rows[number]['bits'] / 1e6:.2f}" for rows in flown.values()]
-        lines.append(f"| {number} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    """Test accuracy, mean of the UAVs, and bits so far in Mbit, every five rounds, in Markdown."""
+    lines = [["round", *flown], ["---"] * (len(flown) + 1)]
+    for rows in list(zip(*flown.values(), strict=True))[::5]:
+        cells = [f"{100 * row['accuracy']:.1f} %, {row['bits'] / 1e6:.2f}" for row in rows]
+        lines.append([str(rows[0]["round"]), *cells])
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def picture(flown: dict[str, list[dict[str, float]]], path: Path) -> None:
     """Accuracy over rounds, and over bits."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), sharey=True, layout="constrained")
-    looks = (("k", ":"), ("C0", "-"), ("C1", (0, (4, 2))), ("C0", "-."), ("C1", (0, (1, 1))))
-    for (way, rows), (color, dashes) in zip(flown.items(), looks, strict=False):
-        look = {"color": color, "linestyle": dashes, "label": way, "linewidth": 2}
-        accuracy = [100 * row["accuracy"] for row in rows]
-        panels[0].plot([row["round"] for row in rows], accuracy, **look)
-        if rows[-1]["bits"]:
-            panels[1].plot([row["bits"] / 1e6 for row in rows], accuracy, **look)
-        else:
-            panels[1].axhline(accuracy[-1], **look)
+    for way, dashes in zip(flown, (":", "-", "--", "-.", (0, (1, 1))), strict=False):
+        accuracy = [100 * row["accuracy"] for row in flown[way]]
+        for panel, x, unit in zip(panels, ("round", "bits"), (1, 1e6), strict=True):
+            panel.plot([row[x] / unit for row in flown[way]], accuracy, linestyle=dashes, linewidth=2, label=way)
     panels[0].set(xlabel="round", ylabel="test accuracy, mean of the UAVs, %", ylim=(0, 100))
     panels[1].set(xlabel="bits of models sent so far, Mbit")
-    for panel in panels:
-        panel.grid(alpha=0.3)
     panels[0].legend(loc="center right")
     figure.savefig(path, dpi=130)
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """The key and the value of KEY=VALUE."""
-    key, found, value = text.partition("=")
-    if not found:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected KEY=VALUE")
-    try:
-        return key, json.loads(value)
-    except ValueError:
-        return key, value  # a text
+    """The key and the value of KEY=VALUE: a number, true or false, or else a text."""
+    key, value = text.split("=", 1)
+    with suppress(ValueError):
+        value = json.loads(value)
+    return key, value
 
 
 def main() -> int:
     """The exit code: 0, 2 for bad input, 130 when interrupted. What is finished is written in any case."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0],
-        epilog="example: python examples/classifier.py --uavs 10 --rounds 40 --set federation.payload=int8",
-    )
-    parser.add_argument("--uavs", type=int, default=10, help="number of UAVs (10)")
-    parser.add_argument("--rounds", type=int, default=40, help="number of rounds (40)")
-    parser.add_argument("--seed", type=int, default=1, help="seed (1)")
-    parser.add_argument(
-        "--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help=f"all, or some of: {'; '.join(WAYS)}"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("--uavs", type=int, default=10, help="number of UAVs")
+    parser.add_argument("--rounds", type=int, default=40, help="number of rounds")
+    parser.add_argument("--seed", type=int, default=1, help="seed")
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help="all, or some")
     parser.add_argument("--set", nargs="+", type=setting, default=[], metavar="KEY=VALUE", help="keys of all scenarios")
-    parser.add_argument("--out", type=Path, default=Path("out/classifier"), help="folder to write (out/classifier)")
+    parser.add_argument("--out", type=Path, default=Path("out/classifier"), help="folder to write")
     given = parser.parse_args()
     flown, code = {}, 0
     try:
         for way in given.ways:
             flown[way] = fly(way, given, lambda text: print(f"{text:40}\r", end="", file=sys.stderr, flush=True))
-    except KeyboardInterrupt:
-        code = 130
-    except mf.BadInput as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = 2
-    print(f"{'':40}\r", end="", file=sys.stderr)
+    except (KeyboardInterrupt, mf.BadInput) as error:
+        code = 2 if isinstance(error, mf.BadInput) else 130
+        print(f"error: {error}" if code == 2 else "interrupted", file=sys.stderr)
     if flown:
         given.out.mkdir(parents=True, exist_ok=True)
         (given.out / "classifier.json").write_text(json.dumps(flown, indent=1) + "\n", encoding="utf-8")
