@@ -138,21 +138,11 @@ def killed(out: Path, name: str, at: int, seed: int = 3) -> Path:
     return out / name
 
 
-def test_a_station_goes_on_in_the_folder_of_its_flight(tmp_path: Path) -> None:
-    killed(tmp_path, "compose-20260101-000000", 300)
-    latest = killed(tmp_path, "compose-20260102-000000", 250)
-    killed(tmp_path, "other-20260103-000000", 250)
-    folder, so_far = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)
-    assert folder == latest
-    assert so_far is not None
-    assert 100 < so_far.rows.num_rows <= 251
-    new, nothing = _folder(LATEST, tmp_path, OF_RUN, LONG, 50)  # of a flight that has not come so far
-    assert not new.exists()
-    assert nothing is None
-
-
-def test_a_folder_that_is_finished_or_of_another_scenario_or_empty_is_left_alone(tmp_path: Path) -> None:
+def test_a_station_goes_on_in_no_folder_that_is_finished_or_of_another_scenario_or_empty(tmp_path: Path) -> None:
     finished = killed(tmp_path, "compose-20260101-000000", 250)
+    folder, so_far = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)
+    assert (folder, so_far is None) == (finished, False)
+    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 50)[1] is None  # of a flight that has not come so far
     (finished / SUMMARY).write_text("{}")
     assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
     killed(tmp_path, "compose-20260102-000000", 250, seed=4)

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from contextlib import nullcontext
+import threading
 from pathlib import Path
 
 import pytest
@@ -11,8 +11,14 @@ import pytest
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from meanflock.swarm import durable
+from meanflock.groundstation.results.run_folder import (
+    CHECKPOINT,
+    EVENTS,
+    SCENARIO,
+    SUMMARY,
+    BackgroundWorker,
+    RunFolder,
+)
 from meanflock.swarm import scenario as scenarios
 from tests.polling import DEADLINE_S
 
@@ -108,16 +114,20 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
     assert starts == [1, 1, 1, 1, 101, 101]
 
 
-@pytest.mark.parametrize(("ends_at", "calls"), [(5, 5), (100, 6)])
-def test_a_writer_may_take_as_long_as_its_file_grows(tmp_path: Path, ends_at: int, calls: int) -> None:
-    path, waits = tmp_path / "growing", []
+@pytest.mark.parametrize("call", ["do", "wait", "close", "look"])
+def test_the_next_call_raises_the_error_of_the_work_once(call: str) -> None:
+    aside, go = BackgroundWorker("test"), threading.Event()
 
-    def flush(seconds: float) -> None:
-        waits.append(seconds)
-        path.write_bytes(b"." * min(len(waits), 5))
-        if len(waits) < ends_at:
-            raise RuntimeError("not yet")
+    def fail() -> None:
+        go.wait()
+        raise OSError(28, "No space left on device")
 
-    with pytest.raises(RuntimeError) if ends_at > calls else nullcontext():
-        durable.settle(flush, path, 0.5)
-    assert waits == [0.5] * calls
+    aside.do(fail)
+    aside.look()  # does not wait
+    go.set()
+    assert aside._doing is not None
+    aside._doing.exception(10.0)
+    with pytest.raises(OSError, match="No space"):
+        getattr(aside, call)(*[lambda: None] * (call == "do"))
+    aside.look()
+    aside.close()

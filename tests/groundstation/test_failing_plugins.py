@@ -1,8 +1,14 @@
-"""Whatever a plug-in raises in whichever method, the command ends with its exit code and one line of error."""
+"""Plug-ins that raise in any method end a command with one error; plug-ins that print disturb no output."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from tests.polling import DEADLINE_S
 
 PLUGINS = """
 import meanflock as mf
@@ -72,3 +78,49 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
         assert (method, ended, len(errors)) == (method, code, int(code != EXIT_DONE)), told
         assert "Traceback" not in told
         assert code == EXIT_DONE or raised.partition("(")[0] in errors[0]
+
+
+NOISY = """
+import threading
+import time
+
+import meanflock as mf
+
+print("imported")
+
+
+class Noisy(mf.Controller):
+    name = "noisy"
+
+    def __init__(self, options, scenario):
+        super().__init__(options, scenario)
+        print("made")
+
+    def init(self, uavs, plan):
+        threading.Thread(target=time.sleep, args=(1e6,)).start()
+        return {}
+
+    def step(self, memory, tick, own, received):
+        print("tick", tick)
+        return mf.Step(memory, -0.02 * own[:, :2])
+"""
+NOISY_FLIGHT = ("--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    "command",
+    [("run", *NOISY_FLIGHT), ("plugins",)],
+    ids=["run", "list"],
+)
+def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
+    (tmp_path / "noisy.py").write_text(NOISY)
+    line = [sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json"]
+    ended = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert ended.returncode == 0, ended.stderr
+    assert "imported" in ended.stderr
+    printed = json.loads(ended.stdout)
+    if command[0] == "run":
+        assert printed["ticks"] == 10
+    else:
+        assert "noisy" in {entry["name"] for entry in printed}

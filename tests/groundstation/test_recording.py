@@ -11,13 +11,14 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.replay import recorded as recorded_of
 from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Federation, Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Telemetry
-from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, flight, record, scalars
+from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, fixed, flight, record, scalars
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -149,25 +150,6 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [20, 4])
 
 
-@pytest.mark.parametrize("uavs", [1, 2, 4])
-def test_rows_that_come_one_by_one_are_recorded_the_same(uavs: int, tmp_path: Path) -> None:
-    whole, single = tmp_path / "whole.rrd", tmp_path / "single.rrd"
-    blocks = flight(uavs=uavs, ticks=63)
-    record(whole, blocks[:1] + blocks[2:])  # a block is missing
-    record(single, [block for block in flight(uavs=uavs, ticks=63, block=1) if not 20 <= block.first_tick < 40])
-    for entity, name in (
-        (look.UAVS, "Points2D:positions"),
-        (look.TRAILS, "LineStrips2D:strips"),
-        (look.LANES, "StateChange:state"),
-        (plots.ENERGY.entity, "Scalars:scalars"),
-    ):
-        ticks, rows = column(whole, entity, name)
-        single_ticks, single_rows = column(single, entity, name)
-        np.testing.assert_array_equal(single_ticks, ticks)
-        assert single_rows == rows
-    np.testing.assert_array_equal(column(whole, look.UAVS, "Points2D:positions")[0], [*range(20), *range(40, 63)])
-
-
 def test_a_large_swarm_is_recorded_coarsely(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     record(path, flight(uavs=300, ticks=60))
@@ -187,3 +169,70 @@ def test_a_file_or_port_that_cannot_be_used_is_bad_input(tmp_path: Path) -> None
         with pytest.raises(BadInput, match=rf"127\.0\.0\.1:{port}: Address already in use; choose another port"):
             Recorder(Scenario(), "test", path, serve=("127.0.0.1", port))
     assert not path.exists()
+
+
+def of_a_stranger(path: Path, names: tuple[str, ...], weights: int) -> list[Telemetry]:
+    """Records a flight of a controller that is not installed here and reports these diagnostics and weights."""
+    blocks = [
+        msgspec.structs.replace(
+            block,
+            diagnostics=np.ascontiguousarray(block.diagnostics[..., : len(names)]),
+            diagnostic_names=names,
+            reports=np.ascontiguousarray(block.reports[:, :weights]),
+        )
+        for block in flight(uavs=4, ticks=60)
+    ]
+    record(path, blocks, Reported(names, weights), method="nobody-has-it")
+    return blocks
+
+
+def entities(path: Path) -> set[str]:
+    return {str(chunk.entity_path).lstrip("/") for chunk in RrdReader(path).stream()}
+
+
+def test_unknown_diagnostics_are_drawn_under_their_names(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    blocks = of_a_stranger(path, ("tension", "phi_G"), 0)
+    values = np.concatenate([block.diagnostics for block in blocks])[..., 0].astype(np.float64)
+    plot = plots.diagnostic("tension")
+    assert plot.title == "tension: mean, min, max"
+    ticks, lines = scalars(path, plot)
+    np.testing.assert_array_equal(ticks, np.arange(1, 60))  # at take-off nothing was reported yet
+    values = values[1:]
+    np.testing.assert_allclose(lines, np.stack([values.mean(1), values.min(1), values.max(1)], axis=-1))
+    assert plots.diagnostic("phi_G").entity in entities(path)  # a name we know, and its look, whoever reports it
+    assert not {plots.WEIGHTS, plots.SPREAD.entity, plots.diagnostic("hjb_residual").entity} & entities(path)
+
+
+def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp_path: Path) -> None:
+    for names, entity, ends in (
+        (("hjb_residual", "phi_G"), "phi_G", ["φ_G ≤ 0.001", "≥ 1 s⁻²"]),
+        (("hjb_residual",), "speed", ["speed 0", "≥ 5 m/s"]),
+        ((), "speed", ["speed 0", "≥ 5 m/s"]),
+    ):
+        path = tmp_path / f"{len(names)}.rrd"
+        blocks = of_a_stranger(path, names, 3)
+        states = np.concatenate([block.states for block in blocks])
+        _, colors = column(path, look.UAVS, "Points2D:colors")
+        if entity == "speed":
+            np.testing.assert_array_equal(colors, drawing.speed_colors(state.speed(states)))
+        else:
+            phi = np.concatenate([block.diagnostics for block in blocks])[..., 1]
+            np.testing.assert_array_equal(colors, drawing.phi_g_colors(phi))
+        said = [fixed(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
+        assert said == [[end] for end in ends]
+        assert not {"map/legend/speed", "map/legend/phi_G"} - {f"map/legend/{entity}"} & entities(path)
+
+
+def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "recording.rrd"
+    of_a_stranger(path, (), 3)
+    np.testing.assert_array_equal(recorded_of([path]).ticks, np.arange(60))
+    assert scalars(path, plots.WEIGHTS)[1].shape == (3, 3)
+    assert scalars(path, plots.SPREAD)[1].shape == (3, 1)
+    assert plots.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
+    assert plots.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
+    for weights in (0, 1, 2, 59, 60, 61, 1_000_000):
+        drawn = Reported((), weights).drawn
+        assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))
+        assert all(0 <= number < weights for number in drawn)

@@ -70,12 +70,6 @@ def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -
     assert path.read_bytes() == b"not a recording"
 
 
-def size_of(png: Path) -> tuple[int, int]:
-    header = png.read_bytes()[:24]
-    assert header[:8] == b"\x89PNG\r\n\x1a\n"
-    return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
-
-
 def skip_without_graphics(said: str) -> None:
     no_graphics = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
     if any(reason in said for reason in no_graphics) and MISSING_GRAPHICS in said:
@@ -92,8 +86,8 @@ def test_a_picture_shows_the_given_second_or_the_last_without_a_display(run, tmp
         code, out, err = run("picture", "recording.rrd", *flags, "-o", str(png), "--size", "640x480")
         skip_without_graphics(err)
         assert (code, out) == (EXIT_DONE, f"{png}\n")
-        assert size_of(png) == (640, 480)
         pictures[name] = imread(png)
+        assert pictures[name].shape[:2] == (480, 640)
     apart = {name: float(np.abs(pictures[name] - pictures["default"]).mean()) for name in ("last", "middle")}
     assert 10 * apart["last"] < apart["middle"]
     code, _, err = run("picture", "recording.rrd", "--at", "20", "-o", "beyond.png")

@@ -62,11 +62,11 @@ def oldest(requirement: Requirement) -> str:
 
 @pytest.fixture(scope="module", params=["newest", "oldest"])
 def python(request: pytest.FixtureRequest, built: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of a fresh environment: with the source distribution and the newest libraries of all ranges, or
-    with the wheel and the oldest. Rerun is not among the oldest: it needs newer NumPy."""
+    """The interpreter of a fresh environment with the newest or the oldest libraries of all ranges. Rerun is not among
+    the oldest: it needs newer NumPy."""
     environment = tmp_path_factory.mktemp(request.param)
     if request.param == "newest":
-        wanted = [f"{built.source}[ground]"]
+        wanted = [f"{built.wheel}[ground]"]
     elif sys.version_info >= (3, 13):
         pytest.skip("the oldest NumPy has no wheel for this Python")
     else:

@@ -1,4 +1,4 @@
-"""Tables of means: UAVs that never arrived, units, and the width of the terminal."""
+"""Tables: UAVs that never arrived, units, the width of the terminal, and the parts of pages that programs write."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import pytest
 
 from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
 from meanflock.studies import study
+from meanflock.studies.markdown import replaced, table
 from meanflock.studies.means import Means
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import Scenario
@@ -83,3 +84,15 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, column
     assert all(word in shown for value in values for word in str(value).split())
     for word in ("(UAVs)", "(s)", "(J)", "(Mbit)", "(m/s)", "(1)", "(pairs)", "25/25", "1.235e-05", "161.3"):
         assert word in shown
+
+
+def test_a_cell_breaks_no_table() -> None:
+    assert table(("a", "b"), [("|x|", "two\nlines")]) == ["| a | b |", "|---|---|", "| \\|x\\| | two lines |"]
+
+
+def test_only_the_text_between_its_two_marks_is_replaced() -> None:
+    page = "# A page\n<!-- a -->\nold\n<!-- end -->\n<!-- b -->\nkept\n<!-- end -->\n"
+    assert replaced(page, "<!-- a -->", "<!-- end -->", ["new"]) == page.replace("old", "new")
+    for wrong in ("# A page\n", "<!-- a -->", "<!-- a --><!-- end --><!-- a --><!-- end -->"):
+        with pytest.raises(ValueError, match=r"places for `<!-- a -->`"):
+            replaced(wrong, "<!-- a -->", "<!-- end -->", [])

@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.leaderboard.courses import SMALL
+SMALL = """
+uavs = 3
+duration = 4.0
+stop = "duration"
+[start]
+centre = [12.0, 9.0]
+"""
+QUICK = ("--seeds", "2", "--first-seed", "1", "--jobs", "1", "--quiet", "--out", "out")
 
 
 @pytest.fixture

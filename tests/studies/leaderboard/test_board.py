@@ -15,7 +15,7 @@ from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE
-from tests.studies.leaderboard.courses import QUICK, SMALL
+from tests.studies.leaderboard.conftest import QUICK, SMALL
 
 
 def test_the_pages_show_the_same_cells_and_the_data_page_every_field(run, tmp_path, small) -> None:

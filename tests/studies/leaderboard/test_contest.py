@@ -15,7 +15,7 @@ from meanflock.studies.leaderboard import board, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
-from tests.studies.leaderboard.courses import QUICK
+from tests.studies.leaderboard.conftest import QUICK
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
