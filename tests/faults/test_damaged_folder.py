@@ -13,13 +13,7 @@ import pytest
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.replay import recorded, verify
-from meanflock.groundstation.results.run_folder import (
-    CHECKPOINT,
-    EVENTS,
-    RECORDING,
-    SUMMARY,
-    read_checkpoint,
-)
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, read_checkpoint
 from meanflock.swarm.errors import BadInput
 from tests.faults.conftest import scenario
 from tests.faults.dying import LATER, dead

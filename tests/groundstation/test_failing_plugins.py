@@ -108,11 +108,7 @@ NOISY_FLIGHT = ("--method", "noisy", "--uavs", "2", "--duration", "1", "--no-rec
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize(
-    "command",
-    [("run", *NOISY_FLIGHT), ("plugins",)],
-    ids=["run", "list"],
-)
+@pytest.mark.parametrize("command", [("run", *NOISY_FLIGHT), ("plugins",)], ids=["run", "list"])
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
     (tmp_path / "noisy.py").write_text(NOISY)
     line = [sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json"]

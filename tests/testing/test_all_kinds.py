@@ -15,21 +15,8 @@ import pytest
 from meanflock.agent.controllers.base import Step
 from meanflock.swarm import plugins, seeds
 from meanflock.swarm.scenario import Filter, Obstacle, Scenario, Sharing, Start
-from meanflock.testing import (
-    ConformanceError,
-    check_aggregator,
-    check_controller,
-    check_filter,
-)
-from tests.testing.good import (
-    KINDS,
-    GoodAggregator,
-    GoodController,
-    Kind,
-    calls,
-    changed,
-    failing,
-)
+from meanflock.testing import ConformanceError, check_aggregator, check_controller, check_filter
+from tests.testing.good import KINDS, GoodAggregator, GoodController, Kind, calls, changed, failing
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 every = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)

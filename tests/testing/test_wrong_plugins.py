@@ -185,13 +185,7 @@ VEHICLES: dict[str, tuple[Any, str]] = {
     "power below zero": (powered(lambda states: -np.ones(len(states))), "below zero"),
     "needs a UAV": (powered(lambda states: np.full(len(states), states[0, 0] ** 2)), "IndexError"),
 }
-TABLES = {
-    "controller": CONTROLLERS,
-    "filter": FILTERS,
-    "aggregator": RULES,
-    "channel": CHANNELS,
-    "vehicle": VEHICLES,
-}
+TABLES = {"controller": CONTROLLERS, "filter": FILTERS, "aggregator": RULES, "channel": CHANNELS, "vehicle": VEHICLES}
 
 
 @pytest.mark.parametrize(("kind", "mistake"), [(kind, mistake) for kind in TABLES for mistake in TABLES[kind]])
