@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,7 +14,7 @@ from benchmarks import page, peers, profile, scaling, store
 from benchmarks.__main__ import PAGE
 from benchmarks.peer import environment
 from benchmarks.processes import BenchmarkFailed
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 ROOT = Path(__file__).parents[1]
 FIGURE = {
@@ -26,9 +25,8 @@ FIGURE = {
 
 def test_a_race_leaves_a_record_and_a_page_of_all_its_figures(tmp_path: Path, capsys: Any) -> None:
     record, page = tmp_path / "latest.json", tmp_path / "performance.md"
-    command = [sys.executable, "-m", "benchmarks", "--quick", "--only", "wire", "--json", record, "--page", page]
-    done = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    flags = ("--quick", "--only", "wire", "--json", record, "--page", page)
+    assert printed(sys.executable, "-m", "benchmarks", *flags, cwd=ROOT) == ""
     written = json.loads(record.read_text(encoding="utf-8"))
     assert set(written) == {"schema", "date", "seconds", "machine", "versions", "races"}
     race, text = written["races"]["wire"], page.read_text(encoding="utf-8")

@@ -3,7 +3,6 @@
 import os
 import re
 import shlex
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -17,8 +16,8 @@ from meanflock.groundstation.cli.command import cli, main
 from meanflock.studies import communication, published, robustness
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
+from tests.commands import printed
 from tests.pages import script_of
-from tests.polling import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -47,10 +46,7 @@ def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
         r"^```(python|sh|text)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
     ):
         if language == "sh":
-            done = subprocess.run(
-                ["bash", "-ec", code], cwd=folder, env=env, capture_output=True, text=True, timeout=280
-            )
-            assert done.returncode == 0, f"{code}\n{done.stdout}\n{done.stderr}"
+            printed("bash", "-ec", code, cwd=folder, env=env)
         elif language == "text":
             expected += code.splitlines()
         elif name := re.match(r"# (\w+\.py)\n\n?", code):
@@ -59,9 +55,7 @@ def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
             script += code
             expected += re.findall(r"^\s*print\(.*\)  # (.*)$", code, flags=re.M)
     (folder / "page.py").write_text(script, encoding="utf-8")
-    done = subprocess.run([sys.executable, "page.py"], cwd=folder, env=env, capture_output=True, text=True, timeout=280)
-    assert done.returncode == 0, done.stderr
-    return done.stdout, "".join(f"{line}\n" for line in expected)
+    return printed(sys.executable, "page.py", cwd=folder, env=env), "".join(f"{line}\n" for line in expected)
 
 
 def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
@@ -121,11 +115,7 @@ def test_every_verb_and_every_option_is_in_the_reference() -> None:
 
 @pytest.mark.parametrize("room", ["worldsim", "leader", "agent", "groundstation"])
 def test_every_flag_of_a_process_is_in_the_reference(room: str) -> None:
-    command = [sys.executable, "-m", f"meanflock.{room}", "--help"]
-    env = os.environ | {"COLUMNS": "80"}
-    said = subprocess.run(
-        command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=DEADLINE_S, check=True
-    ).stdout
+    said = printed(sys.executable, "-m", f"meanflock.{room}", "--help", env=os.environ | {"COLUMNS": "80"})
     assert [line for line in said.splitlines() if len(line) > 80] == []
     assert f"example: python -m meanflock.{room} " in said
     section = CLI.partition("## The processes themselves")[2]

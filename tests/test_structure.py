@@ -3,13 +3,12 @@
 import ast
 import io
 import re
-import subprocess
 import sys
 import tokenize
 
 import pytest
 
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 from tests.sources import (
     MODULES,
     NAMES,
@@ -195,10 +194,7 @@ SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
 )
 def test_a_process_loads_only_what_it_needs(modules: str, forbidden: list[str]) -> None:
     code = LOADED.format(module=modules, forbidden=forbidden)
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=True
-    )
-    assert loaded.stdout.strip() == ""
+    assert printed(sys.executable, "-c", code, cwd=ROOT).strip() == ""
 
 
 def test_tests_have_docstrings_and_import_no_module_of_tests() -> None:

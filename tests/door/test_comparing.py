@@ -1,6 +1,5 @@
 """`mf.compare` and `mf.sweep`: a row for each point, from flights of `mf.fly`; finished flights never fly again."""
 
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import meanflock as mf
 from meanflock.studies import study
 from meanflock.swarm import plugins
 from meanflock.swarm.plugins import registry
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 SMALL: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
 
@@ -117,4 +116,4 @@ if __name__ == "__main__":
 def test_flights_fly_in_a_fork_and_in_a_worker_of_another_pool(tmp_path: Path) -> None:
     script = tmp_path / "forked.py"
     script.write_text(FORKED)
-    subprocess.run([sys.executable, "-W", "error", script], cwd=tmp_path, timeout=DEADLINE_S, check=True)
+    printed(sys.executable, "-W", "error", script, cwd=tmp_path)

@@ -1,12 +1,11 @@
 """`import meanflock` loads nothing, changes nothing, and imports nothing from the working folder."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import meanflock as mf
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 LOOK = """
 import json, os, signal, sys
@@ -32,11 +31,7 @@ HOSTILE = "raise SystemExit('a file of somebody else was taken for ours')\n"
 
 def python(code: str, folder: Path) -> str:
     """What code prints that is run in a folder, which is first on the path."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed(sys.executable, "-c", code, cwd=folder)
 
 
 def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:

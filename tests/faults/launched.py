@@ -3,17 +3,16 @@
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 
+from tests.commands import COMMAND
 from tests.faults.by_hand import Recorded, spool_bytes
 from tests.polling import DEADLINE_S, until
 
-COMMAND = [sys.executable, "-m", "meanflock.groundstation.cli"]
 BARRIER_S = 4
 ENVIRONMENT = {"MEANFLOCK_BARRIER": str(BARRIER_S)}
 

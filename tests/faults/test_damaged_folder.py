@@ -3,9 +3,8 @@
 import os
 import resource
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,9 @@ from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, read_checkpoint
 from meanflock.swarm.errors import BadInput
+from tests.commands import COMMAND, ended
 from tests.faults.conftest import scenario
 from tests.faults.dying import LATER, dead
-from tests.polling import DEADLINE_S
 
 A_DISPLAY = "WAYLAND_SOCKET", "3"  # as if there were one: nothing is opened on it
 
@@ -141,14 +140,8 @@ def test_a_full_disk_is_a_verdict_and_leaves_nothing_half_written(command: str, 
     else:
         (folder / RECORDING).write_bytes(b"")
     before = contents(folder)
-    done = subprocess.run(
-        [sys.executable, "-m", "meanflock.groundstation.cli", command, str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        env=os.environ | dict([A_DISPLAY]),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-    )
+    full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (20_000, 20_000))
+    done = ended(*COMMAND, command, folder, env=os.environ | dict([A_DISPLAY]), preexec_fn=full)
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert line.startswith("error: ")

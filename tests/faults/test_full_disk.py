@@ -6,7 +6,6 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -17,9 +16,9 @@ from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
+from tests.commands import COMMAND, ended
 from tests.faults.conftest import honest, scenario
 from tests.faults.dying import LATER, dead
-from tests.polling import DEADLINE_S
 
 FULL_BYTES = 320 * 1024
 SETTINGS = ("uavs=4", "seed=7", "stop=duration", "duration=80", "federation.period=40")
@@ -41,16 +40,11 @@ def whole(folder: Path) -> int:
     return so_far.rows.num_rows
 
 
-def command_line(*arguments: str, **options: Any) -> "subprocess.CompletedProcess[str]":
-    line = [sys.executable, "-m", "meanflock.groundstation.cli", *arguments]
-    return subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False, **options)
-
-
 @pytest.mark.processes
 def test_a_run_whose_disk_fills_up_fails_with_a_verdict_and_is_resumed_to_the_same_end(tmp_path: Path) -> None:
     flags = ["--in-process", "--quiet", "--no-record"]
     settings = [word for setting in SETTINGS for word in ("--set", setting)]
-    failed = command_line("run", "--out", str(tmp_path), *flags, *settings, preexec_fn=fill)
+    failed = ended(*COMMAND, "run", "--out", str(tmp_path), *flags, *settings, preexec_fn=fill)
     (folder,) = tmp_path.iterdir()
     assert failed.returncode == 1
     assert "Traceback" not in failed.stderr
@@ -83,8 +77,7 @@ def test_a_run_without_room_is_bad_input_and_changes_nothing(tmp_path, monkeypat
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_an_output_that_takes_no_more_is_an_error_in_a_line() -> None:
     with Path("/dev/full").open("w") as full:
-        command = [sys.executable, "-m", "meanflock.groundstation.cli", "scenario", "show"]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False)
+        done = ended(*COMMAND, "scenario", "show", capture_output=False, stdout=full, stderr=subprocess.PIPE)
     assert done.stderr == "error: standard output: No space left on device; what was flown or written is kept\n"
     assert done.returncode == 1
 
@@ -98,7 +91,6 @@ def test_an_output_that_takes_no_more_is_an_error_in_a_line() -> None:
 )
 def test_a_process_whose_output_is_closed_ends_as_any_other(command: tuple[str, ...], code: int, says: str) -> None:
     module, *flags = (word.replace("ENDPOINT", free_endpoint()) for word in command)
-    line = ["sh", "-c", '"$@" >&-', "sh", sys.executable, "-m", f"meanflock.{module}", *flags]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    done = ended("sh", "-c", '"$@" >&-', "sh", sys.executable, "-m", f"meanflock.{module}", *flags)
     assert (done.returncode, done.stderr.count("\n")) == (code, code)
     assert says in done.stderr

@@ -1,9 +1,11 @@
 """A link between two processes that can fail."""
 
-import select
 import socket
 import struct
 import threading
+from contextlib import suppress
+
+ABORT = struct.pack("ii", 1, 0)  # SO_LINGER: a close sends an RST
 
 
 class Wire:
@@ -13,64 +15,47 @@ class Wire:
         self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
         self._server = socket.create_server(("127.0.0.1", 0))
         self.endpoint = f"tcp/127.0.0.1:{self._server.getsockname()[1]}"
-        self._pairs: dict[socket.socket, socket.socket] = {}
+        self._ends: list[socket.socket] = []
         self._open = threading.Event()
-        self._working = threading.Lock()
         self._open.set()
-        self._over = False
-        self._thread = threading.Thread(target=self._relay, daemon=True)
-        self._thread.start()
-
-    def cut(self) -> None:
-        self._open.clear()
+        self.cut, self.heal = self._open.clear, self._open.set
+        threading.Thread(target=self._accept, daemon=True).start()
 
     def reset(self) -> None:
+        """Ends every connection, and lets none through until it is healed."""
         self.cut()
-        with self._working:
-            for end in self._pairs:
-                end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        for end in self._ends:
+            with suppress(OSError):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, ABORT)
+                end.shutdown(socket.SHUT_RD)  # wakes the thread that reads
                 end.close()
-            self._pairs.clear()
-
-    def heal(self) -> None:
-        self._open.set()
+        self._ends.clear()
 
     def close(self) -> None:
-        self._over = True
-        self._open.set()
-        self._thread.join()
-        for end in (self._server, *self._pairs):
-            end.close()
-
-    def _relay(self) -> None:
-        while not self._over:
-            self._open.wait()
-            with self._working:
-                for ready in select.select([self._server, *self._pairs], [], [], 0.05)[0]:
-                    if not self._open.is_set():
-                        break
-                    if ready is self._server:
-                        self._accept()
-                    elif ready in self._pairs:
-                        self._pass(ready)
+        self._server.close()
+        self.reset()
+        self.heal()
 
     def _accept(self) -> None:
-        near = self._server.accept()[0]
-        try:
-            far = socket.create_connection(self._to, 5.0)
-        except OSError:
-            near.close()
-            return
-        self._pairs.update({near: far, far: near})
+        with suppress(OSError):
+            while True:
+                near = self._server.accept()[0]
+                self._open.wait()
+                try:
+                    far = socket.create_connection(self._to, 5.0)
+                except OSError:
+                    near.close()
+                    continue
+                far.settimeout(None)
+                self._ends += (near, far)
+                for ends in ((near, far), (far, near)):
+                    threading.Thread(target=self._pass, args=ends, daemon=True).start()
 
-    def _pass(self, ready: socket.socket) -> None:
-        other = self._pairs[ready]
-        try:
-            if data := ready.recv(1 << 16):
-                other.sendall(data)
-                return
-        except OSError:
-            pass
-        for end in (ready, other):
-            self._pairs.pop(end, None)
-            end.close()
+    def _pass(self, source: socket.socket, target: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(1 << 16):
+                self._open.wait()
+                target.sendall(data)
+        for end in (source, target):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)

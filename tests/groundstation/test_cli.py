@@ -3,8 +3,6 @@
 import json
 import os
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -12,8 +10,8 @@ from meanflock import kernels
 from meanflock.kernels import sources
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from tests.commands import COMMAND, printed
 from tests.groundstation.conftest import QUICK
-from tests.polling import DEADLINE_S
 
 
 def test_a_flight_that_lost_uavs_names_the_first_and_the_reason(run) -> None:
@@ -65,10 +63,8 @@ def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:
 
 
 def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(tmp_path) -> None:
-    command = [sys.executable, "-m", "meanflock.groundstation.cli", *QUICK, "--out", str(tmp_path)]
     env = os.environ | {"PYTHONIOENCODING": "latin-1"}
-    done = subprocess.run(command, env=env, capture_output=True, check=True, timeout=DEADLINE_S)
-    assert "alignment ?_A" in done.stdout.decode("latin-1")
+    assert "alignment ?_A" in printed(*COMMAND, *QUICK, "--out", tmp_path, env=env, encoding="latin-1")
 
 
 @pytest.mark.parametrize("group", [(), ("scenario",), ("certs",)])

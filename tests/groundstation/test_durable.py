@@ -1,7 +1,6 @@
 """After any crash a file is the old or the new one, and no checkpoint is ahead of its rows."""
 
 import os
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -20,7 +19,7 @@ from meanflock.groundstation.results.run_folder import (
     RunFolder,
 )
 from meanflock.swarm import scenario as scenarios
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
 
@@ -101,9 +100,7 @@ def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_sam
     expected = engine.world.flight.trajectory_sha256
     # Six calls make the folder and five the first checkpoint: these are all of the second's, and the next.
     outs = [tmp_path / str(number) for number in range(6)]
-    line = [sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.returncode == 0, done.stderr
+    printed(sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS)
     starts = []
     for out in outs:
         (folder,) = out.iterdir()

@@ -1,7 +1,6 @@
 """The engine in one process: telemetry, observers, and the models that it carries from flight to flight."""
 
 import re
-import subprocess
 import sys
 
 import msgspec
@@ -12,10 +11,10 @@ from meanflock.channel.link import slot_success
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import Scenario, load
+from tests.commands import printed
 from tests.golden.flights import steady
 from tests.groundstation.flights import INT8, RUN, UAVS, fly, scenario
 from tests.methods import METHODS
-from tests.polling import DEADLINE_S
 from tests.sources import ROOT, text
 
 
@@ -114,5 +113,4 @@ def test_every_process_limits_blas_to_one_thread_before_it_imports_numpy() -> No
     for room in ("groundstation/cli", "agent", "leader", "worldsim", "groundstation"):
         names = re.findall(r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / room / "__main__.py"), re.MULTILINE)
         assert names[0] == "meanflock.swarm.one_thread", room
-    done = subprocess.run([sys.executable, "-c", WATCH], capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.stdout.strip() == "1 1", done.stderr
+    assert printed(sys.executable, "-c", WATCH).strip() == "1 1"

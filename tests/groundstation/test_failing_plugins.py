@@ -1,14 +1,13 @@
 """Plug-ins that raise in any method end a command with one error; plug-ins that print disturb no output."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
-from tests.polling import DEADLINE_S
+from tests.commands import ended
 
 PLUGINS = """
 import meanflock as mf
@@ -73,9 +72,9 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
     for method, code in {"nowhere": EXIT_DONE, **expected}.items():
         (tmp_path / "mine.py").write_text(PLUGINS.replace("METHOD", method).replace("RAISED", raised))
         flags = [*FLIGHT, *(flag for setting in SETTINGS for flag in ("--set", setting))]
-        ended, _, told = run("run", "--in-process", *flags)
+        left, _, told = run("run", "--in-process", *flags)
         errors = [line for line in told.splitlines() if line.startswith("error: ")]
-        assert (method, ended, len(errors)) == (method, code, int(code != EXIT_DONE)), told
+        assert (method, left, len(errors)) == (method, code, int(code != EXIT_DONE)), told
         assert "Traceback" not in told
         assert code == EXIT_DONE or raised.partition("(")[0] in errors[0]
 
@@ -111,12 +110,8 @@ NOISY_FLIGHT = ("--method", "noisy", "--uavs", "2", "--duration", "1", "--no-rec
 @pytest.mark.parametrize("command", [("run", *NOISY_FLIGHT), ("plugins",)], ids=["run", "list"])
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
     (tmp_path / "noisy.py").write_text(NOISY)
-    line = [sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json"]
-    ended = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert ended.returncode == 0, ended.stderr
-    assert "imported" in ended.stderr
-    printed = json.loads(ended.stdout)
-    if command[0] == "run":
-        assert printed["ticks"] == 10
-    else:
-        assert "noisy" in {entry["name"] for entry in printed}
+    line = (sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json")
+    done = ended(*line, cwd=tmp_path)
+    assert (done.returncode, "imported" in done.stderr) == (0, True), done.stderr
+    found = json.loads(done.stdout)
+    assert found["ticks"] == 10 if command[0] == "run" else "noisy" in {entry["name"] for entry in found}

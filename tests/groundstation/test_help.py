@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 
@@ -12,8 +11,8 @@ import pytest
 from meanflock.groundstation.cli.command import cli
 from meanflock.swarm.errors import EXIT_DONE, MeanflockError
 from meanflock.swarm.toml import shipped
+from tests.commands import ended
 from tests.groundstation.conftest import QUICK
-from tests.polling import DEADLINE_S
 
 _COLUMNS = 80
 
@@ -95,6 +94,5 @@ DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
     ids=["help", "help of run", "run"],
 )
 def test_a_command_loads_only_what_it_needs(tmp_path, arguments, forbidden) -> None:
-    command = [sys.executable, "-c", LOADED, json.dumps(arguments), json.dumps(forbidden)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    done = ended(sys.executable, "-c", LOADED, json.dumps(arguments), json.dumps(forbidden), cwd=tmp_path)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "")

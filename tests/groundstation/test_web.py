@@ -5,7 +5,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import urllib.parse
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from meanflock.groundstation.recording.web import WebPage
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from meanflock.swarm.scenario import Scenario
+from tests.commands import COMMAND
 from tests.groundstation.browser import PROGRAM, Browser
 from tests.groundstation.recordings import flight, record
 from tests.polling import DEADLINE_S, until
@@ -65,8 +65,7 @@ def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> N
 def test_view_serves_the_page_and_the_recording_to_this_machine_until_ctrl_c(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     record(path, flight(ticks=60))
-    command = [sys.executable, "-m", "meanflock.groundstation.cli", "view", str(path), "--web"]
-    serving = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    serving = subprocess.Popen([*COMMAND, "view", path, "--web"], stdout=subprocess.PIPE, text=True)
     try:
         assert serving.stdout is not None
         page = serving.stdout.readline().strip()

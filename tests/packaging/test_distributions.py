@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tarfile
 import zipfile
@@ -15,10 +14,10 @@ from packaging.requirements import Requirement
 
 import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT
+from tests.commands import ended, printed
 from tests.integration.hostile_folder import LIBRARIES, PACKAGES, hostile
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
-from tests.polling import DEADLINE_S
 from tests.sources import ROOMS, ROOT
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("packaging")]
@@ -28,12 +27,6 @@ PAGES = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("first-flight", "your-controller", "your-aggregation")),
 ]
-
-
-def done(*line: str | Path, cwd: Path) -> str:
-    ended = subprocess.run(list(map(str, line)), cwd=cwd, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert ended.returncode == 0, f"{ended.stdout[-3000:]}\n{ended.stderr[-3000:]}"
-    return ended.stdout
 
 
 class Distributions(NamedTuple):
@@ -49,7 +42,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
     folder = tmp_path_factory.mktemp("built")
     left = shutil.ignore_patterns(".*", "__pycache__", "*.so", "*.egg-info", "build", "dist", "out", "runs")
     shutil.copytree(ROOT, folder / "checkout", symlinks=True, ignore=left)
-    done(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "checkout", cwd=folder)
+    printed(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "checkout", cwd=folder)
     (source,) = (folder / "dist").glob("*.tar.gz")
     (wheel,) = (folder / "dist").glob("*.whl")
     return Distributions(source, wheel)
@@ -72,9 +65,9 @@ def python(request: pytest.FixtureRequest, built: Distributions, tmp_path_factor
     else:
         libraries = direct(PROJECT["dependencies"], EXTRAS["world"], EXTRAS["ground"])
         wanted = [str(built.wheel), *(oldest(library) for library in libraries if library.name != "rerun-sdk")]
-    done(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment)
+    printed(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment)
     python = environment / "bin" / "python"
-    done(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile", *wanted, cwd=environment)
+    printed(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile", *wanted, cwd=environment)
     return python
 
 
@@ -96,25 +89,23 @@ def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> 
 
 def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:
     working, ran = hostile(tmp_path)
-    command = [python.with_name("meanflock"), "paper", "--seeds", "1"]
-    ended = subprocess.run(command, cwd=working, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert (ended.returncode, ended.stdout) == (EXIT_BAD_INPUT, "")
-    assert ended.stderr.startswith("error: paper: the folder `reproduction` is missing")
-    assert ended.stderr.count("\n") == 1
+    done = ended(python.with_name("meanflock"), "paper", "--seeds", "1", cwd=working)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert done.stderr.startswith("error: paper: the folder `reproduction` is missing")
     assert not ran.exists(), ran.read_text()
 
 
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
     """A plug-in on processes with TLS and in one, and a method that learns and federates."""
     find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
-    assert done(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
+    assert printed(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
     working, ran = hostile(tmp_path)
     meanflock = python.with_name("meanflock")
-    done(meanflock, "certs", "init", tmp_path / "certs", "--uavs", "3", cwd=working)
+    printed(meanflock, "certs", "init", tmp_path / "certs", "--uavs", "3", cwd=working)
     command = [meanflock, "run", "--no-record", "--json", "--quiet", "--out", tmp_path / "out"]
     plug_in = ["--plugin", SPRING, "--method", "spring", "--uavs", "3", "--duration", "10"]
     each, alone, federated = (
-        json.loads(done(*command, *flags, cwd=working))
+        json.loads(printed(*command, *flags, cwd=working))
         for flags in (
             [*plug_in, "--tls", tmp_path / "certs", "--uavs-per-process", "2"],
             [*plug_in, "--in-process"],
@@ -132,12 +123,12 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
     assert federated["rounds"] > 0
     assert federated["trajectory_sha256"] == mf.fly(uavs=4, duration=25).summary["trajectory_sha256"]
     assert (federated["backend"], alone["backend"]) == (mf.fly(uavs=1, duration=1).summary["backend"],) * 2
-    done(meanflock, "plot", tmp_path / "out" / federated["run_id"], cwd=working)
+    printed(meanflock, "plot", tmp_path / "out" / federated["run_id"], cwd=working)
 
 
 @pytest.mark.parametrize("python", ["newest"], indirect=True)
 def test_it_records_and_a_type_checker_sees_its_types_and_accepts_the_pages(python: Path, tmp_path: Path) -> None:
-    done(python.with_name("meanflock"), "run", "--in-process", "--duration", "5", cwd=tmp_path)
+    printed(python.with_name("meanflock"), "run", "--in-process", "--duration", "5", cwd=tmp_path)
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "recording.rrd").stat().st_size > 0
     for page in PAGES:
@@ -145,5 +136,5 @@ def test_it_records_and_a_type_checker_sees_its_types_and_accepts_the_pages(pyth
             (tmp_path / name).write_text(code, encoding="utf-8")
     (tmp_path / "reveal.py").write_text("import meanflock as mf\n\nreveal_type(mf.fly(uavs=2).states)\n")
     for interpreter in (sys.executable, python):
-        seen = done(sys.executable, "-m", "mypy", "--python-executable", interpreter, tmp_path, cwd=tmp_path)
+        seen = printed(sys.executable, "-m", "mypy", "--python-executable", interpreter, tmp_path, cwd=tmp_path)
         assert 'numpy.dtype[numpy.float64]]"' in seen

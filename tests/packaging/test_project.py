@@ -3,7 +3,6 @@
 import importlib
 import os
 import re
-import subprocess
 import sys
 import tomllib
 from importlib import metadata
@@ -14,8 +13,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from meanflock.swarm.errors import EXIT_BAD_INPUT, needed
+from tests.commands import ended, printed
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
-from tests.polling import DEADLINE_S
 from tests.sources import ROOT
 
 
@@ -118,8 +117,7 @@ def everything(path: Path) -> str:
 def test_a_process_without_a_library_names_what_to_install(module, arguments, library, install, tmp_path) -> None:
     code = f"import sys, runpy; sys.modules[{library!r}] = None; sys.argv = ['-m', *{arguments}]\n"
     code += f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
-    line = [sys.executable, "-P", "-c", code]
-    said = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    said = ended(sys.executable, "-P", "-c", code, cwd=tmp_path)
     assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1), said.stderr
     assert said.stderr.startswith(f"error: {library} is not installed")
     assert f"pip install {install}" in said.stderr
@@ -143,8 +141,7 @@ def test_every_entry_point_is_the_plug_in_of_its_name() -> None:
 def test_every_make_target_is_documented() -> None:
     (phony,) = re.findall(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     environment = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
-    line = ["make", "--no-print-directory"]
-    shown = subprocess.run(line, cwd=ROOT, env=environment, capture_output=True, text=True, check=True).stdout
+    shown = printed("make", "--no-print-directory", cwd=ROOT, env=environment)
     documented = dict(re.findall(r"^  ([a-z-]+) +(\S.*)$", re.sub(r"\x1b\[\d*m", "", shown), re.MULTILINE))
     assert documented.keys() == set(phony.split()) - {"stale"}
     assert {"run", "test", "check", "bench", "test-compose", "clean", "picture"} <= documented.keys()

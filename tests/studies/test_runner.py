@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from meanflock.studies.store import Store
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import load
-from tests.polling import DEADLINE_S
+from tests.commands import ended, printed
 
 _START = """
 import signal, sys
@@ -36,9 +35,7 @@ except RunFailed as error:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_are_deferred_to_the_end_of_a_block(number: signal.Signals) -> None:
     """In a separate process: a signal to the process of the tests would end more than this one."""
-    command = [sys.executable, "-c", _START, str(int(number))]
-    printed = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=True).stdout
-    assert printed.splitlines() == [
+    assert printed(sys.executable, "-c", _START, int(number)).splitlines() == [
         "finished",
         "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",
     ]
@@ -65,9 +62,8 @@ def test_an_interrupted_pool_is_silent(tmp_path: Path) -> None:
     """No traceback of its threads and no warning about leaked semaphores."""
     script = tmp_path / "script.py"
     script.write_text(_ENDED)
-    command = [sys.executable, str(script)]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "interrupted\n" * 2, "")
+    done = ended(sys.executable, script)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\n" * 2, "")
 
 
 DYING = """
