@@ -26,7 +26,10 @@ ABOUT = (
     "worker for each core), its clients written anew in NumPy. *Difference* is the largest of any weight of the global "
     "models after the last round; Flower adds floats up in the order of arrival. Our round also flies 20 ticks."
 )
-UAVS, ROUNDS, STEPS, BATCH = 10, 20, 10, 32
+UAVS = 10
+ROUNDS = 20
+STEPS = 10
+BATCH = 32
 BOUNDS = {64: 1e-12, 32: 1e-6}  # of the difference, by bits of a float
 KEYS = ("first", "first_offset", "second", "second_offset")
 

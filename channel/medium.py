@@ -208,7 +208,7 @@ class Medium:
         return reached
 
     def _are_together(self, states: state.States, reach: float) -> bool:
-        """Whether the diagonal of the box around all UAVs is at most `reach`, so that no two UAVs are farther apart.
+        """Returns whether the diagonal of the box around all UAVs is at most `reach`, and so any two UAVs' distance.
 
         Rounding is monotone, so no computed distance within the box exceeds its computed diagonal.
         """

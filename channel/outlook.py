@@ -41,7 +41,7 @@ class Outlook(NamedTuple):
 
     @property
     def is_bad(self) -> bool:
-        """Whether so much will be lost that a warning is due."""
+        """Returns whether so much will be lost that a warning is due."""
         return self.lost >= (WARN_FROM if self.fragments == 1 else WARN_FROM_FRAGMENTS)
 
     def __str__(self) -> str:

@@ -107,7 +107,9 @@ class Classifier(mf.Controller):
 
     def step(self, memory, tick, own, received):
         acceleration = -0.02 * own[:, :2] - 0.3 * own[:, 2:]
-        model, accuracy, since = memory["model"], memory["accuracy"], tick % self.scenario.period_ticks
+        model = memory["model"]
+        accuracy = memory["accuracy"]
+        since = tick % self.scenario.period_ticks
         begins = self.scenario.period_ticks - self.options.steps
         if since == begins:  # the global model has come; training begins
             brightness, digits = (each[::5] for each in pictures())

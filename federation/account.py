@@ -32,7 +32,7 @@ class Shares(NamedTuple):
 
 
 class Account:
-    """What became of the uploads of one round.
+    """Account of the uploads of one round.
 
     Attributes:
         participants: N_h. absent: those of them that were lost or paused.
@@ -49,7 +49,10 @@ class Account:
         self.participants = participants
         self.absent = absent
         self.sent = sorted(sent)
-        self.copies = self.arrived = self.earlier = self.isolated = 0
+        self.copies = 0
+        self.arrived = 0
+        self.earlier = 0
+        self.isolated = 0
         self.received: set[int] = set()
         self.late: set[int] = set()
         self.refused: set[int] = set()

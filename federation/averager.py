@@ -84,7 +84,7 @@ class Averager:
         return model, behind
 
     def _is_shared(self, number: int, uav: int, uploads: Uploads, behind: Floats) -> bool:
-        """Whether the models at a UAV are not only its own."""
+        """Returns whether the models at a UAV are not only its own."""
         if (uploads.uavs != uav).any():
             return True
         assert self.hop.mail is not None

@@ -16,7 +16,7 @@ NOISE = 10.0  # standard deviation of false noise, in root-mean-square weights o
 
 
 class Byzantine:
-    """Which UAVs of a scenario are false, and what they say instead of their model."""
+    """The UAVs of a scenario that send false models, and these models."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario

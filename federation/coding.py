@@ -80,7 +80,7 @@ class Coding:
 
     @property
     def form(self) -> Form:
-        """What decides how many weights a fragment holds."""
+        """The properties that decide how many weights a fragment holds."""
         return Form(self._item.itemsize, self.counted, self.weighted, not self.is_exact)
 
     @property
@@ -90,7 +90,7 @@ class Coding:
 
     @property
     def bits(self) -> int:
-        """What the transmission of a whole payload pays for, the scales included."""
+        """Bits of a whole payload that are transmitted and billed, the scales included."""
         return 8 * self.dtype.itemsize * self.width
 
     def encode(self, models: Floats) -> np.ndarray:
@@ -113,7 +113,7 @@ class Coding:
         return steps * self._spread(scales)
 
     def valid(self, numbers: np.ndarray) -> NDArray[np.bool_]:
-        """Which models can be sent and read, `(S,)`: floats that are finite, steps and scales within bounds."""
+        """Mask `(S,)` of models that can be sent and read: floats that are finite, steps and scales within bounds."""
         if self.is_exact:
             return np.asarray(np.isfinite(numbers).all(axis=-1))
         steps, scales = self._halves(numbers)
@@ -144,7 +144,7 @@ class Coding:
         return self.fragments.rows(*self.unpack(payload), turn)
 
     def received(self, rows: np.ndarray) -> Pieces:
-        """What is in rows `(R, …)` that arrived and passed `check_received`: fragments, or whole models as one each."""
+        """Contents of rows `(R, …)` that passed `check_received`: fragments; a whole model counts as one fragment."""
         if self.fragments is not None:
             return self.fragments.read(rows)
         numbers, weights = self.unpack(rows)
@@ -267,7 +267,7 @@ def of_broadcasts(scenario: Scenario, cut: Cut | None) -> Coding:
 
 
 def cut_of_models(scenario: Scenario) -> Cut | None:
-    """How a scenario cuts its models, by the longest of them; None: it does not. It may ask the channel, so ask once.
+    """The cut of a scenario's models, by the longest of them; None: they go whole. It may ask the channel, so ask once.
 
     Raises:
         BadInput: the channel is not installed, or its options do not fit.

@@ -37,7 +37,9 @@ class Exchange:
             BadInput: the aggregation rule cannot begin.
         """
         assert hop.mail is not None
-        self.hop, self._coding, self._uavs = hop, hop.mail.coding, uavs
+        self.hop = hop
+        self._coding = hop.mail.coding
+        self._uavs = uavs
         self._problems = problems
         self._rule = Rule(scenario)
         self._states = {name: np.repeat(array[None], len(uavs), axis=0) for name, array in self._rule.begin().items()}
@@ -85,7 +87,9 @@ class Exchange:
             return rows[:0], own[:0], joined.refused
         if weights is not None and own_weights is not None:
             return rows, _weighted(joined, weights, own, own_weights, rows), joined.refused
-        taken, averages, failures = [], [], list[str]()
+        taken = []
+        averages = []
+        failures = list[str]()
         for row in rows.tolist():
             try:
                 average = self._one(row, number, joined)

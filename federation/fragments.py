@@ -27,11 +27,13 @@ from meanflock.swarm.wire.control import expect
 
 WHOLE = 0  # value of `federation.fragment`: no model is cut
 SUCCESS = 0.95  # expected share of fragments that are delivered, from which a size is long enough
-_NUMBER, _FLOAT32, _BYTE = np.dtype("<u4"), np.dtype("<f4"), np.dtype("u1")
+_NUMBER = np.dtype("<u4")
+_FLOAT32 = np.dtype("<f4")
+_BYTE = np.dtype("u1")
 
 
 class Cut(NamedTuple):
-    """How a scenario cuts models, those of all hops alike, so that a fragment of an average is one of fragments.
+    """The cut of a scenario's models, one for all hops, so that a fragment of an average is one of fragments.
 
     slots: that a fragment takes at most. size: n, its weights. per_tick: fragments that a UAV transmits in a tick.
     """
@@ -53,7 +55,7 @@ class Pieces(NamedTuple):
 
 
 class Fragments:
-    """How the payloads of one coding are cut. Rows are independent, to the last bit.
+    """The cut of the payloads of one coding. Rows are independent, to the last bit.
 
     Attributes:
         count: F, fragments of a model.
@@ -137,7 +139,7 @@ class Fragments:
         return np.ascontiguousarray(rows[:, : _NUMBER.itemsize]).view(_NUMBER)[:, 0].astype(np.intp)
 
     def read(self, rows: NDArray[np.uint8]) -> Pieces:
-        """What is in fragments `(R, width)` that can be used; floats have the width that they have on the air."""
+        """The valid contents of fragments `(R, width)`; floats have the width that they have on the air."""
         numbers = self.numbers(rows)
         if not self._scaled:
             return Pieces(numbers, self._written(rows), self.weights(rows))
@@ -153,7 +155,7 @@ class Fragments:
         return np.ones(len(rows))
 
     def is_sound(self, rows: NDArray[np.uint8]) -> bool:
-        """Whether all fragments `(R, width)` have floats that are finite, or steps that are ever sent."""
+        """Returns whether all fragments `(R, width)` have floats that are finite, or steps that are ever sent."""
         written = self._written(rows)
         return bool((written > -128).all() if self._scaled else np.isfinite(written).all())
 
@@ -183,7 +185,7 @@ class Fragments:
 
 
 class Form(NamedTuple):
-    """What decides how many weights a fragment holds.
+    """Properties of a coding that decide how many weights a fragment holds.
 
     item: bytes of a weight. counted, weighted, scaled: as for `Fragments`.
     """
@@ -209,7 +211,7 @@ def pieces_of(parts: tuple[int, ...], size: int) -> tuple[int, ...]:
 
 
 def cut_of(scenario: Scenario, bits: int, forms: Iterable[Form]) -> Cut | None:
-    """How a scenario cuts models, the longest of which have so many bits; None: it does not.
+    """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
 
     Args:
         forms: of all models that it transmits.
@@ -293,7 +295,7 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
 
 
 def _fits(scenario: Scenario, bits: int) -> bool:
-    """Whether a message of so many bits can arrive in time: within the latency threshold, or without a loss in a hop.
+    """Returns whether a message of so many bits can arrive within the latency threshold, or without a loss in a hop.
 
     A channel that does not say how long a message takes is taken to be fast enough.
 

@@ -73,7 +73,7 @@ class Mail:
 
 
 def usable(values: NDArray[np.floating]) -> Mask:
-    """Which models (S, F, n) can be averaged, (S,): those that are finite and not absurdly large."""
+    """Mask (S,) of the models (S, F, n) that can be averaged: those that are finite and not absurdly large."""
     with np.errstate(invalid="ignore"):  # NaN is neither above nor below anything
         rows = values.reshape(len(values), values.shape[1] * values.shape[2])
         largest, least = (extreme.astype(np.float64) for extreme in (rows.max(axis=1), rows.min(axis=1)))

@@ -1,4 +1,4 @@
-"""What a node remembers of the models that its UAVs sent and received: rounding errors, the last ones of both."""
+"""A node's memory of the models that its UAVs sent and received: rounding errors, and the last models of both."""
 
 from typing import Any, Protocol
 
@@ -79,7 +79,7 @@ class Trigger:
         self.sent = np.zeros((rows, parameters))  # (M, L); 0 where nothing was sent
 
     def due(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.bool_]:
-        """Which of `rows` (S,) send their `models` (S, L), (S,); these count as sent.
+        """Mask (S,) of the `rows` (S,) that send their `models` (S, L); these count as sent.
 
         `sent` is replaced, never written to, so a caller may keep the earlier one.
         """

@@ -22,7 +22,7 @@ _RESIDUALS, _SENT = "meanflock.residuals", "meanflock.sent"  # in a checkpoint, 
 
 
 class Party:
-    """What one node sends, averages and takes over in the rounds.
+    """A node's part in the rounds: it sends models, averages those of others, and takes averages over.
 
     Attributes:
         problems: texts for the world, appended.
@@ -182,10 +182,14 @@ class Party:
         if self._exchange is not None:
             self._exchange.remember(number, rows, coding.pack(coding.encode(models), weights))
             takes_part = contains(participants, rows)
-            rows, models, weights = rows[takes_part], models[takes_part], weights[takes_part]
+            rows = rows[takes_part]
+            models = models[takes_part]
+            weights = weights[takes_part]
         if self._trigger is not None and len(rows):
             due = self._trigger.due(rows, models)
-            rows, models, weights = rows[due], models[due], weights[due]
+            rows = rows[due]
+            models = models[due]
+            weights = weights[due]
         if not len(rows):
             return []
         source = self._uavs[rows].astype(np.int32)

@@ -88,7 +88,7 @@ class Post:
 
     @property
     def has_mail(self) -> bool:
-        """Whether mail was sent to any UAV in a round that is open."""
+        """Returns whether mail was sent to any UAV in a round that is open."""
         return bool(self._open)
 
     def mail(self, role: Role, reader: str, uavs: NDArray[np.intp] | None = None) -> tuple[Frames, ...]:
@@ -102,7 +102,7 @@ class Post:
         return tuple(found)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
-        """Whether the leader has anything to do in this tick. It has not while its UAV is lost or paused."""
+        """Returns whether the leader has anything to do in this tick. It has not while its UAV is lost or paused."""
         return self._schedule.is_open(tick) and any(
             bool(awake[hop.senders].any()) for hop in self._hops if hop.role == "leader"
         )
@@ -172,7 +172,7 @@ class Post:
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
     def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
-        """What the UAVs that are awake (N,) transmit in this tick of the `frames` that nodes sent, and of earlier ones.
+        """Frames of UAVs that are awake (N,) on the air in this tick: of `frames`, sent just now, and earlier ones.
 
         Models that are cut go in fragments, as many in a tick as their slots hold; all else goes at once.
         """
@@ -354,7 +354,7 @@ class Post:
 
     @cached_property
     def _terms(self) -> tuple[str, str]:
-        """Which UAV receives the uploads, if it is one, and the name of their copies, if an upload has several."""
+        """The receiver of the uploads, if it is one UAV, and the name of their copies, if an upload has several."""
         upload = next(hop for hop in self._hops if hop.mail is None)
         targets = [] if upload.targets is None else np.unique(upload.targets[upload.senders]).tolist()
         copies = "fragments" if upload.coding.fragments is not None else "" if targets else "copies"
@@ -362,7 +362,7 @@ class Post:
 
 
 def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
-    """What came of the average that is broadcast in a hop, over links (K, 5)."""
+    """Result of the broadcast of an average in a hop, over links (K, 5), in words."""
     if hop.coding.fragments is not None:
         return f"averaged and broadcast in {hop.coding.count} fragments"
     received = np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0))

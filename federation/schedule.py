@@ -34,7 +34,7 @@ class Schedule:
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def is_busy(self, tick: int) -> bool:
-        """Whether any hop may transmit in this tick."""
+        """Returns whether any hop may transmit in this tick."""
         return self._period > 0 and tick % self._period in self._phases
 
     def opens(self, tick: int) -> int:
@@ -63,7 +63,7 @@ class Schedule:
         return tick - number * self._period
 
     def is_open(self, tick: int) -> bool:
-        """Whether mail of a round may arrive in this tick, or its last hop transmit."""
+        """Returns whether mail of a round may arrive in this tick, or its last hop transmit."""
         return self._period > 0 and tick > self._period and (tick - 1) % self._period < self.hops[-1].after
 
     def participants(self, number: int) -> NDArray[np.intp]:

@@ -32,7 +32,7 @@ class Transmission:
 
     @property
     def is_over(self) -> bool:
-        """Whether all fragments had their turn."""
+        """Returns whether all fragments had their turn."""
         return self._sent >= self._coding.count
 
     def next(self, awake: Mask) -> Frames | None:
@@ -63,7 +63,7 @@ class Transmission:
 
 
 class Reception:
-    """Which UAVs received a global model in fragments, whole or in part."""
+    """Counts of the fragments of a global model that each UAV received."""
 
     def __init__(self, uavs: int) -> None:
         self._sent = 0  # fragments that were broadcast
@@ -79,7 +79,7 @@ class Reception:
         self._received += np.bincount(frames.links[:, 1], minlength=len(awake)) * awake
 
     def close(self, awake: Mask) -> str:
-        """Who received it, of the UAVs that are awake (N,), in words; empty if nothing was broadcast. Begins anew."""
+        """Ends the count; returns in words how many UAVs that are awake (N,) received it, empty if nothing was sent."""
         sent, received = self._sent, self._received[awake]
         self._sent = 0
         self._received = np.zeros_like(self._received)

@@ -38,7 +38,7 @@ _SKEW = timedelta(minutes=5)  # tolerated difference of two clocks
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a certificate would be refused."""
+    """Reason for which a certificate would be refused."""
 
     path: Path
     why: str

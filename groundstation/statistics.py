@@ -32,7 +32,7 @@ class Estimate:
 
     @property
     def bounded(self) -> bool:
-        """Whether both ends are finite."""
+        """Returns whether both ends are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
 

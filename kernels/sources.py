@@ -15,5 +15,5 @@ def checksum() -> int:
 
 
 def built() -> bool:
-    """Whether there is an extension, built from any sources."""
+    """Returns whether there is an extension, built from any sources."""
     return find_spec("meanflock.kernels._native") is not None

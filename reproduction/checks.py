@@ -72,7 +72,7 @@ def _by_seed(view: View, check: Check, method: str, point: float | None) -> dict
 
 
 def _is_certain(check: Check, point: float | None) -> bool:
-    """Whether the runs have no randomness, so that one of them is enough."""
+    """Returns whether the runs have no randomness, so that one of them is enough."""
     return COORDINATE.get(check.experiment) == "sigma" and point == 0.0
 
 

@@ -179,7 +179,7 @@ class Wanted:
 
     @property
     def traced(self) -> bool:
-        """Whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8."""
+        """Returns whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8."""
         return self.seed in (1, FRESH_SEED) and self.point.experiment in ("s0", "offline", "trained")
 
 

@@ -32,7 +32,7 @@ class Test:
 
     @property
     def met(self) -> bool:
-        """Whether the value itself, without its interval, lies in the range."""
+        """Returns whether the value itself, without its interval, lies in the range."""
         value = self.estimate.value
         return self.floor < value < self.ceiling if self.strict else self.floor <= value <= self.ceiling
 

@@ -40,12 +40,12 @@ class Place:
 
     @property
     def multinomial(self) -> bool:
-        """Whether the polynomials keep their coefficients."""
+        """Returns whether the polynomials keep their coefficients."""
         return MULTINOMIAL in self.setting
 
     @property
     def as_printed(self) -> bool:
-        """Whether rounds are as printed: twice as long for both models as for one."""
+        """Returns whether rounds are as printed: twice as long for both models as for one."""
         return "federation.period" not in self.setting
 
 

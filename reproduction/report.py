@@ -162,8 +162,8 @@ def theory(view: View) -> Table:
     for name, words in THEORY.items():
         if name in view.measured:
             estimate = statistics.mean(view.measured[name])
-            said = show(estimate) if estimate.bounded else f"{estimate.value:.3g}"
-            rows.append([words, said, f"{estimate.n}"])
+            text = show(estimate) if estimate.bounded else f"{estimate.value:.3g}"
+            rows.append([words, text, f"{estimate.n}"])
     return ("what", "mean and 95 % interval", "seeds"), rows
 
 
@@ -245,8 +245,8 @@ def _claim(record: Mapping[str, Any]) -> str:
         for test in record["tests"]
     )
     numbers = "".join(f"<li>{escape(line)}</li>" for line in values(record))
-    said = f"numbers and {len(record['tests'])} comparisons"
-    more = f"<details><summary>{said}</summary><ul>{numbers}</ul><ul>{tests}</ul></details>"
+    text = f"numbers and {len(record['tests'])} comparisons"
+    more = f"<details><summary>{text}</summary><ul>{numbers}</ul><ul>{tests}</ul></details>"
     return (
         f"<article class='{_class(record['verdict'])}' id='{record['id']}'>"
         f"<header><b>{record['id']}</b> <span class='fig'>"
@@ -264,10 +264,10 @@ def _class(verdict: str) -> str:
 
 def _figure(name: str, path: Path) -> str:
     data = base64.b64encode(path.read_bytes()).decode("ascii")
-    said = escape(FIGURES[name][1])
+    caption = escape(FIGURES[name][1])
     return (
-        f"<figure id='{name}'><img alt='{said}' src='data:image/png;base64,{data}'>"
-        f"<figcaption><b>{titled(name)}.</b> {said}</figcaption></figure>"
+        f"<figure id='{name}'><img alt='{caption}' src='data:image/png;base64,{data}'>"
+        f"<figcaption><b>{titled(name)}.</b> {caption}</figcaption></figure>"
     )
 
 

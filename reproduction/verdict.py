@@ -22,7 +22,7 @@ _OF_ONE_FLIGHT = frozenset({"order", "ratio", "equal", "bound", "share", "rate"}
 
 
 def has_single_flights(claim: Claim) -> bool:
-    """Whether one flight of each method decides all checks: they are about S0 and use no grid."""
+    """Returns whether one flight of each method decides all checks: they are about S0 and use no grid."""
     return bool(claim.check) and not claim.untestable and all(map(_is_single, claim.check))
 
 

@@ -42,7 +42,7 @@ class Declared(msgspec.Struct, frozen=True):
 
     @property
     def is_federated(self) -> bool:
-        """Whether the controller takes part in rounds."""
+        """Returns whether the controller takes part in rounds."""
         return self.parameters > 0
 
 

@@ -117,7 +117,7 @@ def lacking(error: BaseException, by: str, extra: str = "") -> str:
 
 
 def _is_there(library: str) -> bool:
-    """Whether the library is installed. If so, the error is a defect of it, which installing an extra does not fix."""
+    """Returns whether the library is installed. If so, it has a defect, and installing an extra does not help."""
     try:
         return find_spec(library) is not None
     except ValueError:

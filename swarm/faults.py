@@ -39,7 +39,7 @@ class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
         return self.begins(dt) + (1 if duration is None else max(1, round(duration / dt)))
 
     def acts(self, tick: int, dt: float) -> bool:
-        """Whether the fault acts in a tick."""
+        """Returns whether the fault acts in a tick."""
         return self.begins(dt) <= tick < self.ends(dt)
 
 

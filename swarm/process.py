@@ -126,12 +126,12 @@ class Interrupted:
 
 
 def launched() -> bool:
-    """Whether this process was started by a launcher, which holds its standard input open."""
+    """Returns whether this process was started by a launcher, which holds its standard input open."""
     return os.environ.get(CHILD) == "1"
 
 
 def orphaned() -> bool:
-    """Whether this process was started by a launcher that is gone."""
+    """Returns whether this process was started by a launcher that is gone."""
     if not launched():
         return False
     readable, _, _ = select.select([0], [], [], 0)
@@ -164,7 +164,7 @@ class Restarts:
         self._since[name] = self._clock()
 
     def again(self, name: Hashable) -> bool:
-        """Whether a process that has died should be started again."""
+        """Returns whether a process that has died should be started again."""
         if self._clock() - self._since[name] >= QUICK_S:
             self._quick[name] = 0
         self._quick[name] += 1

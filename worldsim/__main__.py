@@ -120,8 +120,8 @@ def _run() -> None:
 
 
 def _linger_s(hurried: bool) -> float:
-    """How long the world waits for a recorder that acknowledges nothing. If a launcher started the world, there is no
-    limit while the launcher lives, because the user may have stopped it.
+    """Time that the world waits for a recorder that acknowledges nothing, s. If a launcher started the world, there is
+    no limit while the launcher lives, because the user may have stopped it.
     """
     if orphaned():
         return 0.0

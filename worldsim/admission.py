@@ -165,12 +165,12 @@ class Admission:
                 self.lose(member, f"not ready after {patience_s:.0f} s")
 
     def settled(self, for_s: float) -> bool:
-        """Whether every agent without a successor was lost at least so many seconds ago."""
+        """Returns whether every agent without a successor was lost at least so many seconds ago."""
         return self._clock() - max(self.unattended.values(), default=-math.inf) >= for_s
 
     @property
     def complete(self) -> bool:
-        """Whether all agents, leaders and ground stations are there."""
+        """Returns whether all agents, leaders and ground stations are there."""
         return self.members.complete and len(self.listeners) >= self._stations
 
     @property

@@ -378,7 +378,7 @@ class Barrier:
         del self._silent[key]
 
     def is_repeat(self, name: str) -> bool:
-        """Whether an unexpected reply answers a repeated request. True once for each repeated request of a node."""
+        """Returns whether an unexpected reply answers a repeated request: true once for each repeated request."""
         if is_due := self._repeats[name] > 0:
             self._repeats[name] -= 1
         return is_due

@@ -232,7 +232,7 @@ class Flight:
 
     @property
     def over(self) -> bool:
-        """Whether the mission has ended."""
+        """Returns whether the mission has ended."""
         if self.tick >= self.scenario.max_ticks:
             return True
         return self.scenario.stop == "arrival" and not np.count_nonzero(self.status == FLYING)

@@ -158,7 +158,7 @@ class Members:
 
     @property
     def complete(self) -> bool:
-        """Whether every UAV has an agent, there are enough leaders, and all of them are ready."""
+        """Returns whether every UAV has an agent, there are enough leaders, and all of them are ready."""
         led = len(self._living(LEADER)) >= self._leaders
         return led and not len(self._free) and all(member.ready for member in self.present)
 

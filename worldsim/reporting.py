@@ -84,12 +84,12 @@ class Outbox:
 
     @property
     def has_room(self) -> bool:
-        """Whether the waiting blocks leave room for a part of a checkpoint without displacing telemetry."""
+        """Returns whether the waiting blocks leave room for a part of a checkpoint without displacing telemetry."""
         return self._bytes < MAX_WAITING_BYTES // 4
 
     @property
     def holds_checkpoint(self) -> bool:
-        """Whether the last checkpoint still waits. Another one would displace telemetry."""
+        """Returns whether the last checkpoint still waits. Another one would displace telemetry."""
         return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
 
     @property
@@ -215,7 +215,7 @@ class Reporter:
 
     @property
     def holds_checkpoint(self) -> bool:
-        """Whether a part of the last checkpoint still waits."""
+        """Returns whether a part of the last checkpoint still waits."""
         return bool(self._parts) or self.outbox.holds_checkpoint
 
     def flush(self, checkpoint: Sequence[bytes] = ()) -> None:

@@ -331,7 +331,7 @@ def summary(flight: Flight, meter: Meter, run_id: str, mode: str, wall_time_s: f
 
 
 def every_uav_was_lost(scenario: Scenario, record: Mapping[str, Any]) -> bool:
-    """Whether a flight lost all its UAVs, at least one of them without the fault script. Such a run has failed."""
+    """Returns whether a run failed because it lost all its UAVs, at least one of them not by the fault script."""
     kills = [fault for fault in scenario.faults if isinstance(fault, Kill)]
     killed = {uav for kill in kills if kill.begins(scenario.dt) < record["ticks"] for uav in kill.uavs}
     return bool(record["lost"] == scenario.uavs > len(killed))

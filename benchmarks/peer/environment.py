@@ -34,7 +34,9 @@ class Environment:
     """A virtual environment for one peer; another one as soon as its pins or our interpreter change."""
 
     def __init__(self, peer: str, folder: Path = FOLDER, kind: str = "peer") -> None:
-        self.peer, self._kind, self._pins = peer, kind, pins(peer, kind)
+        self.peer = peer
+        self._kind = kind
+        self._pins = pins(peer, kind)
         key = hashlib.sha256("\n".join([sys.version, *self._pins]).encode()).hexdigest()[:8]
         self._place = folder / f"{peer}-{key}"
         self._done = self._place / "done"

@@ -46,7 +46,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     is_local: bool = False
 
     def reaches(self, source: NDArray[Any], target: NDArray[Any]) -> NDArray[np.bool_]:
-        """Whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
+        """Returns whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
         if self.targets is None:
             return np.ones(len(source), dtype=bool)
         return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))

@@ -17,7 +17,7 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, M
 
 
 class _Listed(NamedTuple):
-    """Where a command is defined, and its line in the list of commands, which is the first of its help."""
+    """Module of a command, and its line in the list of commands, which is the first of its help."""
 
     module: str
     attribute: str
@@ -92,7 +92,7 @@ def cli() -> None:
 
 
 def _of_output(error: OSError) -> bool:
-    """Whether the error is of standard output, as on a full disk; then its buffer is discarded."""
+    """Returns whether the error is of standard output, as on a full disk; then its buffer is discarded."""
     *_, (innermost, _) = traceback.walk_tb(error.__traceback__)
     printed = str(innermost.f_globals.get("__name__")).partition(".")[0] in ("click", "rich")
     try:

@@ -59,7 +59,7 @@ def runs(_context: click.Context, _parameter: click.Parameter, incomplete: str) 
 
 
 def asked() -> bool:
-    """Whether a shell asks for a completion."""
+    """Returns whether a shell asks for a completion."""
     return VARIABLE in os.environ
 
 

@@ -17,7 +17,7 @@ from meanflock.groundstation.cli.arguments import load_scenario, warn_before_tak
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
 from meanflock.groundstation.launch.run import Options, Run, fly
-from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, lost_everyone, said_of_loss
+from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, first_loss, lost_everyone
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.access import Address
@@ -118,7 +118,7 @@ def _fly(
                 f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
                 logging.WARNING,
             )
-        if done.summary["lost"] and (why := said_of_loss(done.folder)):
+        if done.summary["lost"] and (why := first_loss(done.folder)):
             lost = done.summary["lost"]
             logs.tell(
                 f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING

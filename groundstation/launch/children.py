@@ -92,7 +92,7 @@ def sweep(group: int) -> None:
 
 
 def has_members(group: int) -> bool:
-    """Whether a process group has members."""
+    """Returns whether a process group has members."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:

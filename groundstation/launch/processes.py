@@ -109,7 +109,7 @@ class Swarm(Family):
 
     @property
     def world_ended(self) -> bool:
-        """Whether the process of the world has ended."""
+        """Returns whether the process of the world has ended."""
         return self._children[0].process.poll() is not None
 
     def _replace(self, child: Child, flying: bool) -> None:

@@ -99,7 +99,7 @@ class Station:
         self._acknowledge(block.block)
 
     def _follows(self, block: int) -> bool:
-        """Whether no earlier block is missing, or all missing ones are lost.
+        """Returns whether no earlier block is missing, or all missing ones are lost.
 
         The world still has blocks that were lost with a session, so the station first asks it to send all waiting
         blocks again. A block that does not come then was dropped by the world.

@@ -49,7 +49,7 @@ class Layout(NamedTuple):
 
 
 def is_about_its_start(scenario: Scenario) -> bool:
-    """Whether the goals are where other UAVs start, as in a swap."""
+    """Returns whether the goals are where other UAVs start, as in a swap."""
     low, high = start_box(scenario)
     return _way_m(scenario) < 0.25 * float((high - low).max())
 

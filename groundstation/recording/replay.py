@@ -61,7 +61,7 @@ def repair(path: Path) -> None:
 
 
 def _holds_a_run(path: Path) -> bool:
-    """Whether a recording has more than a blueprint; Rerun's program accepts a file that was cut after that."""
+    """Returns whether a recording has more than a blueprint; Rerun's program accepts a file that was cut after that."""
     try:
         RrdReader(path).stream()
     except (RuntimeError, ValueError):

@@ -86,10 +86,12 @@ class RoundRows:
         is_upload = bool((links[:, 3] == FrameKind.UPLOAD).any())
         if is_upload and (self._is_over or tick > self._last + 1):  # fragments are transmitted in ticks on end
             self._links, self._refused = _NO_LINKS, set()
-        self._links, self._last, self._is_over = np.concatenate([self._links, links]), tick, False
+        self._links = np.concatenate([self._links, links])
+        self._last = tick
+        self._is_over = False
 
     def _late(self) -> NDArray[np.bool_]:
-        """Which links deliver after the deadline, (K,)."""
+        """Mask (K,) of the links that deliver after the deadline."""
         slots, scenario = self._links[:, 4], self._scenario
         if scenario.deadline_ticks == scenario.hop_ticks:
             return np.zeros(len(slots), dtype=bool)

@@ -126,7 +126,7 @@ def listening_address(host: str, port: int) -> tuple[str, int]:
 
 
 def answers(host: str, port: int) -> bool:
-    """Whether a server listens there; 0.0.0.0 and :: are this machine."""
+    """Returns whether a server listens there; 0.0.0.0 and :: are this machine."""
     try:
         socket.create_connection(({"0.0.0.0": LOOPBACK, "::": "::1"}.get(host, host), port), timeout=1.0).close()
     except OSError:

@@ -48,14 +48,14 @@ def arrivals(run: StoredRun) -> str:
 
 
 def flown(run: StoredRun) -> str:
-    """What was flown: `25 UAVs under mfgfl-hf in paper +1, seed 7, on 2026-11-25 at 02:05`."""
+    """The flight in words: `25 UAVs under mfgfl-hf in paper +1, seed 7, on 2026-11-25 at 02:05`."""
     uavs, method, seed = (named(run, key) for key in ("uavs", "method", "seed"))
     where = f"{uavs} UAV{'' if uavs == '1' else 's'} under {method} in {nearest(run.keys)}"
     return f"{where}, seed {seed}, on {run.when:%Y-%m-%d} at {run.when:%H:%M}"
 
 
 def outcome(run: StoredRun) -> str:
-    """What came of it, in sentences."""
+    """The result of the flight, in sentences."""
     time = f"{number(run.figure('sim_time_s'))} s"
     sentences = [_STATES[run.status].format(time=time)] if run.status in _STATES else []
     if run.summary:

@@ -26,7 +26,7 @@ class Figure(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """What differs between two runs. keys: with both values; None: unset. compared: number of compared figures."""
+    """Differences between two runs. keys: with both values; None: unset. compared: number of compared figures."""
 
     first: StoredRun
     second: StoredRun
@@ -36,7 +36,7 @@ class Difference(NamedTuple):
 
     @property
     def same_flight(self) -> bool:
-        """Whether the states of all ticks are equal, to the last bit."""
+        """Returns whether the states of all ticks are equal, to the last bit."""
         return bool(self.first.summary["trajectory_sha256"] == self.second.summary["trajectory_sha256"])
 
     def record(self) -> dict[str, Any]:

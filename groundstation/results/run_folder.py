@@ -263,7 +263,7 @@ def _sync(events: EventLog, spool: Spool) -> None:
         os.fsync(file.fileno())
 
 
-def said_of_loss(folder: Path) -> str:
+def first_loss(folder: Path) -> str:
     """Text of the first event about a lost UAV; empty if there is none."""
     events = map(json.loads, (folder / EVENTS).read_text(encoding="utf-8").splitlines())
     return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
@@ -271,7 +271,7 @@ def said_of_loss(folder: Path) -> str:
 
 def lost_everyone(folder: Path) -> str:
     """Error text of a finished run that lost every UAV, with the reason of the first loss."""
-    return f"every UAV was lost: {said_of_loss(folder)}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
+    return f"every UAV was lost: {first_loss(folder)}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
 
 
 def completed(folder: Path) -> None:
@@ -330,8 +330,8 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         whole = control.decode_record(path.read_bytes())
         if whole["sha256"] != _digest(whole["record"]):
             raise MessageRejected("malformed", "its checksum is wrong")
-        kept = control.decode_record(whole["record"])
-        return {name: kept[name] for name in ("tick", "block", "events_bytes", "body")}
+        record = control.decode_record(whole["record"])
+        return {name: record[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
         remedy = "name the folder of a run that was flown for a hundred ticks and did not finish"
         raise BadInput(f"{path}: {error.strerror}; {remedy}") from error

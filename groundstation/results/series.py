@@ -43,7 +43,7 @@ class Reported(NamedTuple):
 
     @property
     def has_phi_g(self) -> bool:
-        """Whether paths are coloured by φ_G; else they are coloured by speed."""
+        """Returns whether paths are coloured by φ_G; else they are coloured by speed."""
         return PHI_G in self.diagnostics
 
 

@@ -55,7 +55,7 @@ class StoredRun:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is that of a run."""
+    """Returns whether a folder is that of a run."""
     return (folder / SCENARIO).is_file() or (folder / SUMMARY).is_file()
 
 
@@ -120,7 +120,9 @@ def unit_of(key: str) -> str:
 
 
 def _read(folder: Path) -> StoredRun:
-    fault, summary, keys = "", {}, {}
+    fault = ""
+    summary = {}
+    keys = {}
     try:
         keys = flat(toml.read(folder / SCENARIO, "scenario file"))
         if (folder / SUMMARY).exists():

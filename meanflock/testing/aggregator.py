@@ -118,7 +118,7 @@ def check_aggregator(
 
 
 def _is_mean(model: np.ndarray, models: np.ndarray, weights: Any) -> bool:
-    """Whether a model is the weighted mean of models (S, L), within rounding."""
+    """Returns whether a model is the weighted mean of models (S, L), within rounding."""
     if np.shape(weights) != (len(models),) or not (np.asarray(weights) > 0.0).all():
         return False
     return bool(np.allclose(model, np.average(models, axis=0, weights=weights), rtol=1e-9, atol=1e-12))

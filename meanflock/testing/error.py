@@ -83,7 +83,7 @@ def check_same_form(plugin: type, what: str, after: Any, begun: Mapping[str, NDA
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Whether two arrays have the same shape and bits; all NaNs are equal."""
+    """Returns whether two arrays have the same shape and bits; all NaNs are equal."""
     one, other = np.asarray(one), np.asarray(other)
     if one.shape != other.shape or one.dtype != other.dtype:
         return False

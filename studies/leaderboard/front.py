@@ -53,7 +53,7 @@ def envelope(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def _above(left: tuple[float, float], middle: tuple[float, float], right: tuple[float, float]) -> bool:
-    """Whether the middle point is on or above the line between the others."""
+    """Returns whether the middle point is on or above the line between the others."""
     rise = (right[1] - left[1]) * (middle[0] - left[0])
     return (middle[1] - left[1]) * (right[0] - left[0]) >= rise
 

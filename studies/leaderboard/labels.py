@@ -57,7 +57,7 @@ class Placed(NamedTuple):
 
     @property
     def is_far(self) -> bool:
-        """Whether the name needs a line to its point."""
+        """Returns whether the name needs a line to its point."""
         return math.dist(self.leader[:2], self.leader[2:]) > _LEADER_PX
 
 

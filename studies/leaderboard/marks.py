@@ -27,7 +27,7 @@ Contest: TypeAlias = tuple[Measure, Mapping[str, Floats]]  # a measure, and the 
 
 
 def is_safe(free: ArrayLike) -> bool:
-    """Whether the one-sided 95 % Clopper–Pearson bound of the share of free flights (K,) is at least 90 %.
+    """Returns whether the one-sided 95 % Clopper–Pearson bound of the share of free flights (K,) is at least 90 %.
 
     All of 29 or 30 flights must be free; fewer flights are never enough.
     """

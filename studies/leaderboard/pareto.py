@@ -59,7 +59,7 @@ def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:
 
 
 def drawn(row: Standing) -> bool:
-    """Whether a row is in the pictures; not if all its UAVs were lost before they arrived."""
+    """Returns whether a row is in the pictures; not if all its UAVs were lost before they arrived."""
     return bool(row.cells) and (row.cells["arrived"].mean > 0.0 or not row.lost)
 
 

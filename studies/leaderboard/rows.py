@@ -52,7 +52,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ]
 
     def flies(self, mission: str) -> bool:
-        """Whether the row can fly a mission."""
+        """Returns whether the row can fly a mission."""
         return not self.missions or mission in self.missions
 
     def scenario(self, table: dict[str, Any], seed: int, where: str) -> Scenario:

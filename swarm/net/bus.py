@@ -74,7 +74,7 @@ class Bus(Protocol):
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether `key` matches `pattern`, in which a part `*` stands for any one part."""
+    """Returns whether `key` matches `pattern`, in which a part `*` stands for any one part."""
     wanted, parts = pattern.split("/"), key.split("/")
     return len(wanted) == len(parts) and all(want in ("*", part) for want, part in zip(wanted, parts, strict=True))
 

@@ -300,7 +300,7 @@ class ZenohBus:
         return self._backlog.dropped
 
     def _takes(self, key: str, size: int) -> bool:
-        """Whether the size of a message is within its sender's limit; a longer message is received as its size only."""
+        """Returns whether a message is within its sender's limit; of a longer message only the size is received."""
         if self._quotas is None:
             return True
         _, largest = self._quotas(key)

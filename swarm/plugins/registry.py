@@ -135,7 +135,7 @@ def register(made: type) -> Plugin:
 
 
 def is_file(plugin: Plugin) -> bool:
-    """Whether a plug-in was registered in this process, and is not of a package."""
+    """Returns whether a plug-in was registered in this process, and is not of a package."""
     return (plugin.kind, plugin.name) in registered
 
 

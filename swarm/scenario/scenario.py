@@ -272,7 +272,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     @property
     def keeps_residuals(self) -> bool:
-        """Whether UAVs store the rounding error of their uploads: if these are narrower than the radio's floats."""
+        """Returns whether UAVs store rounding errors of uploads, which are then narrower than the radio's floats."""
         narrower = _bits(self.upload_payload) < self.radio.bits_per_float
         return self.declared.is_federated and self.federation.error_feedback and narrower
 

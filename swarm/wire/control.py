@@ -158,7 +158,7 @@ def decode_as(kind: type[M], raw: bytes, run: int, limit: int = MAX_BYTES) -> M:
 
 
 def finite(array: np.ndarray) -> bool:
-    """Whether all numbers of an array are finite."""
+    """Returns whether all numbers of an array are finite."""
     return bool(np.isfinite(array).all())
 
 
