@@ -7,7 +7,6 @@ import pytest
 
 from meanflock.channel.medium import Medium
 from meanflock.federation.schedule import Schedule
-from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.channel.frames import UAVS, frames, line, links_of, scenario
 
@@ -32,14 +31,6 @@ def test_each_kind_of_frame_goes_to_its_targets() -> None:
     assert of_kind[FrameKind.STATE] == by_radio[FrameKind.STATE]
 
 
-def test_a_swarm_of_one_pays_for_its_broadcast() -> None:
-    medium = Medium(load(None, ["uavs=1"]))
-    assert medium.send(0, [frames(FrameKind.STATE, [0], 4)], line(0.0)).shape == (0, 5)
-    assert medium.due(1) == []
-    bill = medium.meter.traffic[FrameKind.STATE]
-    assert (bill.payload_bits, bill.sent) == (128, 0)
-
-
 def test_models_fail_beyond_the_range_of_the_federation() -> None:
     radio = "radio.path_loss_exponent=0.05"
     states, sent = line(0.0, 10.0, 19.0, 21.0, 30.0, 500.0), frames(FrameKind.UPLOAD, [0, 1, 2, 3, 4, 5], 246, 1)
@@ -56,24 +47,6 @@ def test_models_fail_beyond_the_range_of_the_federation() -> None:
     assert 3.0 < bill.expected_outages < 3.0 + free.expected_outages
     nobody = Medium(scenario("federation.range_m=5", radio))
     assert not links_of([batch for _ in [nobody.send(5, [sent], states)] for batch in nobody.due(6)]) - {(0, 0)}
-
-
-def test_with_clusters_an_upload_goes_to_the_head_and_a_relay_to_the_leader() -> None:
-    """Clusters {0 1 2} and {3 4 5}; UAV 4 leads, so it heads the second."""
-    medium = Medium(
-        scenario("federation.leader=4", "federation.clusters=2", "radio.target_snr_db=60", method="mfgfl-hf")
-    )
-    states = line(0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
-    uploads = medium.send(5, [frames(FrameKind.UPLOAD, [0, 1, 3, 4, 5], 246, 1)], states)
-    assert {(int(s), int(t)) for _, s, t, _, _ in uploads} == {(1, 0), (3, 4), (5, 4)}
-    assert links_of(medium.due(6)) == {(0, 0), (1, 0), (3, 4), (4, 4), (5, 4)}
-    relays = medium.send(6, [frames(FrameKind.RELAY, [0, 4], 247, 1)], states)
-    assert {(int(s), int(t)) for _, s, t, _, _ in relays} == {(0, 4)}
-    assert links_of(medium.due(7)) == {(0, 4), (4, 4)}
-    totals = medium.meter.traffic
-    assert totals[FrameKind.UPLOAD].payload_bits == 3 * 246 * 32
-    assert totals[FrameKind.RELAY].payload_bits == 247 * 32
-    assert medium.meter.links() == [[0, 4, 1, 0], [1, 0, 1, 0], [3, 4, 1, 0], [5, 4, 1, 0]]
 
 
 @pytest.mark.parametrize(

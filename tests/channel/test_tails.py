@@ -31,14 +31,6 @@ def test_the_amplitude_of_rice_has_the_tail_of_a_noncentral_chi_square(xi: float
     close(found[tried], stats.ncx2.sf(squared, 2, line**2) if xi else np.exp(-squared / 2))
 
 
-def test_a_result_does_not_depend_on_the_other_links() -> None:
-    squared = np.array([0.0, 3.0, 40.0, 900.0, 2500.0])
-    for xi in (6.649, 60.0):
-        together = rice_above(squared, xi, 1.347)
-        each = np.concatenate([rice_above(squared[k : k + 1], xi, 1.347) for k in range(len(squared))])
-        np.testing.assert_allclose(each, together, rtol=RTOL)
-
-
 def test_a_strong_line_of_sight_is_normal() -> None:
     amplitude = np.linspace(1409.0, 1419.0, 41)
     series, normal = rice_above(amplitude**2, 1414.0, 1.0), rice_above(amplitude**2 * (1 + 1e-3) ** 2, 1415.414, 1.001)

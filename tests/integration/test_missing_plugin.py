@@ -11,9 +11,8 @@ import pytest
 
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.integration.conftest import Spawn
-from tests.integration.watched import scrape, told_url
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
@@ -40,22 +39,6 @@ def refused(process: "subprocess.Popen[str]") -> None:
     assert status == EXIT_BAD_INPUT, err
     assert re.search(LACKING, err)
     assert "Traceback" not in err
-
-
-def test_before_take_off_it_is_refused_and_the_world_names_the_host(spawn: Spawn) -> None:
-    base = ("--endpoint", free_endpoint(), "--run", "lacking")
-    flags = ("--set", "uavs=2", "--set", "method=spring", "--metrics", "0")
-    world = spawn("meanflock.worldsim", *base, *SPRING, *flags)
-    equipped = spawn("meanflock.agent", *base, *SPRING, "--uav", "0")
-    assert world.stderr is not None
-    url, alive = told_url(world.stderr), ("meanflock_nodes_alive", frozenset({("role", "agent")}))
-    until(lambda: scrape(url).get(alive) == 1, "an agent that can take part")
-    refused(spawn("meanflock.agent", *base, "--uav", "1"))
-    status, out, said = ended(world)
-    assert (status, out) == (EXIT_BAD_INPUT, "")  # nothing was flown, so there is no summary
-    assert re.search(LACKING, said)
-    status, _, said = ended(equipped)
-    assert status == EXIT_DONE, said
 
 
 def test_in_mid_flight_it_is_refused_and_an_agent_that_has_it_rejoins(spawn: Spawn, tmp_path: Path) -> None:

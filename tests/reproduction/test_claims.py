@@ -169,17 +169,6 @@ def test_measured_numbers_are_judged_like_runs(values: list[float], expected: st
     assert verdict([row("s0", HF, 1)], {"growth": values}, **THEORY) == expected
 
 
-def test_a_best_case_names_the_share_of_uavs_that_never_arrive() -> None:
-    rows = [
-        row("s0", method, seed, x=level + 0.001 * seed, arrived=arrived)
-        for method, level, arrived in ((HF, 1.0, 25), (H, 1.5, 25), (F, 4.0, 20))
-        for seed in range(5)
-    ]
-    judged = record(rows, **BEST | {"experiments": ("s0",), "threshold": 0.25})
-    assert "20 % of the UAVs of mfgfl-f never arrive at S0" in judged["reason"]
-    assert judged["value"]["never_arrived, mfgfl-f"] == pytest.approx(0.2)
-
-
 @pytest.mark.parametrize(
     ("basis", "holding"),
     [("measured", REPRODUCED), ("by construction", BY_CONSTRUCTION), ("no divergence", NOT_REFUTED)],

@@ -82,9 +82,6 @@ def test_only_the_named_figures_are_drawn_and_with_the_same_bytes(tables: Result
         assert path.read_bytes() == other.read_bytes()
     with pytest.raises(BadInput, match="fig9"):
         figures.draw(tables, tmp_path, only=["9"])
-
-
-def test_a_figure_without_data_is_left_out(tmp_path: Path) -> None:
     assert figures.draw(results([row("nothing", "hjb", 1)]), tmp_path) == []
 
 

@@ -24,20 +24,15 @@ WRONG_KEYS = [
     ('[[faults]]\nkind = "kill"\ntick = 3\nuav = [1]', "faults[0]", "`uav`", "did you mean `faults[0].uavs`?"),
     ('[[faults]]\nkind = "kil"\ntick = 3', "faults[0].kind", "'kil'", "choose one of", "kill, "),
     ('dt = "fast"', "dt", "expected a number, got 'fast'"),
-    ("wind = 3", "wind", "expected a table, got 3"),
     ("uavs = 2.5", "uavs", "expected a whole number, got 2.5"),
-    ("uavs = true", "uavs", "expected a whole number, got true"),
     ("[wind]\nmean = [1.0]", "wind.mean", "expected a list of length 2"),
     ("[radio]\nbits_per_float = 31", "radio.bits_per_float", "31", "choose one of 16, 32, 64"),
     ('stop = "never"', "stop", "never", "choose one of arrival, duration"),
     ("uavs = 0", "uavs", ">= 1"),
-    ("uavs = 100001", "uavs", "<= 100000"),
-    ("seed = 4611686018427387905", "seed", "<="),
     ("dt = inf", "dt", "<= 1000.0"),
     ("[wind]\nsigma = nan", "wind.sigma"),
     ("[wind]\nmean = [nan, 0.0]", "wind", "mean", "finite"),
     ("[start]\nspacing = -1.0", "start.spacing", "> 0"),
-    ("[federation]\nfraction = 1.5", "federation.fraction", "<= 1"),
 ]
 # Text of a scenario, then all parts of the line: keys that contradict each other.
 CONTRADICTIONS = [

@@ -226,16 +226,6 @@ def test_a_control_message_of_another_form_is_rejected_for_its_reason() -> None:
         rejects("wrong-shape", control.decode, message_with(array))
 
 
-@FEWER
-@given(
-    st.integers(0, len(DTYPES) + 1),
-    st.lists(st.one_of(st.integers(0, 3), st.sampled_from([2**16, 2**31, MAX])), max_size=4),
-    st.binary(max_size=40),
-)
-def test_any_header_of_an_array_is_an_array_or_is_rejected(kind: int, shape: list[int], buffer: bytes) -> None:
-    check(message_with(header(kind, tuple(shape)) + buffer))
-
-
 def test_bytes_beyond_the_limit_are_oversized_and_are_not_parsed() -> None:
     rejects("oversized", control.decode, b"\xc1" * 101, 100)
     rejects("oversized", control.decode, bytes(control.MAX_BYTES + 1))

@@ -89,21 +89,29 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
         received.declared  # noqa: B018
 
 
-@pytest.mark.parametrize(("kind", "name"), [("controller", "hjb"), ("filter", "ecbf")])
-def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
-    kind: str, name: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("kind", "name", "expected"),
+    [
+        ("controller", "hjb", "controller 'hjb' is "),
+        ("filter", "ecbf", "filter 'ecbf' is "),
+        ("controller", "none of it", "controller 'hjb-of-nobody' is not installed here; install its package, or name its file: "),
+    ],
+)
+def test_a_node_with_another_version_of_a_plugin_or_without_it_is_refused_with_its_host(
+    kind: str, name: str, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class OtherVersions:
+    class Elsewhere:
         GROUPS = plugins.GROUPS
 
         @staticmethod
-        def find(asked: Any, name: str) -> Plugin:
-            found = plugins.find(asked, name)
-            return found._replace(fingerprint="sha256 of another file") if asked == kind else found
+        def find(asked: Any, wanted: str) -> Plugin:
+            found = plugins.find(asked, wanted + "-of-nobody" if name == "none of it" else wanted)
+            is_other = (asked, wanted) == (kind, name)
+            return found._replace(fingerprint="sha256 of another file") if is_other else found
 
-    monkeypatch.setattr(client, "plugins", OtherVersions)
+    monkeypatch.setattr(client, "plugins", Elsewhere)
     monkeypatch.setattr(client.platform, "node", lambda: "far-away")
-    with pytest.raises(BadInput, match=f"agent-0 on host far-away: {kind} '{name}' is "):
+    with pytest.raises(BadInput, match=f"agent-0 on host far-away: {expected}"):
         Engine(load(None, ["uavs=2", "filter.kind=ecbf"], method="hjb"), "hosts")
 
 

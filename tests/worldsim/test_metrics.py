@@ -11,7 +11,6 @@ import pytest
 
 from meanflock import kernels
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.kernels.mean_field.interaction import empirical
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Energy, Truth, load
 from meanflock.worldsim.flight import Flight, Pairs, pairs
@@ -42,14 +41,6 @@ def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
     near = 2 * np.mean([one.near for one in seen])
     assert (near + n) / n**2 == pytest.approx(case["phi_C_as_printed"], rel=RTOL)
     assert near / (n * (n - 1)) == pytest.approx(case["phi_C_distinct_pairs"], rel=RTOL)
-
-
-@cases
-def test_the_empirical_interaction_is_the_oracle_s(case: dict[str, Any]) -> None:
-    states = states_of(case)
-    known = np.repeat(states[:, None], case["N"], axis=1)  # everyone knows everyone
-    found = empirical(states, known, load(None).cost.epsilon)
-    np.testing.assert_allclose(found, case["phi_G_eps1_beta1"], rtol=RTOL)
 
 
 def test_the_running_metrics_are_those_of_the_states() -> None:
