@@ -136,9 +136,7 @@ def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_ini
     assert hashes == {fly(flown(Honest, *QUIET))[0]["trajectory_sha256"]}
 
 
-def test_a_memory_that_is_not_finite_costs_its_own_uav_and_not_the_checkpoint(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_memory_that_is_not_finite_costs_its_own_uav_and_not_the_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "_checkpoint_every", lambda *_: 10)
 
     def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:

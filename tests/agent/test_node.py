@@ -26,17 +26,6 @@ def test_a_global_model_overwrites_only_the_rows_it_was_sent_to_and_only_what_is
     assert not np.array_equal(models(after)[1, shared], models(before)[1, shared])
 
 
-def test_the_global_model_is_in_place_before_the_update_of_the_tick() -> None:
-    """Algorithm 3's order: with the zero value model a UAV learns exactly what a newcomer does."""
-    of = flown("cost.c2=0", method="mfgfl-h")  # no φ_G: the density models differ
-    old, new = Agent(welcome(of)), Agent(welcome(of))
-    old.act(sense(0))
-    nothing = frames(FrameKind.GLOBAL, [0], np.zeros((1, 108)), [[0, 2], [0, 3], [0, 5]], 0)
-    taught, fresh = old.act(sense(2, nothing)), new.act(sense(2))
-    assert fresh.commands[:, :2].all()
-    np.testing.assert_array_equal(taught.commands[:, :2], fresh.commands[:, :2])
-
-
 def test_hjb_knows_of_others_only_what_the_radio_brought() -> None:
     of = flown(method="hjb")
     quiet, told = Agent(welcome(of)), Agent(welcome(of))

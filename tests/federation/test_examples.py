@@ -17,7 +17,6 @@ import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.testing import check_aggregator, check_controller
-from tests.telemetry import fly
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -201,20 +200,6 @@ def test_the_gradient_of_a_model_is_right_and_has_the_same_bits_beside_others() 
         aside[weight] = 1e-6
         slope = (loss(models + aside) - loss(models - aside)) / 2e-6
         np.testing.assert_allclose(found[:, weight], slope, atol=1e-7)
-
-
-@pytest.mark.parametrize("topology", ["leader", "neighbours"])
-def test_the_classifier_flies_the_same_alone_in_its_process_and_beside_others(topology: str) -> None:
-    settings = {"federation.topology": topology}
-    flown = mf.Scenario(method=classifier.Classifier, uavs=5, stop="duration", duration=6.5, **settings)
-    (one, record), (many, also) = fly(flown), fly(flown, rows=1)
-    assert one["rounds"] == 3
-    assert one["models_sha256"] == many["models_sha256"]
-    assert one["trajectory_sha256"] == many["trajectory_sha256"]
-    assert one["diagnostics"] == many["diagnostics"]
-    assert one["weight_spread_final"] == many["weight_spread_final"] > 0.0
-    for block, its in zip(record.blocks, also.blocks, strict=True):
-        assert block.reports.tobytes() == its.reports.tobytes()
 
 
 def test_the_global_models_are_those_of_federated_averaging() -> None:

@@ -40,11 +40,7 @@ def flown(*keys: str, uavs: int = 6, length: int = 3600, duration: float = 10.5)
 @pytest.mark.parametrize("name", ["float64", "float32", "float16", "int8"])
 @pytest.mark.parametrize("weighted", [False, True])
 @settings(max_examples=30, deadline=None, database=None)
-@given(
-    parts=st.lists(st.integers(1, 40), min_size=1, max_size=6),
-    share=st.integers(1, 30),
-    seed=st.integers(0, 99),
-)
+@given(parts=st.lists(st.integers(1, 40), min_size=1, max_size=6), share=st.integers(1, 30), seed=st.integers(0, 99))
 def test_fragments_of_a_model_are_the_model(name: Any, weighted: bool, parts: list[int], share: int, seed: int) -> None:
     length = sum(parts)
     if share >= length:

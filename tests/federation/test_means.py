@@ -22,11 +22,6 @@ def test_fedavg_is_the_mean_to_the_last_digits() -> None:
     assert mean(arrived.astype(np.float32)).dtype == np.float64
 
 
-@pytest.mark.parametrize("count", [1, 4])
-def test_the_mean_of_equal_models_is_that_model(count: int) -> None:
-    np.testing.assert_array_equal(mean(np.tile(models(1), (count, 1))), models(1)[0])
-
-
 def weighted(table: list[list[float]], means: int) -> list[float]:
     """The model that averaging by precision makes of some models."""
     rule = Precision(Precision.Options(means=means), Scenario())
@@ -42,10 +37,6 @@ def test_means_are_weighted_by_their_precisions() -> None:
     ]
     assert weighted(table, 2) == [13 / 4, 6.0, 130 / 4, 8.0, 4 / 3, 0.0]
     assert weighted([[1.0, 2.0], [100.0, -5.0]], 1) == [1.0, 1.0]  # a precision below zero does not count
-
-
-def test_models_that_agree_stay() -> None:
-    assert weighted(3 * [[2.0, 3.0, 0.5]], 2) == pytest.approx([2.0, 3.0, 0.5])
 
 
 def test_precision_refuses_a_model_that_its_options_do_not_divide() -> None:

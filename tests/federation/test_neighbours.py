@@ -61,13 +61,6 @@ def grid(side: int) -> np.ndarray:
     return np.abs(np.subtract.outer(x, x)) + np.abs(np.subtract.outer(y, y)) <= 1
 
 
-def test_a_round_without_losses_is_fedavg() -> None:
-    of = scenario(7, *DOUBLES)
-    models = drawn(of)
-    after = exchanged(of, models, pairs(np.ones((7, 7), dtype=bool)))
-    np.testing.assert_allclose(after, np.tile(mean(models), (7, 1)), rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize("adjacency", [ring(9), grid(3)], ids=["ring", "grid"])
 def test_the_spread_contracts_as_the_mixing_matrix_says(adjacency: np.ndarray) -> None:
     of = scenario(9, *DOUBLES)
@@ -81,18 +74,6 @@ def test_the_spread_contracts_as_the_mixing_matrix_says(adjacency: np.ndarray) -
         spreads.append(np.ptp(models, axis=0).max())
     measured = (spreads[-1] / spreads[9]) ** (1 / 20)
     assert measured == pytest.approx(second, rel=0.05)
-
-
-@pytest.mark.parametrize("rule", ["fedavg", "median", "krum", "trimmed-mean"])
-def test_a_row_gets_the_same_bits_in_any_node(rule: str) -> None:
-    of = scenario(12, *DOUBLES, f"federation.aggregation={rule}")
-    models = drawn(of)
-    links = pairs(np.random.default_rng(2).random((12, 12)) < 0.5)
-    whole = exchanged(of, models, links)
-    apart = np.concatenate(
-        [exchanged(of, models, links, uavs) for uavs in ([0, 1, 2, 3, 4], [5], [6, 7, 8, 9, 10, 11])]
-    )
-    assert whole.tobytes() == apart.tobytes()
 
 
 def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:

@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field.methods import MeanField
 from meanflock.federation.schedule import Schedule
-from meanflock.kernels.mean_field import layout
-from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
-from tests.methods import FEDERATED, LEARNING, METHODS, PARTS
+from tests.methods import METHODS
 
 
 def scenario(*settings: str) -> Scenario:
@@ -73,21 +70,6 @@ def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
     drawn = np.concatenate([rounds.participants(k) for k in range(n)])
     often = np.bincount(drawn, minlength=10) / n
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_method_shares_the_parts_of_the_paper(method: str) -> None:
-    declared = scenario(f"method={method}").declared
-    assert declared.parts == PARTS.get(method, ())
-    assert declared.parameters == sum(declared.parts)
-    assert declared.is_federated == (method in FEDERATED)
-    assert declared.weights == (0 if method == "offline" else layout.MODEL_FLOATS)
-    if method in LEARNING:
-        learner = plugins.load("controller", method)
-        assert issubclass(learner, MeanField)
-        shared = {"mfgfl-h": layout.VALUE, "mfgfl-f": layout.DENSITY, "mfgfl-hf": slice(None)}
-        floats = range(layout.MODEL_FLOATS)
-        assert floats[learner.shared] == floats[shared.get(method, slice(0, 0))]
 
 
 @pytest.mark.parametrize("clusters", [1, 3])

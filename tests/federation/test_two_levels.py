@@ -84,9 +84,7 @@ def test_the_mean_on_two_levels_is_that_on_one_where_nothing_is_lost(asked: tupl
 
 @settings(max_examples=60, deadline=None, database=None)
 @given(rounds_of())
-def test_the_mean_is_that_of_the_models_that_got_through_both_levels(
-    asked: tuple[list[str], int],
-) -> None:
+def test_the_mean_is_that_of_the_models_that_got_through_both_levels(asked: tuple[list[str], int]) -> None:
     of = load(None, [*asked[0], *ROUGH], method="mfgfl-h")
     models = drawn(of.uavs, asked[1])
     found, through, _ = one_round(of, models)

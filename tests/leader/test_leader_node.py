@@ -10,7 +10,6 @@ from meanflock.swarm import scenario
 from meanflock.swarm.mission import starts
 from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
 
 RUN = keys.fingerprint("leader-test")
@@ -39,33 +38,12 @@ def model_of(uav: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng([uav, seed]).standard_normal(246).astype(np.float32)
 
 
-def mean_of(uavs: list[int], floats: int = 108) -> np.ndarray:
-    total = np.zeros(floats)
-    for uav in sorted(uavs):
-        total += model_of(uav)[:floats]
-    return (total / len(uavs)).astype(np.float32)
-
-
 def said(act: Act) -> list[tuple[FrameKind, int, list[int]]]:
     return [(batch.kind, batch.round, batch.source.tolist()) for batch in act.outbox]
 
 
 def closing(of: Scenario, number: int) -> int:
     return next(t for t in range(1000) if Schedule(of).closes(t) == number)
-
-
-@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
-def test_a_leader_broadcasts_the_mean_of_the_uploads_when_a_round_closes(method: str) -> None:
-    of, floats = flown(method=method), flown(method=method).declared.parameters
-    node, end = leader(of), closing(flown(method=method), 1)
-    for tick in range(PERIOD, end):
-        assert not node.act(sense(tick)).outbox
-    act = node.act(sense(end, upload([0, 5, 6], floats=floats)))
-    assert said(act) == [(FrameKind.GLOBAL, 1, [3])]
-    np.testing.assert_array_equal(act.outbox[0].payload, mean_of([0, 5, 6], floats)[None])
-    assert act.outbox[0].payload.dtype == np.float32
-    assert act.outbox[0].links is None
-    assert isinstance(wire.read_act(wire.write_act(act)), Act)
 
 
 @pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
@@ -79,9 +57,7 @@ def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
-def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_in_its_own_coding(
-    down: str,
-) -> None:
+def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_in_its_own_coding(down: str) -> None:
     of = flown("federation.payload=int8", f"federation.broadcast_payload={down}")
     node, up = leader(of), Coding("int8", of.declared.parts)
     batch = upload([0, 1, 6])

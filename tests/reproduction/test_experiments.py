@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from meanflock.studies import job_file, runner
-from meanflock.studies.store import Store
-from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.errors import BadInput
 from reproduction import claims, experiments, grid, tables
 from reproduction.grid import Wanted
 from reproduction.tables import COORDINATES
@@ -129,14 +128,6 @@ def test_a_damaged_file_flies_again(flown: Path, executed: Counter[str], damage:
     )
     assert same(fly(flown), whole)
     assert 0 < len(executed) < whole.runs.num_rows - 2
-
-
-def test_results_of_other_code_fly_again(flown: Path, executed: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiments, "version", lambda: "9.9.9+other")
-    fly(flown)
-    assert set(executed) == {run.key for run in plan()}
-    with pytest.raises(RunFailed, match="same code"):
-        Store(flown, "9.9.9+other").add(job_file.encode([]))
 
 
 def test_the_version_depends_on_the_code_and_not_on_its_docstrings(

@@ -18,9 +18,7 @@ def test_a_flag_rejects_a_value_that_is_no_time(text: str) -> None:
         seconds("--barrier", 0.1)("0")
 
 
-def test_a_wrong_command_line_is_an_error_that_names_the_help(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_wrong_command_line_is_an_error_that_names_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
         parser("agent", "what", "example").parse_args(["--bogus"])
     assert left.value.code == 2
@@ -28,9 +26,7 @@ def test_a_wrong_command_line_is_an_error_that_names_the_help(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_is_noted_within_the_block_and_the_old_handler_comes_back(
-    number: signal.Signals,
-) -> None:
+def test_an_interruption_is_noted_within_the_block_and_the_old_handler_comes_back(number: signal.Signals) -> None:
     heard: list[int] = []
     before = signal.signal(number, lambda number, _: heard.append(number))
     try:

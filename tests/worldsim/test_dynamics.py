@@ -45,14 +45,6 @@ def test_without_wind_and_drag_a_constant_acceleration_is_integrated_exactly() -
     np.testing.assert_array_equal(end[state.POSITION], expected)
 
 
-def test_drag_pulls_the_velocity_to_the_mean_wind_geometrically() -> None:
-    flown, n = scenario(sigma=0, drag=0.3, mean=(2.0, -1.0)), 50
-    start = np.array([0.0, 0.0, -5.0, 3.0])
-    left = (1 - 0.3 * 0.1) ** n
-    expected = np.array([2.0, -1.0]) + left * (start[state.VELOCITY] - np.array([2.0, -1.0]))
-    np.testing.assert_allclose(fly(flown, start, 0.0, n)[state.VELOCITY], expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['t_s']}s")
 def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[str, Any]) -> None:
     dt = {1.0: 0.01, 10.0: 0.02, 50.0: 0.05}[case["t_s"]]

@@ -83,35 +83,6 @@ def test_an_absurd_command_loses_the_uav_and_leaves_the_others_as_they_were(comm
         assert not isinstance(value, float) or np.isfinite(value)
 
 
-def test_a_swarm_of_one_has_no_pairs() -> None:
-    flight = Flight(load(None, ["uavs=1", "duration=1"]))
-    idle(flight, 5)
-    assert flight.phi_c_distinct is None
-    assert (flight.phi_a, flight.phi_c, flight.collisions) == (0.0, 1.0, 0)
-    summary = flight_summary(flight)
-    assert (summary["phi_C_distinct"], summary["closest_approach_m"]) == (None, None)
-    assert (summary["t_avg_s"], summary["t_max_s"], summary["arrived"]) == (None, None, 0)
-
-
-def test_energy_speed_and_distance_are_sums_over_the_states_flown() -> None:
-    flight, draw = Flight(load(None, ["uavs=3"])), np.random.default_rng(5)
-    energy, distance, speeds = np.zeros(3), np.zeros(3), []
-    for _ in range(40):
-        flight.advance(draw.standard_normal((3, 2)))
-        speed = np.hypot(flight.states[:, state.VX], flight.states[:, state.VY])
-        energy += 0.1 * power(speed)
-        distance += 0.1 * speed
-        speeds.append(speed)
-    np.testing.assert_allclose(flight.energy, energy, rtol=1e-12)
-    np.testing.assert_allclose(flight.distance, distance, rtol=1e-12)
-    assert flight.speed_max == pytest.approx(np.max(speeds), rel=1e-12)
-    assert flight.mean_speed == pytest.approx(np.mean(speeds), rel=1e-12)
-    summary = flight_summary(flight)
-    assert summary["energy_mean_J"] == pytest.approx(energy.mean())
-    assert summary["energy_std_J"] == pytest.approx(energy.std())
-    assert summary["sim_time_s"] == pytest.approx(4.0)
-
-
 def test_the_hash_is_of_all_states_from_take_off_as_little_endian_doubles() -> None:
     flight, draw, expected = Flight(load(None, ["uavs=3"])), np.random.default_rng(6), hashlib.sha256()
     expected.update(flight.states.astype("<f8").tobytes())

@@ -18,10 +18,7 @@ SHORT = ["pace.slow_ticks=6", ANY]
 
 
 def fly(
-    delay_s: Callable[[int, str], float],
-    *settings: str,
-    realtime: float | None = None,
-    rows: Sequence[int] = (1, 1, 1),
+    delay_s: Callable[[int, str], float], *settings: str, realtime: float | None = None, rows: Sequence[int] = (1, 1, 1)
 ) -> dict[str, Any]:
     """Some nodes, each answering when `delay_s` of tick and node is over; the summary, and the events in it."""
     flight = Flight(realtime, settings, rows)

@@ -10,7 +10,7 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.plugins import registry
-from meanflock.swarm.scenario import LATER, Scenario, load
+from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
 
@@ -156,13 +156,3 @@ def test_a_limit_below_what_a_controller_needs_is_flown_and_counted(kind: str, l
     assert summary["lost"] == 0
     assert summary["clipped_uav_ticks"] > 0
     assert summary["control_effort"] <= limit * limit * 3.0 + 1e-9
-
-
-def test_without_a_limit_nothing_is_clipped_and_the_hash_of_the_scenario_is_that_of_older_runs() -> None:
-    plain = load(None, ["uavs=2", "duration=1"], method="orca")
-    limited = load(None, ["uavs=2", "duration=1", "vehicle.acceleration_max=1e9"], method="orca")
-    assert plain.sha256() != limited.sha256()
-    assert "vehicle.acceleration_max" in LATER
-    flown = [Engine(one, "limit").complete() for one in (plain, limited)]
-    assert flown[0]["trajectory_sha256"] == flown[1]["trajectory_sha256"]
-    assert [summary["clipped_uav_ticks"] for summary in flown] == [0, 0]

@@ -1,18 +1,19 @@
 """A filter before any controller: everything of the controller passes through unchanged."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
 from meanflock.agent.controllers.barriers import Ecbf
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Controller, Memory
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Filter, Scenario, Sharing, load
 from meanflock.testing import check_controller
+from meanflock.testing.trial import PointSwarm
+from tests.testing.good import GoodController
 
 SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
 
@@ -25,95 +26,6 @@ def test_every_built_in_controller_conforms_behind_the_filter(name: str, policy:
     check_controller(plugins.load("controller", name), scenario=scenario)
 
 
-class Talker(Controller):
-    """Two broadcasts, the first in even ticks only; remembers the last numbers it heard of either."""
-
-    name = "talker"
-    parameters = 2
-    weights = 1
-    period_ticks = 7
-    broadcast_numbers = 5
-    diagnostics = ("infeasible",)
-
-    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
-        return {"heard": np.full((len(uavs), 2), -1.0), "model": np.zeros((len(uavs), 2))}
-
-    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        heard = memory["heard"].copy()
-        for frames in received:
-            heard[frames.links[:, 1], frames.number] = frames.payload[frames.links[:, 0], 0]
-        even = np.arange(len(own)) if tick % 2 == 0 else np.zeros(0, dtype=np.intp)
-        said = (Broadcast(np.full((len(even), 1), 100.0 + tick), even), Broadcast(np.full((len(own), 4), 200.0 + tick)))
-        return Step(memory | {"heard": heard}, -0.1 * own[:, 2:], heard[:, :1], said)
-
-    def get(self, memory: Memory) -> np.ndarray:
-        return memory["model"]
-
-    def set(self, memory: Memory, rows: np.ndarray, models: np.ndarray) -> Memory:
-        model = memory["model"].copy()
-        model[rows] = models
-        return memory | {"model": model}
-
-    def report(self, memory: Memory) -> np.ndarray:
-        return memory["heard"][:, 1:]
-
-
-def behind(inner: Controller, scenario: Scenario = SMALL, **options: Any) -> Ecbf:
-    return Ecbf(Ecbf.Options(**options), scenario, inner)
-
-
-def exchanged(step: Step, uavs: int) -> list[Received]:
-    """All of a step's broadcasts, as all others receive them."""
-    everyone = np.arange(uavs)
-    found = []
-    for number, one in enumerate(step.broadcasts):
-        source = everyone if one.rows is None else one.rows
-        links = np.stack(np.nonzero(source[:, None] != everyone), axis=-1)
-        found.append(Received(number, source, one.payload, links))
-    return [frames for frames in found if len(frames.source)]
-
-
-def test_the_controller_keeps_its_declarations_numbers_and_models() -> None:
-    made = behind(Talker(Talker.Options(), SMALL))
-    said = declared.declarations_of(made, "talker")
-    assert (said.parameters, said.weights, said.period_ticks, said.broadcast_numbers) == (2, 1, 7, 5 + 4)
-    assert said.diagnostics == ("infeasible", "filter_infeasible", "unsent")
-    uavs = np.arange(6)
-    plan = np.zeros((6, 4))
-    plan[:, 0], plan[:, 2] = 10.0 * uavs, 1.0
-    memory, received = made.init(uavs, plan), list[Received]()
-    for tick in range(4):
-        step = made.step(memory, tick, plan, received)
-        assert len(step.broadcasts) == 3
-        memory, received = step.memory, exchanged(step, 6)
-    assert memory["heard"].tolist() == [[102.0, 202.0]] * 6  # of tick 2, heard in tick 3
-    assert step.broadcasts[0].payload.dtype == np.int16  # an event of the filter
-    assert made.report(memory).tolist() == [[202.0]] * 6
-    taught = made.set(memory, np.array([1]), np.array([[5.0, 6.0]]))
-    assert made.get(taught).tolist() == [[0, 0], [5, 6], [0, 0], [0, 0], [0, 0], [0, 0]]
-    assert set(taught) == set(memory)
-
-
-def test_names_of_the_filter_are_refused_in_the_memory_of_the_controller_and_in_columns() -> None:
-    class Clash(Talker):
-        def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
-            return {"filter_mine": np.zeros(len(uavs))}
-
-    with pytest.raises(ValueError, match=r"'filter_mine'.*those of the filter"):
-        behind(Clash(Talker.Options(), SMALL)).init(np.arange(6), np.zeros((6, 4)))
-    for columns, expected in (("near", "write"), (("near", "near"), "different"), (("unsent",), "unsent")):
-        with pytest.raises((TypeError, ValueError), match=expected):
-            type("Wrong", (Open,), {"columns": columns})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
-
-
-@pytest.mark.parametrize("shape", [(2,), (6, 3)])
-def test_an_acceleration_of_another_shape_is_not_spread_over_the_rows(shape: tuple[int, ...]) -> None:
-    odd: Any = type("Odd", (Talker,), {"step": lambda _self, memory, *_: Step(memory, np.zeros(shape))})
-    made = behind(odd(Talker.Options(), SMALL))
-    with pytest.raises(ValueError, match="acceleration has shape"):
-        made.step(made.init(np.arange(6), np.zeros((6, 4))), 0, np.zeros((6, 4)), ())
-
-
 class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
     """Changes nothing; the base of the wrong filters."""
 
@@ -122,6 +34,57 @@ class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
 
     def admit(self, own: np.ndarray, others: np.ndarray, uavs: np.ndarray, wanted: np.ndarray) -> Any:
         return wanted, np.zeros((len(own), 1))
+
+
+class Talker(GoodController):
+    """Reports what it heard."""
+
+    weights = 1
+    period_ticks = 7
+    broadcast_numbers = 5
+
+    def report(self, memory: Memory) -> np.ndarray:
+        return memory["heard"][:, None]
+
+
+def talker() -> Controller:
+    return Talker(Talker.Options(), SMALL)
+
+
+def behind(filter_: Any, **options: Any) -> Any:
+    return filter_(Ecbf.Options(**options), SMALL, talker())
+
+
+def test_behind_a_filter_that_changes_nothing_a_controller_declares_flies_and_learns_as_alone() -> None:
+    said = declared.declarations_of(behind(Ecbf), "good")
+    assert (said.parameters, said.weights, said.period_ticks, said.broadcast_numbers) == (3, 1, 7, 5 + 4)
+    assert said.diagnostics == ("heard", "infeasible", "unsent")
+    bare, filtered = (PointSwarm(Talker, SMALL, make) for make in (talker, lambda: behind(Open)))
+    alone, other = bare.trial(), filtered.trial()
+    for mine, theirs in zip(alone.commands, other.commands, strict=True):
+        np.testing.assert_array_equal(mine, theirs[:, :3])
+    for sent, also in zip(alone.broadcasts, other.broadcasts, strict=True):
+        assert also[0][1].dtype == np.int16  # an event of the filter
+        for one, its in zip(sent, also[1:], strict=True):
+            assert [part.tobytes() for part in one] == [part.tobytes() for part in its]
+    assert alone.models.tobytes() == other.models.tobytes()
+    made, rows, models = behind(Open), np.array([1]), np.array([[5.0, 6.0, 7.0]])
+    taught = made.set(other.memory, rows, models)
+    np.testing.assert_array_equal(made.get(taught), talker().get(talker().set(alone.memory, rows, models)))
+    np.testing.assert_array_equal(made.report(taught), alone.memory["heard"][:, None])
+    assert set(taught) == set(other.memory)
+
+
+def test_names_of_the_filter_are_refused_in_the_memory_of_the_controller_and_in_columns() -> None:
+    class Clash(GoodController):
+        def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+            return {"filter_mine": np.zeros(len(uavs))}
+
+    with pytest.raises(ValueError, match=r"'filter_mine'.*those of the filter"):
+        Ecbf(Ecbf.Options(), SMALL, Clash(Clash.Options(), SMALL)).init(np.arange(6), np.zeros((6, 4)))
+    for columns, expected in (("near", "write"), (("near", "near"), "different"), (("unsent",), "unsent")):
+        with pytest.raises((TypeError, ValueError), match=expected):
+            type("Wrong", (Open,), {"columns": columns})(Ecbf.Options(), SMALL, talker())
 
 
 @pytest.mark.parametrize(
@@ -136,7 +99,7 @@ class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
     ],
 )
 def test_an_error_of_a_filter_names_the_filter_and_not_the_controller(admit: Any, text: str) -> None:
-    made: Any = type("Wrong", (Open,), {"admit": admit})(Ecbf.Options(), SMALL, Talker(Talker.Options(), SMALL))
+    made: Any = type("Wrong", (Open,), {"admit": admit})(Ecbf.Options(), SMALL, talker())
     with pytest.raises((RuntimeError, ValueError), match=text):
         made.step(made.init(np.arange(6), np.zeros((6, 4))), 0, np.zeros((6, 4)), ())
 

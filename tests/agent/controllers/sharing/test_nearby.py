@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.sharing.nearby import closest, edges, near, summed
+from meanflock.agent.controllers.sharing.nearby import closest, near, summed
 
 DRAW = np.random.default_rng(0)
 OWN, KNOWN, UAVS = DRAW.normal(0, 3, (4, 4)), DRAW.normal(0, 3, (4, 9, 4)), DRAW.choice(9, 4, replace=False)
@@ -33,10 +33,3 @@ def test_the_closest_are_those_within_reach_and_no_more_than_asked_for() -> None
     for most, expected in ((3, [-1.0, 1.0, -2.0]), (5, [-1.0, 1.0, -2.0, -3.0])):  # of equal ones the lower number
         found = closest(others[:, 0], others, np.array([0]), reach_m=5.0, most=most)
         assert found.away[0, found.there[0], 0].tolist() == expected
-
-
-def test_the_edge_of_a_disc_is_its_radius_off_its_centre() -> None:
-    distance, x, y = edges(np.array([[3.0, 4.0, 0, 0], [0.0, 0.5, 0, 0]]), np.array([[0.0, 0.0, 1.0], [3.0, 0.0, 2.0]]))
-    np.testing.assert_allclose(distance, [[4.0, 2.0], [-0.5, np.hypot(3, 0.5) - 2.0]])
-    np.testing.assert_allclose(np.hypot(x, y), 1.0)
-    assert (x[0, 0], y[0, 0], x[0, 1], y[0, 1]) == pytest.approx((0.6, 0.8, 0.0, 1.0))

@@ -6,8 +6,7 @@ import numpy as np
 import pyrvo
 import pytest
 
-from meanflock.agent.controllers.sharing.nearby import closest
-from meanflock.agent.controllers.sharing.orca import Orca, half_planes
+from meanflock.agent.controllers.sharing.orca import Orca
 from meanflock.swarm.scenario import Scenario
 
 SPEED_MAX = 4.0
@@ -45,15 +44,6 @@ def test_velocities_are_those_of_pyrvo(radius: float, horizon: float, spread: fl
     assert sum(feasible) > 400
     assert np.quantile(np.array(errors)[feasible], 0.99) < 1e-4
     assert np.quantile(errors, 0.95) < 1e-2
-
-
-def test_where_the_relative_velocity_is_the_very_centre_there_is_a_way_out() -> None:
-    own = np.array([[0.0, 0.0, 5.0, 0.0], [0.5, 0.0, 0.0, 0.0]])  # two that touch, a tick from being one
-    everyone = np.repeat(own[None], 2, axis=0)
-    near = closest(own, everyone, np.arange(2), 9.0, 9)
-    normals, bounds = half_planes(near, own, 0.7, 1.0, 0.1, 0.5)
-    np.testing.assert_allclose(normals[:, 0], [[-1.0, 0.0], [1.0, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(bounds[:, 0], [-1.5, 3.5], atol=1e-12)
 
 
 def test_alone_the_velocity_is_the_wished_one_turned_to_the_right() -> None:

@@ -16,9 +16,7 @@ each = pytest.mark.parametrize("subject", SUBJECTS.values(), ids=SUBJECTS)
 
 
 @each
-def test_a_received_state_moves_its_receiver_and_a_false_one_is_named_and_not_used(
-    subject: tuple[str, ...],
-) -> None:
+def test_a_received_state_moves_its_receiver_and_a_false_one_is_named_and_not_used(subject: tuple[str, ...]) -> None:
     controller = made(*subject, "sharing.policy=tick", "sharing.forget_s=2", uavs=3)
     memory = controller.init(np.arange(3), STATES)
     said = [[70.3, 0.4, 0, 0], [70.3, 0.4, 300, 0], [1e30, 0, 0, 0]]

@@ -33,11 +33,3 @@ def test_the_mean_is_that_of_a_gaussian_field_measured_at_its_nodes() -> None:
     kernel = (1.0 + apart / (4.0 * 15.0**2)) ** -2
     weights = np.linalg.solve(kernel[np.ix_(which, which)] + np.diag(1.0 / precision), wind)
     assert map_.mean(information)[0] == pytest.approx(kernel[:, which] @ weights, abs=1e-9)
-
-
-def test_a_measurement_that_equals_the_map_changes_nothing() -> None:
-    map_ = grid()
-    base = np.random.default_rng(3).standard_normal((1, map_.count, 2))
-    assert map_.mean(np.zeros((1, map_.count, 3)), base).tobytes() == base.tobytes()
-    known = np.full((1, map_.count, 1), 5.0)
-    assert map_.mean(np.concatenate([known * base, known], axis=-1), base) == pytest.approx(base)
