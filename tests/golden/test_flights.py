@@ -1,13 +1,14 @@
 """Golden matrix: every flight of the table has its trajectory and its bill in every mode.
 
-Modes: one node; nodes of one UAV and of several; NumPy's kernels in a process of their own; killed in the middle and
-resumed in another division. Flights of real processes: tests/integration/test_processes.py.
+Modes: one node, recorded; nodes of one UAV; NumPy's kernels in a process of their own; nodes of two UAVs, killed in
+the middle and resumed in nodes of four. Flights of real processes: tests/integration/test_processes.py.
 """
 
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,17 @@ from tests.golden.flights import Golden, machine, read, steady
 FLOWN_ON, FLIGHTS = read()
 SHORT = [row for row in FLIGHTS if row.name.startswith("short-")]
 RESUMED = [row for row in SHORT if row.scenario.max_ticks > 150]  # long enough for a checkpoint to resume from
-NUMPY = """
+# Flights that use all kernels, each in all of its cases.
+NUMPY = {
+    *("short-hjb", "short-mfgfl-hf", "short-offline", "short-multinomial", "short-separation", "short-encounters"),
+    *("short-orca", "short-bvc", "short-braking", "short-crowd-mfgfl-h", "short-windmap", "short-events"),
+    *("short-int8", "short-clusters-hf", "short-doubles", "short-quiet", "short-waves", "short-discs"),
+}
+FLY = """
 import json, sys
 from tests.golden.flights import read
 for row in read()[1]:
-    if row.name.startswith("short-"):
+    if row.name in sys.argv:
         print(json.dumps(row.fly()))
 """
 every = pytest.mark.parametrize("row", FLIGHTS, ids=lambda row: row.name)
@@ -34,36 +41,50 @@ short = pytest.mark.parametrize("row", SHORT, ids=lambda row: row.name)
 
 
 @pytest.fixture(scope="module")
-def whole() -> dict[str, dict[str, Any]]:
-    """Summaries of the flights in one node, by name; each is flown when it is first asked for."""
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Golden], Path]]:
+    """The run folder of a flight in one node, which is flown when it is first asked for."""
+    out = tmp_path_factory.mktemp("whole")
 
-    class Flown(dict[str, dict[str, Any]]):
-        def __missing__(self, name: str) -> dict[str, Any]:
-            self[name] = next(row for row in FLIGHTS if row.name == name).fly()
-            return self[name]
+    def of(row: Golden) -> Path:
+        if not (out / row.name).exists():
+            flight(out / row.name, row.scenario)
+        return out / row.name / "run"
 
-    return Flown()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+        yield of
+
+
+def summary_in(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return found
+
+
+def same(summary: dict[str, Any], folder: Path) -> None:
+    """Compares a flight with the recorded one."""
+    assert summary["dropped_messages"] == {}
+    assert json.loads(json.dumps(steady(summary))) == steady(summary_in(folder))
 
 
 @every
-def test_a_flight_in_one_node_is_the_golden_one(row: Golden, whole: dict[str, Any]) -> None:
-    assert whole[row.name]["dropped_messages"] == {}
+def test_a_flight_in_one_node_is_the_golden_one(row: Golden, whole: Callable[[Golden], Path]) -> None:
+    summary = summary_in(whole(row))
+    assert summary["dropped_messages"] == {}
     if machine() != FLOWN_ON:
         pytest.skip("the last bits of NumPy's functions differ on this processor; the modes are compared all the same")
-    row.check(whole[row.name])
+    row.check(summary)
 
 
 @short
-@pytest.mark.parametrize("rows", [1, 4])
-def test_a_flight_in_several_nodes_is_that_of_one(row: Golden, rows: int, whole: dict[str, Any]) -> None:
-    cut = row.fly(uavs_per_node=rows)
-    assert cut["dropped_messages"] == {}
-    assert steady(cut) == steady(whole[row.name])
+def test_a_flight_in_nodes_of_one_uav_is_that_of_one_node(row: Golden, whole: Callable[[Golden], Path]) -> None:
+    same(row.fly(uavs_per_node=1), whole(row))
 
 
-def test_flights_with_the_kernels_of_numpy_are_those_of_the_compiled_ones(whole: dict[str, Any]) -> None:
+def test_flights_with_the_kernels_of_numpy_are_those_of_the_compiled_ones(whole: Callable[[Golden], Path]) -> None:
+    rows = [row for row in SHORT if row.name in NUMPY]
+    assert len(rows) == len(NUMPY)
     done = subprocess.run(
-        [sys.executable, "-c", NUMPY],
+        [sys.executable, "-c", FLY, *NUMPY],
         cwd=Path(__file__).parents[2],
         env={**os.environ, "MEANFLOCK_PURE": "1"},
         capture_output=True,
@@ -71,31 +92,24 @@ def test_flights_with_the_kernels_of_numpy_are_those_of_the_compiled_ones(whole:
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    for row, line in zip(SHORT, done.stdout.splitlines(), strict=True):
+    for row, line in zip(rows, done.stdout.splitlines(), strict=True):
         summary = json.loads(line)
         assert summary["backend"] == "numpy"
-        expected = json.loads(json.dumps(steady(whole[row.name])))
-        assert steady(summary) == expected, row.name
+        same(summary, whole(row))
 
 
 @pytest.mark.parametrize("row", RESUMED, ids=lambda row: row.name)
 def test_a_flight_that_was_killed_and_resumed_leaves_the_files_of_the_undisturbed_one(
-    row: Golden, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    row: Golden, whole: Callable[[Golden], Path], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
-    flight(tmp_path / "whole", row.scenario)
-    folder = dead(tmp_path / "dead", row.scenario, min(287, row.scenario.max_ticks - 20), rows=2)
+    undisturbed = whole(row)
+    folder = dead(tmp_path, row.scenario, min(287, row.scenario.max_ticks - 20), rows=2)
     assert back(folder).start.tick >= 101
-    summary = resumed(folder, "--uavs-per-process", "4")
-    assert steady(summary) == json.loads(json.dumps(steady(whole[row.name])))
-    tables = [pq.read_table(out / "timeseries.parquet") for out in (folder, tmp_path / "whole" / "run")]
+    same(resumed(folder, "--uavs-per-process", "4"), undisturbed)
+    tables = [pq.read_table(out / "timeseries.parquet") for out in (folder, undisturbed)]
     assert tables[0]["tick"].to_pylist() == list(range(len(tables[1])))
     assert tables[0].equals(tables[1])
     joins = ("joined", "resumed", "leader", "rejoined")
-    assert events(folder, *joins) == events(tmp_path / "whole" / "run", *joins)
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "events.jsonl",
-        "scenario.toml",
-        "summary.json",
-        "timeseries.parquet",
-    ]
+    assert events(folder, *joins) == events(undisturbed, *joins)
+    files = {"events.jsonl", "scenario.toml", "summary.json", "timeseries.parquet"}
+    assert {path.name for path in folder.iterdir()} == files
