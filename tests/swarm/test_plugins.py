@@ -94,7 +94,7 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
     [
         ("controller", "hjb", "controller 'hjb' is "),
         ("filter", "ecbf", "filter 'ecbf' is "),
-        ("controller", "none of it", "controller 'hjb-of-nobody' is not installed here; install its package, or name its file: "),
+        ("controller", "none of it", "controller 'hjb-of-nobody' is not installed here; install its package, "),
     ],
 )
 def test_a_node_with_another_version_of_a_plugin_or_without_it_is_refused_with_its_host(
