@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -109,6 +110,7 @@ def finished_run(folder: Path) -> StoredRun:
     return run
 
 
+@cache
 def unit_of(key: str) -> str:
     """Unit of a field of the summary by its dotted key, of which a part may stand for any name; empty: no number."""
     parts = key.split(".")
