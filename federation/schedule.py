@@ -1,5 +1,7 @@
 """Schedule of the rounds: when each hop of a round transmits and who takes part, known to all nodes beforehand."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -91,11 +93,18 @@ class Schedule:
         for number in range(first, first + count):
             participants = drawn(self._scenario, number)
             rows = np.flatnonzero(contains(participants, self._uavs))
-            participants.flags.writeable = rows.flags.writeable = False
+            rows.flags.writeable = False
             self._drawn[number] = participants, rows
 
 
 def drawn(scenario: Scenario, number: int) -> NDArray[np.intp]:
-    """The participants of a round of a scenario, ascending."""
-    draw = generator(scenario.seed, "participants", number)
-    return np.sort(draw.choice(scenario.uavs, scenario.participants, replace=False))
+    """The participants of a round of a scenario, ascending; not to be written to."""
+    return _drawn(scenario.seed, scenario.uavs, scenario.participants, number)
+
+
+@lru_cache(maxsize=_DRAWN_AHEAD)  # processes that are forked from one have those of their flight already
+def _drawn(seed: int, uavs: int, participants: int, number: int) -> NDArray[np.intp]:
+    draw = generator(seed, "participants", number)
+    found = np.sort(draw.choice(uavs, participants, replace=False))
+    found.flags.writeable = False
+    return found

@@ -9,9 +9,11 @@ starts at zero never learns. Here ŵ_F0(0) is a ridge least-squares fit of m̂ t
 states, which all UAVs know before take-off. All arrays are rows.
 """
 
+from functools import lru_cache
 from itertools import product
 from math import factorial, perm, prod
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ from meanflock.kernels.mean_field.interaction import empirical
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, NUMBERS, VALUE_FEATURES, Tables
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, mean_field
+from meanflock.swarm.scenario.tables import Wind
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import Floats
 
@@ -32,6 +35,16 @@ Power = tuple[int, int, int]  # coordinate, exponent, order of the derivative by
 
 VALUE_DEGREE = 6
 DENSITY_DEGREE = 4
+
+
+class Keys(NamedTuple):
+    """All of a scenario that its tables depend on."""
+
+    learner: mean_field.Learner
+    cost: mean_field.Cost
+    wind: Wind
+    density: mean_field.Density
+    radius: float  # of the destination, m
 
 
 def _value_exponents() -> Indices:
@@ -70,18 +83,26 @@ def standard_nodes() -> Floats:
     return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
 
 
-def offsets(scenario: Scenario) -> Floats:
+def offsets(spread: mean_field.Density) -> Floats:
     """Offsets δ of the quadrature's nodes from the UAV, `(64, 4)`."""
-    spread = scenario.density
     return standard_nodes() * ([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+
+
+def keys(scenario: Scenario) -> Keys:
+    """What the tables of a scenario depend on."""
+    return Keys(scenario.learner, scenario.cost, scenario.wind, scenario.density, scenario.destination.radius)
 
 
 def tables(scenario: Scenario) -> Tables:
     """All tables of a scenario."""
-    learner = scenario.learner
-    cost = scenario.cost
-    wind = scenario.wind
-    scale, nodes = scales(learner), offsets(scenario)
+    return tables_of(keys(scenario))
+
+
+@lru_cache(maxsize=4)  # processes that are forked from one have those of their flight already
+def tables_of(given: Keys) -> Tables:
+    """All tables, by what they depend on."""
+    learner, cost, wind, density, radius = given
+    scale, nodes = scales(learner), offsets(density)
     terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
     factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
     monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
@@ -117,7 +138,7 @@ def tables(scenario: Scenario) -> Tables:
         mu_f=learner.mu_f,
         push=learner.mu_h * learner.c_h * gain,
         kappa=learner.kappa,
-        arrived_squared=scenario.destination.radius**2,
+        arrived_squared=radius**2,
         value_first=value_first,
         value_second=value_second,
         pair_first=pair_first,
@@ -196,14 +217,16 @@ class Learner:
         """Weights at take-off, `(rows, 246)`; every UAV fits one density to the initial states of all, `(N, 4)`."""
         weights = np.zeros((rows, MODEL_FLOATS))
         if self._learns_density:
-            weights[:, DENSITY] = fit(self._scenario, self._constants, initial_states)
+            plan = np.ascontiguousarray(initial_states, dtype=np.float64)
+            weights[:, DENSITY] = _fit_of_plan(keys(self._scenario), self._scenario.seed, plan.tobytes())
         return weights
 
     def refit(self, weights: Floats, rows: NDArray[np.intp], known_states: Floats) -> Floats:
         """The weights (M, 246), with the density of some rows fitted to the states that they know, (M, N, 4)."""
         refitted, first = weights.copy(), slice(DENSITY.start, DENSITY.start + DENSITY_FEATURES)
         for row in rows.tolist():
-            refitted[row, first] = fit(self._scenario, self._constants, known_states[row])[:DENSITY_FEATURES]
+            fitted = fit(self._scenario.density, self._scenario.seed, self._constants, known_states[row])
+            refitted[row, first] = fitted[:DENSITY_FEATURES]
         return refitted
 
     def step(self, weights: Floats, states: Floats, known_states: Floats | None) -> tuple[Floats, Floats]:
@@ -241,18 +264,25 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
     return raw(points) / raw(centres).max()
 
 
-def fit(scenario: Scenario, constants: Tables, initial_states: Floats) -> Floats:
+@lru_cache(maxsize=4)  # processes that are forked from one have the fit of their flight already
+def _fit_of_plan(given: Keys, seed: int, plan: bytes) -> Floats:
+    """`fit` to the initial states whose bytes are `plan`."""
+    fitted = fit(given.density, seed, tables_of(given), np.frombuffer(plan).reshape(-1, state.SIZE))
+    fitted.flags.writeable = False
+    return fitted
+
+
+def fit(spread: mean_field.Density, seed: int, constants: Tables, initial_states: Floats) -> Floats:
     """[ŵ_F0(0), 0], `(138,)`: min mean (ŵᵀσ_F(s) − m(s))² + ridge ‖ŵ‖² over fixed sample points.
 
     Every UAV of a run computes the same bits: the sample points come from the scenario's seed, and the normal
     equations are summed without BLAS, whose order depends on the number of cores.
 
     Args:
-        constants: of the scenario. initial_states: (N, 4).
+        constants: of the scenario. seed: of the scenario. initial_states: (N, 4).
     """
-    spread = scenario.density
     bandwidth = np.array([spread.position_bandwidth] * 2 + [spread.velocity_bandwidth] * 2)
-    draw = generator(scenario.seed, "density-fit")
+    draw = generator(seed, "density-fit")
     chosen = draw.integers(len(initial_states), size=spread.near_samples)
     near = initial_states[chosen] + 2.0 * bandwidth * draw.standard_normal((spread.near_samples, 4))
     box = constants.scale * draw.uniform(-1.0, 1.0, (spread.box_samples, 4))

@@ -44,5 +44,5 @@ def test_the_operator_of_the_fpk_equation_acts_on_that_power() -> None:
 def test_the_density_at_the_nodes_is_that_power_there() -> None:
     terms = features.terms(T, features.pairs(T, features.powers(T, STATES)))
     at_nodes = interaction.density(T, np.ones((13, layout.DENSITY_FEATURES)), terms)
-    there = (STATES[:, None, :] + offsets(PRINTED)) / [300.0, 300.0, 60.0, 60.0]
+    there = (STATES[:, None, :] + offsets(PRINTED.density)) / [300.0, 300.0, 60.0, 60.0]
     np.testing.assert_allclose(at_nodes, (1.0 + there.sum(axis=-1)) ** 4 - 1.0, rtol=1e-9, atol=1e-12)
