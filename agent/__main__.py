@@ -19,7 +19,8 @@ with needed("an agent"):
     from meanflock.swarm.wire.messages import Join, Welcome
 
 
-def _run() -> None:
+def run() -> None:
+    """Be this program, with the flags in `sys.argv`."""
     options = parser("agent", "Flies one UAV, or several.", "python -m meanflock.agent --run test")
     flag(options, "--rows", "1", "most UAVs that a process flies", int, "M")
     flag(options, "--uav", "-1", "its first UAV; if negative and without --tls the world decides", int, "K")
@@ -55,4 +56,4 @@ def _run() -> None:
 
 
 if __name__ == "__main__":
-    main(_run)
+    main(run)

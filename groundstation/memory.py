@@ -5,11 +5,11 @@ from pathlib import Path
 
 import psutil
 
-from meanflock.agent import prefork
+from meanflock.swarm import forks
 
 MEGABYTE = 2**20
 # Measured values plus a quarter. Private memory of a process; shared memory is counted once.
-AGENT_MB = 17 if prefork.SAFE else 28  # forked from a loaded process, or started separately
+AGENT_MB = 17 if forks.SAFE else 28  # forked from a loaded process, or started separately
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
 UAV_KB = 50

@@ -17,7 +17,8 @@ with needed("the leader"):
     from meanflock.swarm.wire.messages import Join, Welcome
 
 
-def _run() -> None:
+def run() -> None:
+    """Be this program, with the flags in `sys.argv`."""
     given = parser("leader", "Averages the models of the UAVs.", "python -m meanflock.leader --run test").parse_args()
     known = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
@@ -39,4 +40,4 @@ def _run() -> None:
 
 
 if __name__ == "__main__":
-    main(_run)
+    main(run)

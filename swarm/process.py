@@ -29,6 +29,7 @@ QUICK_S = 10.0  # a process that dies sooner has died quickly
 TERM_GRACE_S = 5.0  # between SIGTERM and SIGKILL
 AT_MOST = 5  # number of quick deaths in a row after which a process is still started again
 CHILD = "MEANFLOCK_CHILD"  # variable, "1" in a process whose launcher holds its standard input open
+READY = "MEANFLOCK_READY"  # variable: the descriptor on which a process tells its launcher that others can join
 
 
 class _Parser(argparse.ArgumentParser):
@@ -124,6 +125,15 @@ class Interrupted:
                 logs.tell(f"error: {self.at_once()}", logging.ERROR)
             os._exit(EXIT_RUN_FAILED)
         os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
+
+
+def ready() -> None:
+    """Tell the launcher, if it asked, that others can join."""
+    if (number := os.environ.pop(READY, "")).isdigit():
+        with suppress(OSError):  # nobody waits any more
+            os.write(int(number), b".")
+        with suppress(OSError):
+            os.close(int(number))
 
 
 def launched() -> bool:

@@ -25,6 +25,7 @@ with needed("the world", "world"):
         main,
         orphaned,
         parser,
+        ready,
         seconds,
     )
     from meanflock.worldsim.checkpoint import Resumption
@@ -38,7 +39,8 @@ HURRIED_S = 5.0  # the same after an interrupt; a container engine sends SIGKILL
 SEE_OFF_S = 2.0
 
 
-def _run() -> None:
+def run() -> None:
+    """Be this program, with the flags in `sys.argv`."""
     options = parser(
         "worldsim",
         "World and radio: waits for the nodes, flies the scenario, prints the summary.",
@@ -106,6 +108,7 @@ def _run() -> None:
         def over() -> bool:
             return bool(interrupted) or orphaned()
 
+        ready()
         world.gather(given.wait, over)
         for tick in world.fly(over):
             if interrupted or (tick % 50 == 0 and orphaned()):
@@ -139,4 +142,4 @@ def _see_off(world: World, bus: ZenohBus) -> None:
 
 
 if __name__ == "__main__":
-    main(_run)
+    main(run)

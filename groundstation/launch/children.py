@@ -2,6 +2,7 @@
 
 import os
 import signal
+import site
 import subprocess
 import tempfile
 import time
@@ -9,12 +10,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
+from meanflock import swarm
 from meanflock.swarm.errors import printable_lines
-from meanflock.swarm.process import CHILD
+from meanflock.swarm.process import CHILD, READY
 
 LAST_LINES = 8
+# Variables of processes that are started by hand. Here the launcher sets these options.
+_FLAGS = ("ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS")
+_OURS = {f"MEANFLOCK_{flag}" for flag in (*_FLAGS, "RESUME", "ROWS", "UAV", "COUNT")} | {READY}
 _ERROR = "error: "  # prefix of the last line of a process that fails
 _GONE_S = 5.0  # most time that a killed process group may take to end
 
@@ -36,9 +41,14 @@ class Family:
         self.close()
 
     def popen(
-        self, command: Sequence[str], log: Path, environment: Mapping[str, str], cwd: Path | None = None
+        self,
+        command: Sequence[str],
+        log: Path,
+        environment: Mapping[str, str],
+        cwd: Path | None = None,
+        pass_fds: Sequence[int] = (),
     ) -> "subprocess.Popen[bytes]":
-        """Start a process whose output is appended to a log."""
+        """Start a process whose output is appended to a log. `pass_fds`: descriptors that it inherits."""
         with log.open("ab") as output:
             return subprocess.Popen(
                 command,
@@ -47,6 +57,7 @@ class Family:
                 stdout=subprocess.DEVNULL,
                 stderr=output,
                 env={**environment, CHILD: "1"},
+                pass_fds=pass_fds,
                 start_new_session=True,  # so that this process handles Ctrl-C in the terminal
             )
 
@@ -59,27 +70,73 @@ class Family:
         self._folder.cleanup()
 
 
+class Process(Protocol):
+    """What a launcher needs of a process, started or forked."""
+
+    @property
+    def returncode(self) -> int | None:
+        """Its exit code if it is known to have ended, minus the signal that killed it; else None."""
+
+    def poll(self) -> int | None:
+        """The same after a look."""
+
+    def send_signal(self, sig: int, /) -> None:
+        """Send it a signal."""
+
+
+@dataclass
+class Log:
+    """File of the output of one process, or of several that do the same. `name`: of the process, or of all."""
+
+    name: str
+    path: Path
+    passed_on: int = 0  # bytes that were copied to standard error
+
+    def whole_lines(self) -> str:
+        """The whole lines that were not yet passed on."""
+        if not self.path.exists():
+            return ""
+        with self.path.open("rb") as log:
+            log.seek(self.passed_on)
+            text = log.read()
+        whole = text[: text.rfind(b"\n") + 1]
+        self.passed_on += len(whole)
+        return printable_lines(whole.decode(errors="replace"))
+
+    def _text(self) -> str:
+        return printable_lines(self.path.read_text(encoding="utf-8", errors="replace")) if self.path.exists() else ""
+
+    def last_lines(self) -> str:
+        """The last lines."""
+        text = self._text().strip() or "(no output)"
+        return "\n".join(f"    {line}" for line in text.split("\n")[-LAST_LINES:])
+
+    def errors(self) -> list[str]:
+        """The error lines."""
+        return [line.removeprefix(_ERROR) for line in self._text().split("\n") if line.startswith(_ERROR)]
+
+
 @dataclass
 class Child:
-    """One process of the swarm, and the file of its output."""
+    """One process of the swarm, and the log of its output. `number`: among all of them."""
 
+    number: int
     name: str
     module: str
     command: list[str]
-    log: Path
-    process: "subprocess.Popen[bytes]" = field(init=False)  # set when it is launched
+    log: Log
+    process: Process = field(init=False)  # set when it is launched
     given_up: bool = False  # it failed and is not started again
-    passed_on: int = 0  # bytes of the log that were copied to standard error
 
-    def last_lines(self) -> str:
-        """Last lines of its output."""
-        text = self.log.read_text(encoding="utf-8", errors="replace").strip() or "(no output)"
-        return "\n".join(f"    {line}" for line in printable_lines(text).split("\n")[-LAST_LINES:])
 
-    def errors(self) -> list[str]:
-        """Error lines of its output."""
-        text = printable_lines(self.log.read_text(encoding="utf-8", errors="replace")).split("\n")
-        return [line.removeprefix(_ERROR) for line in text if line.startswith(_ERROR)]
+def environment() -> dict[str, str]:
+    """The environment of a child: that of this process without variables that would change what it flies, and with the
+    path to the packages of a checkout that is not installed."""
+    kept = {name: text for name, text in os.environ.items() if name not in _OURS}
+    root = str(Path(swarm.__file__).parents[2])
+    if root not in site.getsitepackages():
+        kept["PYTHONPATH"] = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return kept
 
 
 def sweep(group: int) -> None:
@@ -89,15 +146,6 @@ def sweep(group: int) -> None:
         while time.monotonic() < end:
             os.killpg(group, signal.SIGKILL)
             time.sleep(0.01)
-
-
-def has_members(group: int) -> bool:
-    """Returns whether a process group has members."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def kill_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:

@@ -18,6 +18,7 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SC
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
+from meanflock.swarm.forks import SAFE
 from meanflock.swarm.net.access import STATION, Address, check_free
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from meanflock.swarm.net.session import ZenohBus
 
 _CONNECT_S = 60.0
+_STEP_S = 0.2  # between two looks at the processes
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
 _ON_ITS_WAY_S = 2.0  # after the world has ended
@@ -216,9 +218,12 @@ def _processes(
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
+    from meanflock.groundstation.launch.forking import Forker
     from meanflock.groundstation.launch.processes import Swarm  # it loads Zenoh
 
-    with Swarm(run_id, options.endpoint, options.tls, options.log_format) as swarm:
+    with ExitStack() as stack:
+        forker = stack.enter_context(Forker()) if SAFE else None
+        swarm = stack.enter_context(Swarm(run_id, options.endpoint, options.tls, options.log_format, forker))
         outputs.kill = swarm.kill
         outputs.progress.say("starting processes")
         swarm.start_world(
@@ -231,9 +236,12 @@ def _processes(
         )
         if options.metrics is not None and options.log_format is None:  # the world's log says so
             logs.tell(f"metrics at http://{options.metrics}/metrics")
+        if swarm.forks:  # they start at once, and would look in vain for a world that still loads
+            _await_world(swarm, interrupted, outputs.folder)
         if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
             swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
         swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+        _await_world(swarm, interrupted, outputs.folder)
         bus = _connect(swarm, interrupted, outputs.folder)
         try:
             outputs.progress.say("joining")
@@ -260,21 +268,33 @@ def _processes(
     return station.summary
 
 
+def _await_world(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> None:
+    """Wait for the world in short steps, so that a world that cannot start is noticed at once."""
+    end = time.monotonic() + _CONNECT_S
+    while not swarm.others_can_join(_STEP_S):
+        _look_after(swarm, interrupted, folder, end)
+    _look_after(swarm, interrupted, folder, end)
+
+
 def _connect(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> "ZenohBus":
-    """Waits for the world in short steps, so that a world that cannot start is noticed at once."""
     end = time.monotonic() + _CONNECT_S
     while True:
-        if interrupted:
-            raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
-        swarm.check(flying=False)
         try:
             return swarm.connect(timeout_s=1.0)
-        except BusError as error:
-            if time.monotonic() > end:
-                raise RunFailed(
-                    f"after {_CONNECT_S:g} s the world still cannot be reached: the machine is too busy, or something "
-                    "blocks its ports; see `meanflock doctor`"
-                ) from error
+        except BusError:
+            _look_after(swarm, interrupted, folder, end)
+
+
+def _look_after(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder, end: float) -> None:
+    """Notice an interrupt, processes that died, and that the time is up."""
+    if interrupted:
+        raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
+    swarm.check()
+    if time.monotonic() > end:
+        raise RunFailed(
+            f"after {_CONNECT_S:g} s the world still cannot be reached: the machine is too busy, or something "
+            "blocks its ports; see `meanflock doctor`"
+        )
 
 
 def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> None:
@@ -291,7 +311,7 @@ def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Inte
             raise RunFailed(f"interrupted, the world did not answer any more; {_what_there_is(folder)}")
         if not asked and now - checked > 0.1:
             checked = now
-            swarm.check(flying=folder.last_tick >= 0)
+            swarm.check()
         if delivery is None and swarm.world_ended:  # only deliveries under way can still arrive
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:

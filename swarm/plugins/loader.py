@@ -83,7 +83,8 @@ def fingerprint(source: bytes) -> str:
 
 
 def load_files(paths: Iterable[Path | str]) -> None:
-    """Register the plug-ins of files, here and in every process that this one starts.
+    """Register the plug-ins of files, here and in every process that this one starts. A file that is registered already,
+    as in a fork, is not run again.
 
     Raises:
         BadInput: like `load_file`.
@@ -92,10 +93,20 @@ def load_files(paths: Iterable[Path | str]) -> None:
     for path in given:
         if os.pathsep in str(path):  # other processes get it by a variable
             raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
-        load_file(path)
+        if not _is_registered(path):
+            load_file(path)
     if given:
         before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
         os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
+
+
+def _is_registered(path: Path) -> bool:
+    """Whether the plug-ins of a file are registered with its present contents."""
+    known = [plugin.fingerprint for plugin, _ in registry.registered.values() if plugin.source == str(path)]
+    try:
+        return bool(known) and known[0] == fingerprint(path.read_bytes())
+    except OSError:
+        return False
 
 
 def files() -> tuple[tuple[str, str], ...]:

@@ -39,13 +39,21 @@ class Launched(Recorded):
             preexec_fn=_let_hang_up_end,
         )
 
+    def forker(self) -> psutil.Process:
+        (found,) = psutil.Process(self.process.pid).children()
+        return found
+
+    def forked(self, module: str) -> list[psutil.Process]:
+        """The processes of a module; the one that was started last is first."""
+        found = [p for p in self.forker().children() if f"meanflock.{module}" in p.cmdline()]
+        return sorted(found, key=lambda p: (p.create_time(), p.pid), reverse=True)
+
     def child(self, module: str) -> psutil.Process:
-        (found,) = (p for p in psutil.Process(self.process.pid).children() if f"meanflock.{module}" in p.cmdline())
+        (found,) = self.forked(module)
         return found
 
     def agents(self) -> list[psutil.Process]:
-        """The forked agents; the one that was started last is first."""
-        return sorted(self.child("agent").children(), key=lambda p: (p.create_time(), p.pid), reverse=True)
+        return self.forked("agent")
 
     def family(self) -> list[psutil.Process]:
         return psutil.Process(self.process.pid).children(recursive=True)

@@ -15,10 +15,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import certs
+from meanflock.groundstation.launch.forking import Forker
+from meanflock.groundstation.launch.processes import Swarm
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.recording.replay import recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.errors import ProcessDied
 from meanflock.swarm.net.session import LEASE
 from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, events_in
 from tests.faults.conftest import Lab, honest
@@ -28,7 +31,7 @@ from tests.faults.wire import Wire
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
-forks = pytest.mark.skipif(sys.platform != "linux", reason="agents are forked on Linux only")
+forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
 
 
 def ticks_of(folder: Path) -> list[int]:
@@ -193,12 +196,10 @@ def test_a_frozen_agent_costs_its_uav_and_ctrl_c_ends_the_flight_cleanly(command
 
 
 @forks
-def test_the_flight_needs_neither_its_launcher_nor_the_process_that_agents_are_forked_from(tmp_path: Path) -> None:
-    """The launcher is stopped, as by Ctrl-Z, for longer than its lease, until the flight is over."""
+def test_the_flight_does_not_need_its_launcher(tmp_path: Path) -> None:
+    """It is stopped, as by Ctrl-Z, for longer than its lease, until the flight is over."""
     with launched(tmp_path / "runs", *FLOWN, **{LEASE: "3"}) as run:
-        forked = run.child("agent")
-        agents = forked.children()
-        forked.kill()
+        agents = run.agents()
         run.process.send_signal(signal.SIGSTOP)
         until(lambda: not any(map(alive, agents)), "all agents gone home")
         run.process.send_signal(signal.SIGCONT)
@@ -214,8 +215,10 @@ def interrupt_twice(run: Launched) -> None:
     until(lambda: run.process.poll() is not None or run.process.send_signal(signal.SIGINT), "its end")
 
 
+FORKER = "the process from which all others are forked"
 KILLS: dict[str, tuple[Callable[[Launched], object], int, str]] = {  # how, exit code and what the command says
     "world": (lambda run: run.child("worldsim").kill(), 1, "error: world was killed by SIGKILL, as the system does"),
+    "forker": (lambda run: run.forker().kill(), 1, f"error: {FORKER} was killed by SIGKILL, as the system does"),
     "launcher": (lambda run: run.process.kill(), -signal.SIGKILL, ""),
     "second Ctrl-C": (interrupt_twice, 1, "error: interrupted twice, nothing was completed; "),
 }
@@ -242,3 +245,56 @@ def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(v
     assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (expected, 0, 0)
     assert ticks_of(folder) == list(range(TICKS + 1))
     assert not record or verify(folder / "recording.rrd") is None
+
+
+@forks
+@pytest.mark.parametrize("forked", [0, 1])
+def test_a_forker_that_is_killed_before_take_off_ends_the_run(forked: int) -> None:
+    with Forker() as forker, Swarm("unborn", forker=forker) as swarm:
+        if forked:
+            swarm.start_world("uavs = 2", wait_s=60.0, realtime=None)
+            until(lambda: swarm.others_can_join(1.0), "a world that can be joined")
+        family = psutil.Process(forker.process.pid).children()
+        assert len(family) == forked
+        forker.process.kill()  # while it loads what the others need, or when the world waits for them
+
+        def go_on() -> None:
+            swarm.start_agents(2, 1, wait_s=60.0)
+            until(swarm.check, "a look that fails")
+
+        with pytest.raises(ProcessDied, match=f"^{FORKER} was killed by SIGKILL"):
+            go_on()
+    assert not any(map(alive, family))
+
+
+STARTS_A_THREAD = """
+import threading
+import time
+
+import meanflock as mf
+
+threading.Thread(target=time.sleep, args=(1e6,), daemon=True).start()
+
+
+class Threaded(mf.Controller):
+    name = "threaded"
+
+    def step(self, memory, tick, own, received):
+        return mf.Step(memory, -0.02 * own[:, :2])
+"""
+
+
+def test_processes_are_started_one_by_one_where_a_plug_in_starts_a_thread(tmp_path: Path) -> None:
+    """A killed agent is replaced all the same."""
+    (tmp_path / "threaded.py").write_text(STARTS_A_THREAD)
+    flags = ("--plugin", str(tmp_path / "threaded.py"), "--no-record")
+    settings = ("method=threaded", "uavs=2", "duration=100000", "stop=duration")
+    with launched(tmp_path / "runs", *settings, flags=flags) as run:
+        started = psutil.Process(run.process.pid).children()
+        assert sum("meanflock.agent" in process.cmdline() for process in started) == 2
+        assert sum("meanflock.worldsim" in process.cmdline() for process in started) == 1
+        next(process for process in started if "meanflock.agent" in process.cmdline()).kill()
+        run.event("rejoined")
+        run.process.send_signal(signal.SIGINT)
+        run.ended(1)
+        assert not any(map(alive, started))

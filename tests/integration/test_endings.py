@@ -11,8 +11,8 @@ import psutil
 import pytest
 
 from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch import processes as launch
 from meanflock.groundstation.launch import run as flight
+from meanflock.groundstation.launch.children import environment
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
@@ -121,7 +121,7 @@ def test_processes_inherit_only_the_variables_that_are_theirs(
         assert flown[key] == expected[key]
     for name in ("RUN", "SET", "COUNT", "MEANFLOCK_BARRIER", "MEANFLOCK_RUN", "MEANFLOCK_SET", "MEANFLOCK_COUNT"):
         monkeypatch.setenv(name, "given")
-    inherited = {name for name, value in launch._environment().items() if value == "given"}
+    inherited = {name for name, value in environment().items() if value == "given"}
     assert inherited == {"RUN", "SET", "COUNT", "MEANFLOCK_BARRIER"}
 
 
