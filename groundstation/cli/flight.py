@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
-from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.resume import Back, back
 from meanflock.groundstation.launch.run import Options, Run, fly
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, first_loss, lost_everyone
@@ -109,6 +107,10 @@ def _fly(
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
+        from rich.console import Console
+
+        from meanflock.groundstation.launch.progress import summary_table
+
         Console().print(summary_table(done.summary))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))

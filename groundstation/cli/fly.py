@@ -1,9 +1,11 @@
 """Commands that fly: run, resume."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,6 +19,10 @@ from meanflock.groundstation.cli.arguments import (
     tls_option,
     uavs_per_process_option,
 )
+from meanflock.swarm.forks import SAFE
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.launch.forking import Forker
 
 
 class _Run(click.Command):
@@ -63,6 +69,7 @@ def run(
     seed: int | None,
     duration: float | None,
     settings: tuple[str, ...],
+    in_process: bool,
     **given: Any,
 ) -> None:
     """Fly a scenario once, by default the paper's.
@@ -75,10 +82,11 @@ def run(
     \b
     Example: meanflock run --method hjb --uavs 9 --set wind.sigma=0.2
     """
-    from meanflock.groundstation.cli import flight
-
     keys = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
-    flight.run(file, settings, keys=keys, **given)
+    with _forker(in_process) as forker:
+        from meanflock.groundstation.cli import flight  # its libraries are loaded while the forker loads others
+
+        flight.run(file, settings, keys=keys, in_process=in_process, forker=forker, **given)
 
 
 @click.command()
@@ -89,7 +97,7 @@ def run(
 @tls_option
 @click.option("--record/--no-record", default=True, show_default=True, help="Continue recording.rrd.")
 @telling
-def resume(folder: Path, as_json: bool, **given: Any) -> None:
+def resume(folder: Path, as_json: bool, in_process: bool, **given: Any) -> None:
     """Resume a run that did not finish, from its last checkpoint.
 
     RUN is its folder. The result is the same as without the interruption.
@@ -97,6 +105,19 @@ def resume(folder: Path, as_json: bool, **given: Any) -> None:
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7
     """
-    from meanflock.groundstation.cli import flight
+    with _forker(in_process) as forker:
+        from meanflock.groundstation.cli import flight
 
-    flight.resume(folder, as_json, **given)
+        flight.resume(folder, as_json, in_process=in_process, forker=forker, **given)
+
+
+@contextmanager
+def _forker(in_process: bool) -> "Iterator[Forker | None]":
+    """Context of the process that forks the others; None where there are none, or where a fork is not safe."""
+    if in_process or not SAFE:
+        yield None
+        return
+    from meanflock.groundstation.launch.forking import Forker
+
+    with Forker() as forker:
+        yield forker

@@ -50,6 +50,7 @@ class Swarm(Family):
         self._logs: dict[str, Log] = {}
         self._restarts = Restarts()
         self._forker = forker
+        self._closed = False
         self._ready = -1  # where the world says that others can join
 
     @property
@@ -177,7 +178,10 @@ class Swarm(Family):
         self._folder.cleanup()
 
     def close(self) -> None:
-        """End all processes: SIGTERM, then SIGKILL."""
+        """End all processes: SIGTERM, then SIGKILL. Later calls do nothing."""
+        if self._closed:
+            return
+        self._closed = True
         if self._forker is not None:
             self._forker.close()
         end_all(self._started())

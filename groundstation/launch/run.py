@@ -18,7 +18,6 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SC
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
-from meanflock.swarm.forks import SAFE
 from meanflock.swarm.net.access import STATION, Address, check_free
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
@@ -26,6 +25,7 @@ from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.summary import every_uav_was_lost
 
 if TYPE_CHECKING:
+    from meanflock.groundstation.launch.forking import Forker
     from meanflock.groundstation.launch.processes import Swarm
     from meanflock.swarm.net.session import ZenohBus
 
@@ -52,6 +52,7 @@ class Options:
     quiet: bool = False
     watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
     metrics: Address | None = None  # where Prometheus can read the run
+    forker: "Forker | None" = None  # from which processes are forked; None: they are started one by one
     log_format: str | None = (
         None  # form in which the output of all processes goes to standard error; None: warnings only
     )
@@ -107,13 +108,17 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
     doctor.tell_if_slow()
     start = None if back is None else back.start
     died: ProcessDied | None = None
-    with Outputs(scenario, run_id, options, None if back is None else back.past) as outputs:
+    with ExitStack() as stack:
+        # First, because the world loads beside the outputs, and a recorder takes as long.
+        swarm = None if options.in_process else stack.enter_context(_begun(scenario, run_id, options, start))
+        outputs = stack.enter_context(Outputs(scenario, run_id, options, None if back is None else back.past))
         interrupted.at_once = outputs.give_up
         try:
-            if options.in_process:
+            if swarm is None:
                 outputs.summary = _in_process(scenario, run_id, options, outputs.sinks, interrupted, start)
             else:
-                outputs.summary = _processes(scenario, run_id, options, outputs, interrupted, start)
+                with swarm:
+                    outputs.summary = _processes(swarm, scenario, run_id, options, outputs, interrupted, start)
         except ProcessDied as error:
             died = error
     if died is not None or interrupted:
@@ -210,22 +215,12 @@ def _in_process(
         return engine.world.finish()
 
 
-def _processes(
-    scenario: Scenario,
-    run_id: str,
-    options: Options,
-    outputs: Outputs,
-    interrupted: Interrupted,
-    start: Resumption | None,
-) -> dict[str, Any]:
-    from meanflock.groundstation.launch.forking import Forker
+def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption | None) -> "Swarm":
+    """A swarm whose world is starting."""
     from meanflock.groundstation.launch.processes import Swarm  # it loads Zenoh
 
-    with ExitStack() as stack:
-        forker = stack.enter_context(Forker()) if SAFE else None
-        swarm = stack.enter_context(Swarm(run_id, options.endpoint, options.tls, options.log_format, forker))
-        outputs.kill = swarm.kill
-        outputs.progress.say("starting processes")
+    swarm = Swarm(run_id, options.endpoint, options.tls, options.log_format, options.forker)
+    try:
         swarm.start_world(
             to_toml(scenario),
             wait_s=_JOIN_S,
@@ -234,37 +229,54 @@ def _processes(
             resume=None if start is None else start.encode(),
             metrics=options.metrics,
         )
-        if options.metrics is not None and options.log_format is None:  # the world's log says so
-            logs.tell(f"metrics at http://{options.metrics}/metrics")
-        if swarm.forks:  # they start at once, and would look in vain for a world that still loads
-            _await_world(swarm, interrupted, outputs.folder)
-        if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
-            swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
-        swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+    except BaseException:
+        swarm.close()
+        raise
+    return swarm
+
+
+def _processes(
+    swarm: "Swarm",
+    scenario: Scenario,
+    run_id: str,
+    options: Options,
+    outputs: Outputs,
+    interrupted: Interrupted,
+    start: Resumption | None,
+) -> dict[str, Any]:
+    outputs.kill = swarm.kill
+    outputs.progress.say("starting processes")
+    if options.metrics is not None and options.log_format is None:  # the world's log says so
+        logs.tell(f"metrics at http://{options.metrics}/metrics")
+    if swarm.forks:  # they start at once, and would look in vain for a world that still loads
         _await_world(swarm, interrupted, outputs.folder)
-        bus = _connect(swarm, interrupted, outputs.folder)
-        try:
-            outputs.progress.say("joining")
-            first_block = 0 if start is None else start.block + 1
-            station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
-            _listen(bus, station, swarm, interrupted, outputs.folder)
-        except BadInput as error:
-            if outputs.folder.last_tick < 0:
-                raise
-            raise RunFailed(str(error)) from error  # of a restarted node
-        finally:
-            bus.close()
-        assert station.summary is not None
-        some_lost = station.summary["nodes_lost"] > 0
-        left = swarm.wait(_LOST_NODES_S if some_lost else _LAST_WORDS_S)
-        if left and not some_lost:
-            logs.tell(
-                f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
-                f"ended now: {', '.join(left)}",
-                WARNING,
-            )
-        if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # otherwise it ends with an error too
-            swarm.check_world()
+    if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
+        swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
+    swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+    _await_world(swarm, interrupted, outputs.folder)
+    bus = _connect(swarm, interrupted, outputs.folder)
+    try:
+        outputs.progress.say("joining")
+        first_block = 0 if start is None else start.block + 1
+        station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
+        _listen(bus, station, swarm, interrupted, outputs.folder)
+    except BadInput as error:
+        if outputs.folder.last_tick < 0:
+            raise
+        raise RunFailed(str(error)) from error  # of a restarted node
+    finally:
+        bus.close()
+    assert station.summary is not None
+    some_lost = station.summary["nodes_lost"] > 0
+    left = swarm.wait(_LOST_NODES_S if some_lost else _LAST_WORDS_S)
+    if left and not some_lost:
+        logs.tell(
+            f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
+            f"ended now: {', '.join(left)}",
+            WARNING,
+        )
+    if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # otherwise it ends with an error too
+        swarm.check_world()
     return station.summary
 
 

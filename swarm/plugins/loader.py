@@ -83,8 +83,9 @@ def fingerprint(source: bytes) -> str:
 
 
 def load_files(paths: Iterable[Path | str]) -> None:
-    """Register the plug-ins of files, here and in every process that this one starts. A file that is registered already,
-    as in a fork, is not run again.
+    """Register the plug-ins of files, here and in every process that this one starts.
+
+    A file that is registered already, as in a fork, is not run again.
 
     Raises:
         BadInput: like `load_file`.
