@@ -103,7 +103,7 @@ class Forks:
 
 
 def is_alone() -> bool:
-    """Whether this process has no other thread, so that it may fork."""
+    """Returns whether this process has no other thread, so that it may fork."""
     return SAFE and len(os.listdir("/proc/self/task")) == 1
 
 

@@ -89,7 +89,7 @@ class Forker(Family):
 
     @property
     def killed(self) -> bool:
-        """Whether a signal has killed it."""
+        """Returns whether a signal has killed it."""
         self.look(0.0)
         return self.gone and (self.process.returncode or 0) < 0
 

@@ -55,7 +55,7 @@ class Swarm(Family):
 
     @property
     def forks(self) -> bool:
-        """Whether its processes are forks, which start at once. It waits until it is known."""
+        """Returns whether its processes are forks, which start at once. It waits until it is known."""
         if self._forker is not None and not self._forker.may_fork():
             self._check_forker()
             self._forker.close()

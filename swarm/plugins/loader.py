@@ -102,7 +102,7 @@ def load_files(paths: Iterable[Path | str]) -> None:
 
 
 def _is_registered(path: Path) -> bool:
-    """Whether the plug-ins of a file are registered with its present contents."""
+    """Returns whether the plug-ins of a file are registered with its present contents."""
     known = [plugin.fingerprint for plugin, _ in registry.registered.values() if plugin.source == str(path)]
     try:
         return bool(known) and known[0] == fingerprint(path.read_bytes())
