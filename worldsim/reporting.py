@@ -167,11 +167,14 @@ class Reporter:
         """Report the model of the leader's UAV, and the spread of the models of all UAVs that are `alive` (N,)."""
         if not self._declared.weights:
             return
-        models = np.full((len(alive), self._declared.weights), np.nan)
-        for name, act in acts.items():
-            if act.models is not None:
-                models[asked[name].place] = act.models
-        bounded = (np.abs(models) < BEYOND_SENSE).all(axis=-1)  # false for NaN
+        found = [(asked[name], act.models) for name, act in acts.items() if act.models is not None]
+        if len(found) == 1 and found[0][0].rows == len(alive):  # one node has all, so they need no copy
+            models = found[0][1]
+        else:
+            models = np.full((len(alive), self._declared.weights), np.nan)
+            for member, rows in found:
+                models[member.place] = rows
+        bounded = (models.max(axis=1) < BEYOND_SENSE) & (models.min(axis=1) > -BEYOND_SENSE)  # false for NaN
         if (counted := bounded & alive).any():
             spread = self._counters.spread = weight_spread(models if counted.all() else models[counted])
             leader = self._flight.scenario.federation.leader

@@ -100,6 +100,7 @@ class Durations:
 
 
 SCHEMA = 1
+_AT_ONCE = 2**15  # weights whose deviations stay in a processor's cache
 MAX_LINKS_LISTED = 1000
 
 
@@ -167,10 +168,15 @@ class Counters:
 
 def weight_spread(models: NDArray[np.float64]) -> float:
     """Root-mean-square distance of N models (N, W) from their mean."""
-    deviation = models - np.add.reduce(models, axis=-2, keepdims=True) / models.shape[-2]
-    deviation *= deviation
-    squared = np.add.reduce(deviation, axis=-1)
-    return float(np.sqrt(np.add.reduce(squared, axis=-1) / models.shape[-2]))
+    count, weights = models.shape
+    mean, squared = np.add.reduce(models, axis=0) / count, np.empty(count)
+    rows = max(1, _AT_ONCE // weights)
+    for first in range(0, count, rows):
+        here = slice(first, first + rows)
+        deviation = models[here] - mean
+        deviation *= deviation
+        np.add.reduce(deviation, axis=1, out=squared[here])
+    return float(np.sqrt(np.add.reduce(squared) / count))
 
 
 def flight_summary(flight: Flight) -> dict[str, Any]:
