@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm.state import Floats
 
 _DEVIATIONS, _MORE = 9.0, 20  # terms beyond nine standard deviations and these are left out
@@ -47,8 +48,10 @@ def binomial_at_most(k: int, n: int, p: Floats, q: Floats) -> Floats:
     """
     below = k <= n * p
     result = np.empty(p.shape)
-    result[below] = _lower_tail(k, n, p[below], q[below])
-    result[~below] = 1.0 - _lower_tail(n - k - 1, n, q[~below], p[~below])
+    if below.any():
+        result[below] = _lower_tail(k, n, p[below], q[below])
+    if not below.all():
+        result[~below] = 1.0 - _lower_tail(n - k - 1, n, q[~below], p[~below])
     return result
 
 
@@ -71,18 +74,9 @@ def _not_more_often(rate: Floats, strength: float) -> Floats:
     deviation = _DEVIATIONS * np.sqrt(likely)
     first = np.maximum(0.0, np.floor(likely - deviation))
     terms = math.ceil((likely + deviation - first).max(initial=0.0)) + _MORE
-    reached = _reached(strength)
-    total = np.zeros(rate.shape)
-    if first.any():
-        index = first.astype(np.intp)
-        for k in range(terms, -1, -1):
-            total *= rate / (first + (k + 1.0))
-            total += reached.take(index + k, mode="clip")
-    else:
-        for k in range(min(terms, len(reached) - 1), -1, -1):
-            total *= rate / (k + 1.0)
-            total += reached[k]
-    result: Floats = np.exp(-_log_inverse(first) - _deviance(first, rate)) * total
+    sums = np.empty(rate.shape)
+    kernels.poisson(rate, first, terms, _reached(strength), sums)
+    result: Floats = np.exp(-_log_inverse(first) - _deviance(first, rate)) * sums
     return result
 
 

@@ -7,7 +7,20 @@ imports the files that define the functions.
 
 import os
 
-__all__ = ["BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
+__all__ = [
+    "BACKEND",
+    "alignment",
+    "columns",
+    "fade",
+    "learn",
+    "nearest",
+    "pairs",
+    "poisson",
+    "prepare",
+    "read",
+    "repel",
+    "write",
+]
 
 try:
     if os.environ.get("MEANFLOCK_PURE") == "1":
@@ -16,9 +29,11 @@ try:
         BACKEND,
         alignment,
         columns,
+        fade,
         learn,
         nearest,
         pairs,
+        poisson,
         prepare,
         read,
         repel,
@@ -29,9 +44,11 @@ except ImportError:
         BACKEND,
         alignment,
         columns,
+        fade,
         learn,
         nearest,
         pairs,
+        poisson,
         prepare,
         read,
         repel,

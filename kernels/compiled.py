@@ -5,14 +5,40 @@ With many processes on a core, calls are expensive, because code and data of eac
 
 from typing import Any
 
-from meanflock.kernels._native import SOURCES, alignment, columns, learn, nearest, pairs, read, repel, tables, write
+from meanflock.kernels._native import (
+    SOURCES,
+    alignment,
+    columns,
+    fade,
+    learn,
+    nearest,
+    pairs,
+    poisson,
+    read,
+    repel,
+    tables,
+    write,
+)
 from meanflock.kernels.mean_field.layout import Tables, packed
 from meanflock.kernels.sources import checksum
 
 if checksum() not in (0, SOURCES):
     raise ImportError("kernels._native was built from other sources than those in this folder")
 
-__all__ = ["BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
+__all__ = [
+    "BACKEND",
+    "alignment",
+    "columns",
+    "fade",
+    "learn",
+    "nearest",
+    "pairs",
+    "poisson",
+    "prepare",
+    "read",
+    "repel",
+    "write",
+]
 
 BACKEND = "compiled"
 

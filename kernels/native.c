@@ -159,8 +159,10 @@ static PyMethodDef methods[] = {
     {"pairs", measure, METH_VARARGS, "pairs(before, after, hazard_m, collision_m, nearest_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
     {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
+    {"fade", radio_fade, METH_VARARGS, "fade(normal, xi, chi, thresholds, slot, busy, missing, slots)"},
+    {"poisson", radio_poisson, METH_VARARGS, "poisson(rates, first, terms, reached, sums)"},
     {"repel", learner_repel, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},
-    {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None)"},
+    {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None, uavs=0)"},
     {"write", wire_write, METH_VARARGS, "write(kind, run, tick, flags, rows, columns, table, tables, frames=())"},
     {NULL, NULL, 0, NULL},
 };

@@ -6,13 +6,27 @@ Arrays are C-contiguous float64 unless a function says otherwise. Rows are indep
 import numpy as np
 
 from meanflock.kernels.all_pairs import alignment, pairs
+from meanflock.kernels.fading import fade, poisson
 from meanflock.kernels.halfplanes import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.state import Floats
 from meanflock.kernels.wire import read, write
 
-__all__ = ["BACKEND", "alignment", "columns", "learn", "nearest", "pairs", "prepare", "read", "repel", "write"]
+__all__ = [
+    "BACKEND",
+    "alignment",
+    "columns",
+    "fade",
+    "learn",
+    "nearest",
+    "pairs",
+    "poisson",
+    "prepare",
+    "read",
+    "repel",
+    "write",
+]
 
 BACKEND = "numpy"
 

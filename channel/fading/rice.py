@@ -6,6 +6,7 @@ The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as �
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel import link
 from meanflock.channel.base import Channel, Floats
 from meanflock.channel.link import slots_needed, squared_threshold
@@ -28,23 +29,22 @@ class Rice(Channel):
         self, distance_m: Floats, bits: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Draws an amplitude in every slot for each link that is still busy, in link order."""
-        radio, links = self._radio, len(distance_m)
+        radio = self._radio
+        links = len(distance_m)
         if bits not in self._needed:
             self._needed[bits] = slots_needed(radio, bits)
-        threshold = squared_threshold(radio, distance_m) if self._alike is None else self._alike
-        slots, delivered = np.empty(links, dtype=np.int64), np.ones(links, dtype=bool)
-        busy, missing = np.arange(links), np.full(links, self._needed[bits])
+        thresholds = squared_threshold(radio, distance_m) if self._alike is None else self._alike
+        slots = np.full(links, radio.latency_threshold_slots)
+        missing = np.full(links, self._needed[bits])
+        busy = np.arange(links)
+        left = links
         for slot in range(1, radio.latency_threshold_slots + 1):
-            slots[busy] = slot
-            squared = squared_amplitude(rng.standard_normal((len(busy), 2)), radio.rice_xi, radio.rice_chi)
-            missing -= squared >= threshold
-            left = missing.nonzero()[0]
-            busy, missing = busy.take(left), missing.take(left)
-            if not len(busy):
+            normal = rng.standard_normal((left, 2))
+            left = kernels.fade(normal, radio.rice_xi, radio.rice_chi, thresholds, slot, busy, missing, slots)
+            if not left:
                 break
-            if self._alike is None:
-                threshold = threshold.take(left)
-        delivered[busy] = False
+        delivered = np.ones(links, dtype=bool)
+        delivered[busy[:left]] = False
         return slots, delivered
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
@@ -57,13 +57,3 @@ class Rice(Channel):
 
     def least_slots(self, bits: int) -> int:
         return slots_needed(self._radio, bits)
-
-
-def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
-    """Squared amplitude z² of independent slots, `(K,)`; z = |ξ + χ(n₁ + jn₂)|. `normal`: standard normal, `(K, 2)`,
-    overwritten.
-    """
-    normal *= chi
-    normal[:, 0] += xi
-    normal *= normal
-    return normal[:, 0] + normal[:, 1]

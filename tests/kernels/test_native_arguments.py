@@ -34,6 +34,11 @@ def arguments(name: str) -> dict[str, Any]:
     if name == "nearest":
         planes = {"normals": draw.normal(size=(2, 3, 2)), "bounds": np.zeros((2, 3)), "limit": 3.0}
         return {"wanted": np.ones((2, 2)), **planes, "found": np.full((2, 2), 7.0), "missing": np.full(2, 7.0)}
+    if name == "fade":
+        links = {"busy": np.arange(2), "missing": np.full(2, 7), "slots": np.full(2, 7)}
+        return {"normal": np.ones((2, 2)), "xi": 1.0, "chi": 1.0, "thresholds": np.full(2, np.inf), "slot": 1, **links}
+    if name == "poisson":
+        return {"rates": np.ones(2), "first": np.ones(2), "terms": 3, "reached": np.ones(4), "sums": np.full(2, 7.0)}
     states = {"before": draw.normal(size=(2, 4)), "after": draw.normal(size=(2, 4))}
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
@@ -57,6 +62,23 @@ WRONG: list[tuple[str, str, Any, str]] = [
     ("nearest", "found", np.zeros((2, 3)), "found: 48 bytes"),
     ("nearest", "found", READ_ONLY, "(?i)read-only|writable"),
     ("nearest", "missing", np.zeros(3), "missing: 24 bytes"),
+    ("fade", "normal", np.zeros(3), "normal: 24 bytes"),
+    ("fade", "normal", np.zeros((2, 4))[:, ::2], "contiguous"),
+    ("fade", "normal", np.zeros((3, 2)), "not a link"),
+    ("fade", "thresholds", np.zeros(3), "not a link"),
+    ("fade", "thresholds", np.zeros(2, np.float32), "thresholds: format f"),
+    ("fade", "busy", np.array([0, 2]), "not a link"),
+    ("fade", "busy", np.array([-1, 0]), "not a link"),
+    ("fade", "busy", np.zeros(2, np.int32), "busy: format i"),
+    ("fade", "missing", np.zeros(3, np.int64), "not a link"),
+    ("fade", "missing", np.zeros(2), "missing: format d"),
+    ("fade", "slots", bytes(16), "(?i)writable"),
+    ("poisson", "rates", np.zeros(3), "first: 16 bytes"),
+    ("poisson", "first", np.array([0.0, -1.0]), "no first terms"),
+    ("poisson", "first", np.array([0.0, np.nan]), "no first terms"),
+    ("poisson", "reached", np.zeros(0), "nothing reached"),
+    ("poisson", "sums", np.zeros(3), "sums: 24 bytes"),
+    ("poisson", "sums", READ_ONLY[0], "(?i)read-only|writable"),
     ("pairs", "after", np.zeros((1, 4)), "after: 32 bytes, expected 64"),
     ("pairs", "before", np.zeros((2, 4), np.int64), "before: format"),
     ("pairs", "before", [0.0] * 8, "bytes-like"),
@@ -77,7 +99,7 @@ def test_a_wrong_argument_is_refused_before_anything_is_written(
     assert all((array == 7).all() for array in written)
 
 
-@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "pairs"])
+@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "fade", "poisson", "pairs"])
 def test_an_array_may_begin_at_any_byte(function: str) -> None:
     def shifted(value: Any) -> Any:
         if not isinstance(value, np.ndarray):

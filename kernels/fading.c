@@ -1,0 +1,95 @@
+/* What fading.py says: the same operations in the same order. */
+#include "module.h"
+
+#include <stdint.h>
+#include <string.h>
+
+static int64_t number_at(const char *array, Py_ssize_t place) {
+    int64_t number;
+    memcpy(&number, array + place * (Py_ssize_t)sizeof number, sizeof number); /* wherever it begins */
+    return number;
+}
+
+static void put(char *array, Py_ssize_t place, int64_t number) {
+    memcpy(array + place * (Py_ssize_t)sizeof number, &number, sizeof number);
+}
+
+static double float_at(const char *array, Py_ssize_t place) {
+    double number;
+    memcpy(&number, array + place * D, D);
+    return number;
+}
+
+/* One more array of int64, to be written; NULL and an exception where it is none. */
+static char *integers(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t *count) {
+    Py_buffer *view = hold(arrays, array, name, "lq", sizeof(int64_t), WRITTEN);
+    if (view == NULL) return NULL;
+    *count = view->len / (Py_ssize_t)sizeof(int64_t);
+    return view->buf;
+}
+
+PyObject *radio_fade(PyObject *module, PyObject *args) {
+    PyObject *normal, *thresholds, *busy, *missing, *slots;
+    Arrays arrays = {.held = 0};
+    double xi, chi;
+    long long slot;
+    Py_ssize_t links, each, places;
+    if (!PyArg_ParseTuple(args, "OddOLOOO:fade", &normal, &xi, &chi, &thresholds, &slot, &busy, &missing, &slots))
+        return NULL;
+    const Py_ssize_t count = items(&arrays, normal, "normal", 1, 2);
+    const Py_ssize_t bounds = count < 0 ? -1 : items(&arrays, thresholds, "thresholds", 1, 1);
+    char *line = bounds < 0 ? NULL : integers(&arrays, busy, "busy", &places);
+    char *need = line == NULL ? NULL : integers(&arrays, missing, "missing", &each);
+    char *took = need == NULL ? NULL : integers(&arrays, slots, "slots", &links);
+    if (took == NULL) return done(&arrays, NULL);
+    int fit = count <= places && each == links && (bounds == 1 || bounds == links);
+    for (Py_ssize_t i = 0; i < count && fit; i++) fit = (uint64_t)number_at(line, i) < (uint64_t)links;
+    if (!fit) {
+        PyErr_SetString(PyExc_ValueError, "fade: not a link for each row of normal numbers");
+        return done(&arrays, NULL);
+    }
+    const char *draws = arrays.view[0].buf, *least = arrays.view[1].buf;
+    Py_ssize_t left = 0;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const int64_t link = number_at(line, i);
+        const double along = float_at(draws, 2 * i) * chi + xi, across = float_at(draws, 2 * i + 1) * chi;
+        const double squared = along * along + across * across;
+        const int64_t needs = number_at(need, link) - (squared >= float_at(least, bounds == 1 ? 0 : link));
+        put(need, link, needs);
+        if (needs > 0) put(line, left++, link);
+        else put(took, link, slot);
+    }
+    return done(&arrays, PyLong_FromSsize_t(left));
+}
+
+PyObject *radio_poisson(PyObject *module, PyObject *args) {
+    PyObject *rates, *first, *reached, *sums;
+    Arrays arrays = {.held = 0};
+    Py_ssize_t terms;
+    double *room;
+    if (!PyArg_ParseTuple(args, "OOnOO:poisson", &rates, &first, &terms, &reached, &sums)) return NULL;
+    const Py_ssize_t count = items(&arrays, rates, "rates", 1, 1);
+    if (count < 0 || !doubles(&arrays, first, "first", count, READ)) return done(&arrays, NULL);
+    const Py_ssize_t known = items(&arrays, reached, "reached", 1, 1);
+    if (known < 0 || !doubles(&arrays, sums, "sums", count, WRITTEN) || (room = room_for(&arrays, 4 * count)) == NULL)
+        return done(&arrays, NULL);
+    double *rate = room, *from = room + count, *term = from + count, *sum = term + count;
+    memcpy(rate, arrays.view[0].buf, count * D); /* wherever they begin */
+    memcpy(from, arrays.view[1].buf, count * D);
+    int fit = known > 0;
+    for (Py_ssize_t i = 0; i < count && fit; i++) fit = from[i] >= 0.0 && from[i] <= 1e15;
+    if (!fit) {
+        PyErr_SetString(PyExc_ValueError, "poisson: no first terms, or nothing reached");
+        return done(&arrays, NULL);
+    }
+    memset(sum, 0, count * D);
+    for (Py_ssize_t k = terms; k >= 0; k--) {
+        for (Py_ssize_t i = 0; i < count; i++) {
+            const Py_ssize_t place = (Py_ssize_t)from[i] + k;
+            term[i] = float_at(arrays.view[2].buf, place < known ? place : known - 1);
+        }
+        for (Py_ssize_t i = 0; i < count; i++) sum[i] = sum[i] * (rate[i] / (from[i] + ((double)k + 1.0))) + term[i];
+    }
+    memcpy(arrays.view[3].buf, sum, count * D);
+    return done(&arrays, Py_NewRef(Py_None));
+}
