@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.guarded import Guarded, choose
-from meanflock.federation.party import Party, check_links
+from meanflock.federation.party import Party
 from meanflock.swarm import faults, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -36,8 +36,8 @@ class Agent:
         self._declared = self._scenario.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._party = Party(self._scenario, "agent", self.uavs, self.problems, self)
-        self._own = np.zeros(self._scenario.uavs, dtype=bool)
-        self._own[self.uavs] = True
+        self._row = np.full(self._scenario.uavs, -1)  # (N,) of each UAV that is here
+        self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
         self._asleep: Mask | None = None  # rows that the fault script pauses in this tick
@@ -60,15 +60,14 @@ class Agent:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
         tick = sense.tick
-        for frames in sense.inbox:
-            self._check(frames)
+        links = [self._links(frames) for frames in sense.inbox]
 
         # 0. Rows that the fault script pauses get their old memory back at the end of the tick.
         asleep = self._asleep = self._paused(tick) if self._pauses else None
         before, controller = self._memory, self._controller
         controller.begin(asleep)
         # 1. Receive: models go to the party, frames of other UAVs to the controller.
-        received = self._receive(tick, sense.inbox) if sense.inbox else ()
+        received = self._receive(tick, sense.inbox, links) if links else ()
         # 2. Take part in the rounds.
         outbox, refused = self._party.act(tick)
         # 3. Let the controller fly.
@@ -136,27 +135,28 @@ class Agent:
 
     # -- what comes in ------------------------------------------------------------------------------------------
 
-    def _check(self, frames: Frames) -> None:
-        """Check that a batch fits this node; raises MessageRejected."""
-        check_links(frames, self._scenario.uavs)
-        assert frames.links is not None
-        if not self._own[frames.links[:, 1]].all():
+    def _links(self, frames: Frames) -> NDArray[np.intp]:
+        """The links of a batch as pairs (L, 2), [row of payload, row of this node]; raises MessageRejected if the batch
+        does not fit this node."""
+        if frames.links is None:
+            raise MessageRejected("wrong-shape", "frames without links")
+        links = frames.links.astype(np.intp)
+        links[:, 1] = row = self._row.take(links[:, 1])
+        if np.minimum.reduce(row) < 0:
             raise MessageRejected("wrong-shape", "frames for UAVs that are not here")
         if frames.kind != FrameKind.STATE:
             self._party.check(frames)
+        return links
 
-    def _receive(self, tick: int, inbox: tuple[Frames, ...]) -> tuple[Received, ...]:
-        """Give models to the party; returns the frames of other UAVs, by row."""
+    def _receive(self, tick: int, inbox: tuple[Frames, ...], links: list[NDArray[np.intp]]) -> tuple[Received, ...]:
+        """Give models to the party; returns the frames of other UAVs. `links`: those of each batch, by row."""
         received = []
-        for frames in inbox:
+        for frames, pairs in zip(inbox, links, strict=True):
             if frames.kind != FrameKind.STATE:
                 self._party.receive(frames, tick)
                 continue
-            assert frames.links is not None
-            sent, row = frames.links[:, 0].astype(np.intp), self.uavs.searchsorted(frames.links[:, 1])
             payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
-            links = np.stack([sent, row], axis=-1)
-            received.append(Received(frames.round, frames.source.astype(np.intp), payload, links))
+            received.append(Received(frames.round, frames.source.astype(np.intp), payload, pairs))
         return tuple(received)
 
     # -- rounds: the methods of a learner that the party calls --------------------------------------------------

@@ -68,7 +68,7 @@ class Party:
         self._trigger = Trigger(threshold, len(uavs), parameters) if first is not None and threshold else None
 
     def check(self, frames: Frames) -> None:
-        """Validates frames of a round that the world delivers, their links checked by `check_links`.
+        """Validates frames of a round that the world delivers; the reader has checked that they name UAVs of the swarm.
 
         Raises:
             MessageRejected: `wrong-kind`, `wrong-shape` or `non-finite`; nothing has changed.
@@ -76,7 +76,8 @@ class Party:
         hops = [hop for hop in self._schedule.hops if hop.label == frames.kind and self._receives(hop)]
         if not hops:
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames are not for this node")
-        assert frames.links is not None
+        if frames.links is None:
+            raise MessageRejected("wrong-shape", "frames without links")
         sent, to = frames.links[:, 0], frames.links[:, 1]
         if not contains(hops[0].senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
@@ -236,23 +237,6 @@ class Party:
         if self._learner is None:
             return averager.uavs.tolist()
         return averager.uavs[~contains(self._uavs[self._learner.silent()], averager.uavs)].tolist()
-
-
-def check_links(frames: Frames, uavs: int) -> None:
-    """Validates that frames name UAVs of 0…`uavs` − 1, and rows that they have.
-
-    Raises:
-        MessageRejected: `wrong-shape`.
-    """
-    if frames.links is None:
-        raise MessageRejected("wrong-shape", "frames without links")
-    sent, to = frames.links[:, 0], frames.links[:, 1]
-    if not (_within(frames.source, uavs) and _within(to, uavs) and _within(sent, len(frames.source))):
-        raise MessageRejected("wrong-shape", "frames name UAVs or rows that are not there")
-
-
-def _within(numbers: NDArray[np.int32], end: int) -> bool:
-    return bool((numbers.astype(np.uint32) < end).all())  # a negative number becomes very large
 
 
 def _valid(hop: Hop, number: int, source: NDArray[np.int32], payload: np.ndarray) -> list[Frames]:

@@ -53,7 +53,19 @@ static int bytes_next(Reader *in, size_t *offset, size_t *size) {
     return 1;
 }
 
-static PyObject *batch_next(Reader *in) {
+/* Whether `count` numbers, `step` apart, are 0 … `end` − 1; they begin anywhere. */
+static int all_below(const unsigned char *at, uint64_t count, size_t step, uint64_t end) {
+    int within = 1;
+    for (uint64_t i = 0; i < count; i++, at += step * sizeof(int32_t)) {
+        int32_t number;
+        memcpy(&number, at, sizeof number);
+        within &= number >= 0 && (uint64_t)number < end;
+    }
+    return within;
+}
+
+/* `uavs`: number of all UAVs, to check what the batch names; 0: unchecked. */
+static PyObject *batch_next(Reader *in, uint32_t uavs) {
     const unsigned char *head = in->at;
     if (in->end - in->at < BATCH) return refuse("malformed: cut off");
     if (head[0] != (ARRAY | BATCH_ITEMS) || head[1] > SMALL || head[2] != U32 || head[8] != U32 || head[13] != BIN32)
@@ -71,18 +83,22 @@ static PyObject *batch_next(Reader *in) {
         return refuse("non-finite: a number is not finite");
     if (!bytes_next(in, &links, &size)) return NULL;
     if (size % LINK) return refuse("wrong-shape: bytes that are no links");
+    const unsigned char *link = in->start + links;
+    if (uavs && !(all_below(in->start + source, sources, 1, uavs) && all_below(link, size / LINK, 2, sources)
+                  && all_below(link + NAME, size / LINK, 2, uavs)))
+        return refuse("wrong-shape: UAVs or rows that are not there");
     return Py_BuildValue("IIIInnnnn", kind, (unsigned)number, code, (unsigned)width, (Py_ssize_t)sources,
                          (Py_ssize_t)source, (Py_ssize_t)payload, (Py_ssize_t)(size / LINK), (Py_ssize_t)links);
 }
 
-static PyObject *batches_of(Reader *in) {
+static PyObject *batches_of(Reader *in, uint32_t uavs) {
     if (in->end - in->at < 3) return refuse("malformed: cut off");
     if (in->at[0] != ARRAY16) return refuse("malformed: not an array of frames");
     const int count = in->at[1] << 8 | in->at[2];
     in->at += 3;
     PyObject *batches = PyTuple_New(count);
     for (int k = 0; batches != NULL && k < count; k++) {
-        PyObject *batch = batch_next(in);
+        PyObject *batch = batch_next(in, uavs);
         if (batch == NULL) Py_CLEAR(batches);
         else PyTuple_SetItem(batches, k, batch);
     }
@@ -109,8 +125,11 @@ PyObject *wire_read(PyObject *module, PyObject *args) {
     char *text;
     Py_ssize_t length;
     int kind = 0;
+    unsigned uavs = 0;
     PyObject *raw, *into = Py_None;
-    if (!PyArg_ParseTuple(args, "O|iO:read", &raw, &kind, &into) || PyBytes_AsStringAndSize(raw, &text, &length) < 0) return NULL;
+    if (!PyArg_ParseTuple(args, "O|iOI:read", &raw, &kind, &into, &uavs)
+        || PyBytes_AsStringAndSize(raw, &text, &length) < 0)
+        return NULL;
     const unsigned char *head = (const unsigned char *)text;
     const char *follow = length >= FIRST ? tables_of(head[1]) : NULL;
     const size_t count = follow == NULL ? 0 : strlen(follow);
@@ -138,7 +157,7 @@ PyObject *wire_read(PyObject *module, PyObject *args) {
         PyTuple_SetItem(tables, 2 * (Py_ssize_t)k, PyLong_FromSize_t(offset));
         PyTuple_SetItem(tables, 2 * (Py_ssize_t)k + 1, PyLong_FromSize_t(bytes));
     }
-    batches = tables == NULL ? NULL : batches_of(&in);
+    batches = tables == NULL ? NULL : batches_of(&in, uavs);
     if (batches != NULL && kind && kind != head[1]) refuse("wrong-kind: a message of the other type");
     else if (batches != NULL && (into == Py_None || copy_table(into, head + FIRST, rows, head[18])))
         result = Py_BuildValue("IIIIIIOO", (unsigned)head[1], run, tick, (unsigned)head[12], rows, (unsigned)head[18],

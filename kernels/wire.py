@@ -46,16 +46,18 @@ _LINK = 8  # bytes: [row of payload, receiving UAV], int32
 _NAME = 4  # bytes of a source, int32
 
 
-def read(raw: bytes, kind: int = 0, into: Floats | None = None, /) -> Message:
+def read(raw: bytes, kind: int = 0, into: Floats | None = None, uavs: int = 0, /) -> Message:
     """Read the parts of a message.
 
     Args:
         kind: the required type; 0 for any. into: (rows, columns), float64, array to which the first table is written
-            after all other checks; None: none.
+            after all other checks; None: none. uavs: number of all UAVs, by which sources and links of frames are
+            checked; 0: unchecked.
 
     Raises:
-        ValueError: another layout, a float that is not finite, the other type, or a first table of another shape than
-            `into` (any columns if there are no rows). The text begins with the reason, `malformed`, `wrong-shape`,
+        ValueError: another layout, a float that is not finite, frames that name UAVs or rows of their payload that are
+            not there, the other type, or a first table of another shape than `into` (any columns if there are no rows).
+            The text begins with the reason, `malformed`, `wrong-shape`,
             `non-finite` or `wrong-kind`, and a colon.
     """
     try:
@@ -97,7 +99,7 @@ def read(raw: bytes, kind: int = 0, into: Floats | None = None, /) -> Message:
     at += _FRAMES.size
     batches = []
     for _ in range(count):
-        batch, at = _read_batch(raw, at)
+        batch, at = _read_batch(raw, at, uavs)
         batches.append(batch)
     if at != len(raw):
         raise ValueError("malformed: more than a message")
@@ -160,7 +162,7 @@ def write(
     return b"".join(parts)
 
 
-def _read_batch(raw: bytes, at: int) -> tuple[Batch, int]:
+def _read_batch(raw: bytes, at: int, uavs: int) -> tuple[Batch, int]:
     try:
         array, kind, number_, number, code, width_, width, source_, size = _BATCH.unpack_from(raw, at)
     except struct.error:
@@ -178,6 +180,11 @@ def _read_batch(raw: bytes, at: int) -> tuple[Batch, int]:
     links, links_size = _bytes_at(raw, payload + payload_size)
     if links_size % _LINK:
         raise ValueError(f"wrong-shape: {links_size} bytes of links")
+    if uavs:
+        named = np.frombuffer(raw, "<u4", sources, source)  # a negative number becomes very large
+        link = np.frombuffer(raw, "<u4", links_size // _NAME, links)
+        if (named >= uavs).any() or (link[::2] >= sources).any() or (link[1::2] >= uavs).any():
+            raise ValueError("wrong-shape: UAVs or rows that are not there")
     return (kind, number, code, width, sources, source, payload, links_size // _LINK, links), links + links_size
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meanflock.federation.party import Party, check_links
+from meanflock.federation.party import Party
 from meanflock.swarm import state
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
@@ -15,7 +15,6 @@ class Leader:
         """Raises BadInput if `init` of the aggregation rule fails."""
         self.problems: list[str] = []  # texts for the world that were not sent yet
         scenario = decode(welcome.scenario)
-        self._uavs = scenario.uavs
         self._party = Party(scenario, "leader", np.zeros(0, dtype=np.intp), self.problems)
 
     def act(self, sense: Sense) -> Act:
@@ -25,7 +24,6 @@ class Leader:
             MessageRejected: the Sense does not fit; nothing has changed.
         """
         for frames in sense.inbox:
-            check_links(frames, self._uavs)
             self._party.check(frames)
         if sense.memory:
             self._party.take_over(sense.memory)

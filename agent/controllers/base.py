@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States, distinct
+from meanflock.swarm.state import POSITION, VX, VY, Floats, Mask, Plane, States, X, Y, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
@@ -183,7 +183,7 @@ def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
     def can_be(states: Floats) -> Mask:
         numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
         squared = numbers * numbers
-        position, velocity = squared[:, POSITION].sum(axis=-1), squared[:, VELOCITY].sum(axis=-1)
+        position, velocity = squared[:, X] + squared[:, Y], squared[:, VX] + squared[:, VY]
         possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)
         return possible
 

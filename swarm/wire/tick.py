@@ -1,7 +1,7 @@
 """The two messages of a tick ⇄ bytes of the fixed layout of `kernels/wire.py`.
 
-`kernels.read` checks that a message is well-formed, consistent in its sizes and finite. The receiver checks run, tick
-and sender.
+`kernels.read` checks that a message is well-formed, consistent in its sizes and finite, and that its frames name UAVs
+and rows that are there. The receiver checks run, tick and sender.
 """
 
 from collections.abc import Iterable
@@ -26,16 +26,17 @@ _KINDS = tuple(FrameKind)
 _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
-def read_sense(raw: bytes, states: Table | None = None) -> Sense:
+def read_sense(raw: bytes, states: Table | None = None, uavs: int = 0) -> Sense:
     """Read a Sense; its arrays are views of `raw`.
 
     Args:
         states: (M, 4), array to which the states are written, which must have this shape; None: none.
+        uavs: number of UAVs of the swarm, to check whom the frames name; 0: unchecked.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    _, run, tick, flags, rows, columns, tables, batches = _read(raw, SENSE, states)
+    _, run, tick, flags, rows, columns, tables, batches = _read(raw, SENSE, states, uavs)
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
     memory, size = tables
@@ -144,10 +145,10 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
     ]
 
 
-def _read(raw: bytes, kind: int, into: Table | None) -> Message:
+def _read(raw: bytes, kind: int, into: Table | None, uavs: int = 0) -> Message:
     """Read the parts of a message of a kind; raises MessageRejected for the reason that `kernels.read` gives."""
     try:
-        return kernels.read(raw, kind, into)
+        return kernels.read(raw, kind, into, uavs)
     except ValueError as error:
         reason, _, detail = str(error).partition(": ")
         raise MessageRejected(reason, detail) from error

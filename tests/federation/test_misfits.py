@@ -1,6 +1,7 @@
-"""Contract of frames that do not fit: node × misfit → the request is rejected, and nothing of it is kept.
+"""Contract of frames that do not fit: node × misfit → the request is rejected by its reader or the node, and nothing of
+it is kept.
 
-Requests as bytes: tests/faults/test_hostile_input.py.
+Requests of other layouts: tests/faults/test_hostile_input.py.
 """
 
 from typing import Any, NamedTuple
@@ -42,13 +43,11 @@ class Node(NamedTuple):
     misfits: dict[str, Frames]
 
 
-TO_2 = np.array([[0, 2]], "<i4")
 MODELS: dict[str, Frames] = {  # of a flat federation of 108 floats, for an agent of the UAVs 2, 3 and 5
     "an upload": of(UPLOAD, 108, [0], [[0, 2]]),
     "a relay": of(RELAY, 109, [0], [[0, 2]]),
     "no links": of(GLOBAL, 108, [0], None),
     "too short": of(GLOBAL, 107, [0], [[0, 2]]),
-    "more sources than models": Frames(GLOBAL, 1, np.array([0, 1], "<i4"), np.ones((1, 108), "<f4"), TO_2),
     "to a UAV of another node": of(GLOBAL, 108, [0], [[0, 4]]),
     "to a UAV that is nowhere": of(GLOBAL, 108, [0], [[0, 99]]),
     "of a UAV that is nowhere": of(GLOBAL, 108, [8], [[0, 2]]),
@@ -61,7 +60,6 @@ UPLOADS: dict[str, Frames] = {
     "a global model": of(GLOBAL, 108, [0, 1], [[0, 0], [1, 0]]),
     "a state": of(STATE, 108, [0, 1], [[0, 0], [1, 0]]),
     "too short": of(UPLOAD, 107, [0, 1], [[0, 0], [1, 0]]),
-    "too few": Frames(UPLOAD, 1, np.array([0, 1], "<i4"), np.zeros((1, 108), "<f4"), np.zeros((2, 2), "<i4")),
     "in doubles": of(UPLOAD, 108, [0, 1], [[0, 0], [1, 0]], "<f8"),
     "a relay without heads": relay(3, 2.0),
 }
@@ -114,7 +112,7 @@ def test_a_request_with_a_frame_that_does_not_fit_is_rejected_and_nothing_has_ch
     flight = flown("method=mfgfl-h", *settings)
     node, untouched, other = (Agent(welcome(flight, uavs)) if uavs else Leader(welcome(flight, ())) for _ in range(3))
     with pytest.raises(MessageRejected):
-        node.act(sense_of(tick, uavs, *fitting, misfits[misfit]))
+        node.act(wire.read_sense(wire.write_sense(sense_of(tick, uavs, *fitting, misfits[misfit])), uavs=flight.uavs))
     replies = [wire.write_act(one.act(sense_of(tick, uavs))) for one in (node, untouched)]
     assert replies[0] == replies[1]
     if fitting:

@@ -142,7 +142,23 @@ def test_models_that_no_number_of_rows_divides_are_rejected(rows: int, table: An
 @MANY
 @given(damaged(TICKS))
 def test_every_form_accepts_the_same_and_rejects_for_the_same_reason(backend: Backend, raw: bytes) -> None:
-    assert outcome(backend.read, raw) == outcome(REFERENCE.read, raw)
+    for uavs in (0, 5):
+        assert outcome(backend.read, raw, 0, None, uavs) == outcome(REFERENCE.read, raw, 0, None, uavs)
+
+
+@pytest.mark.parametrize("number", [-1, 7, 8, 2**31 - 1])
+@pytest.mark.parametrize("place", ["source", "row", "receiver"])
+def test_frames_name_uavs_of_the_swarm_and_rows_of_their_payload(backend: Backend, place: str, number: int) -> None:
+    source, links = np.array([0, 7], "<i4"), np.array([[0, 7], [1, 0]], "<i4")
+    if place == "source":
+        source[1] = number
+    else:
+        links[1, int(place == "receiver")] = number
+    frames = Frames(FrameKind.STATE, 0, source, np.zeros((2, 3), "<f4"), links)
+    raw = tick.write_sense(Sense(1, 2, np.zeros((1, 4)), inbox=(frames,)))
+    is_good = number == 7 and place != "row"
+    assert outcome(backend.read, raw, SENSE, None, 8) == (REFERENCE.read(raw) if is_good else "wrong-shape")
+    assert outcome(backend.read, raw, SENSE, None, 0) == REFERENCE.read(raw)
 
 
 @FEWER

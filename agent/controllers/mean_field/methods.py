@@ -55,16 +55,17 @@ class Separation:
         return {"believed": believed, "updated": updated, "uav": uavs.astype(np.int32)}
 
     def step(
-        self, memory: Memory, tick: int, own: States, received: Floats, links: tuple[Rows, Rows]
+        self, memory: Memory, tick: int, own: States, received: Floats, places: Sequence[Rows]
     ) -> tuple[Memory, Floats]:
         """Returns the memory with the states received, and the acceleration away from near UAVs, (M, 2), m/s².
 
         Args:
-            own: (M, 4). received: (M, N, 4), `believed` with the states just received, all a tick old. links: (L,) and
-                (L,), the rows that received a state, and the UAVs that sent it.
+            own: (M, 4). received: (M, N, 4), `believed` with the states just received, all a tick old. places: arrays
+                of the places row · N + sender of these.
         """
         last = memory["updated"].copy()
-        last[links] = tick
+        for place in places:
+            last.reshape(-1)[place] = tick
         believed = received.copy()
         if tick:  # predicted at constant velocity
             believed[..., POSITION] += self._dt * received[..., VELOCITY]
@@ -121,10 +122,11 @@ class MeanField(Controller):
         refused = NOBODY
         goal = memory.get("goal")
         if self.state_period:
-            known_states, fresh, _, refused = self._receive_states(memory["known_states"], received)
-            if self.learns_density and len(fresh):  # only rows that received a state
+            known_states, places, refused = self._receive_states(memory["known_states"], received)
+            if self.learns_density and places:  # only rows that received a state
                 seen = known_states if goal is None else known_states - goal[:, None]
-                weights = self.learner.refit(weights, distinct(fresh), seen)
+                fresh = distinct(np.concatenate(places) // known_states.shape[1])
+                weights = self.learner.refit(weights, fresh, seen)
             known_states[np.arange(len(own)), memory["uav"]] = own
             memory = memory | {"known_states": known_states}
         states = own if goal is None else own - goal
@@ -132,8 +134,8 @@ class MeanField(Controller):
         weights, numbers = self.learner.step(weights, states, known_states)
         broadcasts, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
         if self.separation is not None:
-            states_received, row, source, refused = self._receive_states(memory["believed"], received)
-            memory, pushed = self.separation.step(memory, tick, own, states_received, (row, source))
+            states_received, places, refused = self._receive_states(memory["believed"], received)
+            memory, pushed = self.separation.step(memory, tick, own, states_received, places)
             action, broadcasts = action + pushed, tick > 0
         return Step(
             memory | {"weights": weights},
@@ -156,22 +158,23 @@ class MeanField(Controller):
 
     def _receive_states(
         self, known_states: Floats, received: Sequence[Received]
-    ) -> tuple[Floats, Rows, Rows, NDArray[np.int32]]:
+    ) -> tuple[Floats, list[Rows], NDArray[np.int32]]:
         """Update the states that rows know, (M, N, 4), by the received ones.
 
         Returns:
-            The states; row and sender of each received state; and the senders of implausible states.
+            The states; row · N + sender of each received state, an array for each batch; and the senders of implausible
+            states.
         """
         frames, refused = believed(of_kind(received, SIZE), self._plausible)
         known_states = known_states.copy()
-        rows = [NOBODY]
-        sources = [NOBODY]
+        table = known_states.reshape(-1, SIZE)
+        places = []
         for states in frames:
             sent, row = states.links.T
-            known_states[row, states.source[sent]] = states.payload[sent]
-            rows.append(row)
-            sources.append(states.source[sent])
-        return known_states, np.concatenate(rows).astype(np.intp), np.concatenate(sources).astype(np.intp), refused
+            place = row * known_states.shape[1] + states.source.take(sent)
+            table[place] = states.payload.take(sent, axis=0)
+            places.append(place)
+        return known_states, places, refused
 
 
 class Hjb(MeanField):
