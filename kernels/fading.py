@@ -30,7 +30,7 @@ def fade(
         The number of links that are still busy.
     """
     links = busy[: len(normal)]
-    good = squared_amplitude(normal, xi, chi) >= (thresholds if len(thresholds) == 1 else thresholds.take(links))
+    good = _squared_amplitude(normal, xi, chi) >= (thresholds if len(thresholds) == 1 else thresholds.take(links))
     left = missing.take(links)
     left -= good
     missing[links] = left
@@ -40,7 +40,7 @@ def fade(
     return len(still)
 
 
-def squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
+def _squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
     """z² = |ξ + χ(n₁ + jn₂)|² of standard normal numbers (K, 2), one pair a slot; (K,)."""
     scattered = normal * chi
     scattered[:, 0] += xi

@@ -12,7 +12,6 @@ from meanflock.channel import link as theory
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice
 from meanflock.channel.link import slots_needed
-from meanflock.kernels.fading import squared_amplitude
 from meanflock.swarm.scenario import Radio, Scenario, load
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
