@@ -29,6 +29,7 @@ _ABOUT = {  # of the files of a run folder
 }
 _IN_THE_NAME = ("when", "method", "seed")  # columns that the name of a run repeats
 _LEFT = ("run", "when", "method", "mission")  # columns of text
+_LONGEST_PATH = 4096  # characters
 _WIDE = 1000  # columns: wider than any table
 _MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON record only
 
@@ -98,12 +99,12 @@ def full_record(run: StoredRun) -> dict[str, Any]:
 def print_run(run: StoredRun) -> None:
     """Print a run: sentences, changed keys, summary and files."""
     console = Console()
-    console.print(f"[bold]{escape(str(run.folder))}[/]", soft_wrap=True, highlight=False)
+    console.print(f"[bold]{_path(run)}[/]", soft_wrap=True, highlight=False)
     console.print(f"{flown(run)}. {outcome(run)}", markup=False, highlight=False)
     keys = _headed("key", "value", "default")
     for key, (value, default) in changed_keys(run.keys).items():
         keys.add_row(escape(key), escape(setting(value)), escape(setting(default)))
-    _print_titled("Keys that differ from the paper's scenario", keys)
+    _print_titled(f"Keys that differ from the paper's scenario: {keys.row_count or 'none'}", keys)
     if run.summary:
         results = summary_table(run.summary)
         results.title = None
@@ -130,12 +131,12 @@ def print_difference(found: Difference) -> None:
     """Print which keys and figures differ."""
     console = Console()
     for letter, run in (("A", found.first), ("B", found.second)):
-        console.print(f"[bold]{letter}[/]  {escape(str(run.folder))}", soft_wrap=True, highlight=False)
+        console.print(f"[bold]{letter}[/]  {_path(run)}", soft_wrap=True, highlight=False)
         console.print(f"   {flown(run)}", markup=False, highlight=False)
     keys = _headed("key", "A", "B")
     for key, values in found.keys.items():
         keys.add_row(escape(key), *(escape(setting(value)) for value in values))
-    _print_titled("Keys that differ", keys)
+    _print_titled(f"Keys that differ: {len(found.keys) or 'none'}", keys)
     figures = _headed("figure", "unit", "A", "B", "B − A")
     for column in figures.columns[2:]:
         column.justify = "right"
@@ -144,9 +145,17 @@ def print_difference(found: Difference) -> None:
         if not figure.key.startswith(_MOST_TRAFFIC):
             cells = map(number, (figure.first, figure.second, figure.change))
             figures.add_row(escape(printable(figure.key)), figure.unit, *cells)
-    _print_titled(f"Figures that differ, of {found.compared}", figures)
+    number_of = len(found.figures) or "none"
+    _print_titled(f"Figures that differ: {number_of} of {found.compared}", figures)
+    if hidden := len(found.figures) - figures.row_count:
+        console.print(f"{hidden} more, by kind of traffic: --json", highlight=False)
     same = "Both are the same flight, to the last bit." if found.same_flight else "The flights are different."
     console.print(f"\n{same}", highlight=False)
+
+
+def _path(run: StoredRun) -> str:
+    """The folder of a run, as text that is not taken for markup."""
+    return escape(printable(str(run.folder), _LONGEST_PATH))
 
 
 def _headed(*headings: str) -> Table:
@@ -157,9 +166,9 @@ def _headed(*headings: str) -> Table:
 
 
 def _print_titled(title: str, table: Table) -> None:
-    """Print a table under a title, after an empty line; `none` if it has no rows."""
+    """Print a table under a title, after an empty line; the title only if it has no rows."""
     console = console_for(table)
-    console.print(f"\n[bold]{title}[/]{'' if table.row_count else ': none'}", highlight=False)
+    console.print(f"\n[bold]{title}[/]", highlight=False)
     if table.row_count:
         console.print(table)
 

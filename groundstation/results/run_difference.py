@@ -7,7 +7,7 @@ from meanflock.groundstation.results.quantities import SUMMARY
 from meanflock.groundstation.results.scenario_keys import changed_keys, flat
 from meanflock.groundstation.results.stored_run import StoredRun, unit_of
 
-_OF_THE_COMPUTER = ("wall_time_s", "real_time_factor", "realtime")
+_NO_FIGURES = ("schema", "uavs", "seed", "wall_time_s", "real_time_factor", "realtime")  # keys, or of the computer
 _ORDER = list(dict.fromkeys(field.key.partition(".")[0] for field in SUMMARY))
 
 
@@ -65,7 +65,7 @@ def _figures(first: StoredRun, second: StoredRun) -> Iterator[Figure]:
     flats = [flat(run.summary) for run in (first, second)]
     for key in sorted(dict.fromkeys([*flats[0], *flats[1]]), key=_place):
         values = [one.get(key) for one in flats]
-        if key.partition(".")[0] not in _OF_THE_COMPUTER and all(map(_is_number, values)):
+        if key.partition(".")[0] not in _NO_FIGURES and all(map(_is_number, values)):
             yield Figure(key, unit_of(key), *values)
 
 

@@ -70,7 +70,7 @@ def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _
         BadInput: there is no such folder, or it is the folder of a run.
     """
     if is_run(folder):
-        raise BadInput(f"{folder}: the folder of a run; name the folder that has it, or use `meanflock show {folder}`")
+        raise BadInput(f"{folder}: the folder of a run; name the folder above it, or use `meanflock show {folder}`")
     try:
         found = [path for path in folder.iterdir() if is_run(path)]
     except OSError as error:
