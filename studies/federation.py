@@ -72,6 +72,7 @@ KEPT = (
     "uploads_late",
     "rounds_isolated",
 )
+MODELS = ("uplink", "relay", "broadcast")  # kinds of traffic
 Case = tuple[str, str, str]  # table, mission or trouble, and way
 Flight = dict[str, Any]
 
@@ -123,14 +124,15 @@ def scenario(case: Case, seed: int) -> Scenario:
 def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
     """Row of one flight in the results."""
     traffic = summary["radio"]["traffic"]
-    models = ("uplink", "relay", "broadcast")
+    bits = summary["payload_bits"]
     return {
         "table": case[0],
         "where": case[1],
         "way": case[2],
         "seed": seed,
-        "kbit": sum(summary["payload_bits"][kind] for kind in models) / 1e3,
-        "airtime_s": sum(traffic[kind]["airtime_s"] for kind in models),
+        "kbit": sum(bits[kind] for kind in MODELS) / 1e3,
+        "kbit_by_kind": {kind: bits[kind] / 1e3 for kind in MODELS},
+        "airtime_s": sum(traffic[kind]["airtime_s"] for kind in MODELS),
         "tracking": summary["diagnostics"]["tracking_cost"] / summary["uavs"] if case[0] != "sparing" else None,
         **{name: summary[name] for name in KEPT},
     }
@@ -204,7 +206,7 @@ def _row(where: str, way: str, flown: Sequence[Flight], first: Sequence[Flight])
     return (
         where,
         way,
-        f"{statistics.mean(column('kbit')).value:,.1f}",
+        _kbit(flown),
         f"{statistics.mean(column('airtime_s')).value:.3f}",
         ""
         if flown[0]["tracking"] is None
@@ -214,6 +216,15 @@ def _row(where: str, way: str, flown: Sequence[Flight], first: Sequence[Flight])
         f"{free} of {len(flown)}",
         f"{arrived[0]} of {arrived[1]}",
     )
+
+
+def _kbit(flown: Sequence[Flight]) -> str:
+    """Mean bits of models, and those of each kind that was sent, where the rows have them."""
+    text = f"{statistics.mean([flight['kbit'] for flight in flown]).value:,.1f}"
+    if not all("kbit_by_kind" in flight for flight in flown):
+        return text
+    means = {kind: statistics.mean([flight["kbit_by_kind"][kind] for flight in flown]).value for kind in MODELS}
+    return f"{text} ({', '.join(f'{kind} {mean:,.1f}' for kind, mean in means.items() if mean)})"
 
 
 def _tracking(own: Sequence[float], first: Sequence[float], is_first: bool) -> str:
