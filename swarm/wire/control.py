@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire.messages import Message, Refusal, Stop
+from meanflock.swarm.wire.messages import Message
 
 MAX_BYTES = 64 * 2**20  # far more than any valid message
 
@@ -26,8 +26,6 @@ MAX_AXES = 4
 TRAVELS = frozenset(_DTYPES)  # dtypes an array can have
 
 FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype
-
-_LATER = {Refusal: 1, Stop: 1}  # number of last fields that are left out if they have their defaults
 
 M = TypeVar("M")
 
@@ -64,15 +62,8 @@ def _plain(value: Any) -> Any:
         head = struct.pack(f"<BB{value.ndim}I", _CODE[value.dtype], value.ndim, *value.shape)
         return msgpack.ExtType(_ARRAY, head + value.tobytes())
     if isinstance(value, msgspec.Struct):
-        return [value.__struct_config__.tag, *_fields(value)]
+        return [value.__struct_config__.tag, *msgspec.structs.astuple(value)]
     raise TypeError(f"a message cannot carry {type(value).__name__}")
-
-
-def _fields(message: msgspec.Struct) -> tuple[Any, ...]:
-    """Fields of a message, without the last ones of `_LATER` if all of these have their defaults."""
-    fields: tuple[Any, ...] = msgspec.structs.astuple(message)
-    later = _LATER.get(type(message), 0)
-    return fields[:-later] if later and not any(fields[-later:]) else fields
 
 
 def _unpacked(raw: bytes) -> Any:

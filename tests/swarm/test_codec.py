@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Refusal, Sense, Stop
+from meanflock.swarm.wire.messages import Act, Sense
 from tests.swarm.examples import DTYPES, EXAMPLES, GOLDEN, TYPES, arrays_in, read, same, written
 
 QUICK = settings(max_examples=60, deadline=None, database=None)
@@ -74,10 +74,3 @@ def test_the_golden_bytes_are_written_and_read(name: str) -> None:
     golden = (GOLDEN / f"{name}.bin").read_bytes()
     assert written(EXAMPLES[name]) == golden
     same(read(golden), EXAMPLES[name])
-
-
-def test_a_later_field_is_left_out_where_it_has_its_default() -> None:
-    assert msgpack.unpackb(control.encode(Stop(1, "finished"))) == ["stop", 1, "finished"]
-    assert msgpack.unpackb(control.encode(Stop(1, "gone", lost=True))) == ["stop", 1, "gone", True]
-    assert msgpack.unpackb(control.encode(Refusal("taken"))) == ["refusal", "taken", False]
-    assert msgpack.unpackb(control.encode(Refusal("late", over=True))) == ["refusal", "late", False, True]
