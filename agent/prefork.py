@@ -62,10 +62,10 @@ def _ended(processes: Forks, restarts: Restarts) -> list[int]:
         if not code:
             continue
         if restarts.again(number):
-            logs.tell(f"warning: agent process {number} {how_it_ended(code)}; another takes its place", WARNING)
+            logs.show(f"warning: agent process {number} {how_it_ended(code)}; another takes its place", WARNING)
             due.append(number)
             continue
-        logs.tell(f"error: agent process {number} {how_it_ended(code)}, too often: it is not started again", ERROR)
+        logs.show(f"error: agent process {number} {how_it_ended(code)}, too often: it is not started again", ERROR)
         if not processes.living and not due:
             raise SystemExit(EXIT_RUN_FAILED)
     return due

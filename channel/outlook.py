@@ -94,7 +94,7 @@ def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
             elif one.fragments > 1:
                 texts[str(one)] = logging.INFO
     for text, level in texts.items():
-        logs.tell(text, level)
+        logs.show(text, level)
 
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:

@@ -36,7 +36,7 @@ def run() -> None:
     except Refused as refused:
         if not refused.over:
             raise
-        logs.tell(str(refused), logging.INFO)
+        logs.show(str(refused), logging.INFO)
 
 
 if __name__ == "__main__":

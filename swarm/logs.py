@@ -94,7 +94,7 @@ def stop() -> None:
         logging.root.setLevel(logging.WARNING)
 
 
-def tell(text: str, level: int = logging.INFO) -> None:
+def show(text: str, level: int = logging.INFO) -> None:
     """Print a text at every level of the log; as a line of the log if that is JSON."""
     for handler in _ours():
         if isinstance(handler.formatter, JsonLines):

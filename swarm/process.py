@@ -122,7 +122,7 @@ class Interrupted:
             return
         if self.at_once is not None:
             with suppress(Exception):  # the process may be in any state
-                logs.tell(f"error: {self.at_once()}", logging.ERROR)
+                logs.show(f"error: {self.at_once()}", logging.ERROR)
             os._exit(EXIT_RUN_FAILED)
         os._exit(128 + number)  # also as process 1 of a container, where the default action is ignored
 
@@ -241,7 +241,7 @@ def main(body: Callable[[], None]) -> NoReturn:
         logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` starts its own
         body()
     except MeanflockError as error:
-        logs.tell(f"error: {error}", logging.ERROR)
+        logs.show(f"error: {error}", logging.ERROR)
         code = error.exit_code
     except KeyboardInterrupt:
         pass

@@ -103,7 +103,7 @@ def run() -> None:
             with needed("--metrics", "world"):  # the library is loaded only if it is used
                 from meanflock.worldsim.exporter import exported
 
-            logs.tell(f"metrics at {stack.enter_context(exported(world, metrics))}")
+            logs.show(f"metrics at {stack.enter_context(exported(world, metrics))}")
 
         def over() -> bool:
             return bool(interrupted) or orphaned()

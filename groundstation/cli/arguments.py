@@ -105,7 +105,7 @@ def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
 
     flights = list(flights)
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
-        logs.tell(f"warning: {text}", logging.WARNING)
+        logs.show(f"warning: {text}", logging.WARNING)
     warn_of_lost_models(flights)
 
 

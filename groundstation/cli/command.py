@@ -119,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         code = EXIT_DONE
     except MeanflockError as error:
-        logs.tell(f"error: {error}", logging.ERROR)
+        logs.show(f"error: {error}", logging.ERROR)
         code = error.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(f"{error.format_message()}\n\nerror: name one of these commands", err=True)
@@ -129,12 +129,12 @@ def main(arguments: list[str] | None = None) -> int:
         click.echo(f"error: {error.format_message()} See `{place} --help`.", err=True)
         code = EXIT_BAD_INPUT
     except click.Abort:
-        logs.tell("error: interrupted", logging.ERROR)
+        logs.show("error: interrupted", logging.ERROR)
         code = EXIT_RUN_FAILED
     except OSError as error:
         if not _of_output(error):
             raise
-        logs.tell(f"error: standard output: {error.strerror}; what was flown or written is kept", logging.ERROR)
+        logs.show(f"error: standard output: {error.strerror}; what was flown or written is kept", logging.ERROR)
         code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
@@ -142,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
         if isinstance(error, Exception):  # a defect of meanflock: show the traceback
             raise
         remedy = "a plug-in must raise an Exception; what was flown is kept"
-        logs.tell(f"error: the command was ended by {last_line(error)}; {remedy}", logging.ERROR)
+        logs.show(f"error: the command was ended by {last_line(error)}; {remedy}", logging.ERROR)
         code = EXIT_RUN_FAILED
     finally:
         logs.stop()

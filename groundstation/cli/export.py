@@ -50,7 +50,7 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) ->
         completed(folder)
     flight = Flight(folder)
     if not flight.finished:
-        logs.tell(f"{folder}: the run did not finish; this is the flight up to tick {flight.ticks - 1}")
+        logs.show(f"{folder}: the run did not finish; this is the flight up to tick {flight.ticks - 1}")
     for flag, path, write in writers:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -73,11 +73,11 @@ def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> 
 
         def watch(live_url: str) -> None:
             page.recording = live_url
-            logs.tell(f"live at {page.url}")
+            logs.show(f"live at {page.url}")
 
         done = _fly(flown, as_json, watch=watch, **given)
         page.recording = done.folder / RECORDING
-        logs.tell(f"{page.url} shows the recording until Ctrl-C")
+        logs.show(f"{page.url} shows the recording until Ctrl-C")
         page.attend()
 
 
@@ -116,16 +116,16 @@ def _fly(
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
-            logs.tell(
+            logs.show(
                 f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
                 logging.WARNING,
             )
         if done.summary["lost"] and (why := first_loss(done.folder)):
             lost = done.summary["lost"]
-            logs.tell(
+            logs.show(
                 f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
             )
-        logs.tell(f"run folder {done.folder}")
+        logs.show(f"run folder {done.folder}")
     return done
 
 

@@ -208,7 +208,7 @@ def _in_process(
         if options.metrics is not None:
             from meanflock.worldsim.exporter import exported  # a library that most runs need not load
 
-            logs.tell(f"metrics at {stack.enter_context(exported(engine.world, options.metrics))}")
+            logs.show(f"metrics at {stack.enter_context(exported(engine.world, options.metrics))}")
         for _ in engine.fly():
             if interrupted:
                 break
@@ -247,7 +247,7 @@ def _processes(
     outputs.kill = swarm.kill
     outputs.progress.say("starting processes")
     if options.metrics is not None and options.log_format is None:  # the world's log says so
-        logs.tell(f"metrics at http://{options.metrics}/metrics")
+        logs.show(f"metrics at http://{options.metrics}/metrics")
     if swarm.forks:  # they start at once, and would look in vain for a world that still loads
         _await_world(swarm, interrupted, outputs.folder)
     if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
@@ -270,7 +270,7 @@ def _processes(
     some_lost = station.summary["nodes_lost"] > 0
     left = swarm.wait(_LOST_NODES_S if some_lost else _LAST_WORDS_S)
     if left and not some_lost:
-        logs.tell(
+        logs.show(
             f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
             f"ended now: {', '.join(left)}",
             WARNING,

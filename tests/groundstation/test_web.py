@@ -89,7 +89,7 @@ def test_a_flight_is_shown_live_and_afterwards_its_recording(run, monkeypatch: p
     def tell(text: str, *_: int) -> None:
         sources.extend(map(shown_at, re.findall(r"http://\S+", text)))
 
-    monkeypatch.setattr(logs, "tell", tell)
+    monkeypatch.setattr(logs, "show", tell)
     monkeypatch.setattr(doctor, "VIEWER_PORT", 0)
     monkeypatch.setattr(WebPage, "attend", lambda page: None)
     code, out, _ = run("run", "--in-process", "--view", "--web", "--uavs", "2", "--duration", "2", "--json")

@@ -77,10 +77,10 @@ def test_a_text_for_the_user_is_written_at_any_level_in_the_form_of_the_log(
 ) -> None:
     monkeypatch.setenv("MEANFLOCK_LOG", "error")
     logs.start("text", run=RUN)
-    logs.tell("said")
+    logs.show("said")
     assert capsys.readouterr().err == "said\n"
     logs.start("json", run=RUN)
-    logs.tell("said")
+    logs.show("said")
     (read,) = lines(capsys)
     assert (read["message"], read["level"], read["run"]) == ("said", "INFO", RUN)
 
