@@ -2,43 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from meanflock.federation.coding import Counted
-from meanflock.federation.topology.clusters import Division
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
-
-QUICK = settings(max_examples=100, deadline=None, database=None)
 
 
 def scenario(uavs: int = 12, clusters: int = 3, *more: str, method: str = "mfgfl-h") -> Scenario:
     return load(None, [f"uavs={uavs}", f"federation.clusters={clusters}", *more], method=method)
-
-
-@st.composite
-def swarms(draw: st.DrawFn) -> tuple[int, int, int]:
-    """N, K and h."""
-    uavs = draw(st.integers(1, 300))
-    return uavs, draw(st.integers(1, uavs)), draw(st.integers(0, uavs - 1))
-
-
-@QUICK
-@given(swarms())
-def test_every_uav_has_one_head_which_is_in_its_cluster(swarm: tuple[int, int, int]) -> None:
-    uavs, count, leader = swarm
-    made = Division(scenario(uavs, count, f"federation.leader={leader}"))
-    assert made.cluster.tolist() == [i * count // uavs for i in range(uavs)]
-    assert (np.bincount(made.cluster) == made.sizes).all()
-    assert made.sizes.max() - made.sizes.min() <= 1
-    assert len(made.heads) == len(made.sizes) == count
-    assert (np.diff(made.heads) > 0).all()
-    assert (made.cluster[made.heads] == np.arange(count)).all()
-    assert (made.head_of == made.heads[made.cluster]).all()
-    assert made.head_of[leader] == leader
-    for cluster, head in enumerate(made.heads):
-        assert head in (leader, np.flatnonzero(made.cluster == cluster)[0])
 
 
 REFUSED = {

@@ -47,7 +47,7 @@ def test_the_order_of_arrival_leaves_no_trace_in_the_global_model(rule: str) -> 
     orders = st.permutations(range(UAVS))
     ticks = st.lists(st.integers(1, 4), min_size=UAVS, max_size=UAVS)
 
-    @settings(max_examples=40, deadline=None, database=None)
+    @settings(max_examples=25, deadline=None, database=None)
     @given(hnp.arrays(np.float64, (UAVS, 3), elements=NUMBERS), orders, ticks, st.integers(1, UAVS))
     def check(few: np.ndarray, order: list[int], when: list[int], count: int) -> None:
         rough = np.random.default_rng(count).normal(size=(UAVS, FLOATS // 2)) * 10.0 ** np.arange(UAVS)[:, None]

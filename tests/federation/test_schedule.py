@@ -5,7 +5,6 @@ import pytest
 
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import FrameKind
 from tests.methods import METHODS
 
 
@@ -70,34 +69,3 @@ def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
     drawn = np.concatenate([rounds.participants(k) for k in range(n)])
     often = np.bincount(drawn, minlength=10) / n
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
-
-
-@pytest.mark.parametrize("clusters", [1, 3])
-@pytest.mark.parametrize(("coherence", "slots"), [(5e-5, 8), (0.1, 3)])
-@pytest.mark.parametrize("period", [1, 4, 9, 20])
-def test_every_hop_transmits_once_a_round_and_its_frames_are_known_when_they_arrive(
-    period: int, coherence: float, slots: int, clusters: int
-) -> None:
-    ticks = max(1, round(coherence * slots / 0.1))
-    if clusters > 1 and period <= 2 * ticks:
-        return  # there is no such scenario
-    rounds = Schedule(
-        scenario(
-            "method=mfgfl-h",
-            f"federation.period={period}",
-            f"federation.clusters={clusters}",
-            f"radio.coherence_time_s={coherence}",
-            f"radio.latency_threshold_slots={slots}",
-        )
-    )
-    labels = [FrameKind.UPLOAD, *[FrameKind.RELAY] * (clusters > 1), FrameKind.GLOBAL]
-    assert [(hop.label, hop.after) for hop in rounds.hops] == [(label, k * ticks) for k, label in enumerate(labels)]
-    for tick in range(500):
-        opens = rounds.opens(tick)
-        for hop in rounds.hops:
-            assert rounds.number(hop, tick + hop.after) == opens
-            assert rounds.is_busy(tick + hop.after) or not opens
-            assert rounds.sent(FrameKind.STATE, 0, tick) is None
-            if opens:
-                assert rounds.sent(hop.label, opens, tick + hop.after + 1) is hop
-                assert rounds.sent(hop.label, opens, tick + hop.after) is None

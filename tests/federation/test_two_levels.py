@@ -22,8 +22,8 @@ from tests.faults.conftest import Lab, scenario
 from tests.federation.rows import Rows
 
 
-def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int], Medium]:
-    """The mean the leader broadcasts of `models` (N, L), the UAVs whose model got through all hops, and the air."""
+def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int]]:
+    """The mean the leader broadcasts of `models` (N, L), and the UAVs whose model got through all hops."""
     rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
     agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(range(flight.uavs)))
     leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(flight), states))
@@ -47,7 +47,7 @@ def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, 
     lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
     head_of = Division(flight).head_of if has_heads else np.full(flight.uavs, -1)
     through = [uav for uav in source.tolist() if uav not in lost and head_of[uav] not in silent]
-    return (act.outbox[0].payload[0] if act.outbox else None), through, air
+    return (act.outbox[0].payload[0] if act.outbox else None), through
 
 
 @st.composite
@@ -64,33 +64,21 @@ def rounds_of(draw: st.DrawFn) -> tuple[list[str], int]:
     ], draw(st.integers(0, 2**32))
 
 
-def drawn(uavs: int, seed: int) -> np.ndarray:
-    return np.random.default_rng(seed).standard_normal((uavs, FLOATS))
+@pytest.mark.parametrize("radio", [CLEAR, ROUGH], ids=["clear", "rough"])
+def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through(radio: tuple[str, ...]) -> None:
+    @settings(max_examples=40, deadline=None, database=None)
+    @given(rounds_of())
+    def check(asked: tuple[list[str], int]) -> None:
+        for levels in ((), ("federation.clusters=1",)):
+            of = load(None, [*asked[0], *radio, *levels], method="mfgfl-h")
+            models = np.random.default_rng(asked[1]).standard_normal((of.uavs, FLOATS))
+            found, through = one_round(of, models)
+            assert radio is ROUGH or through == Schedule(of).participants(1).tolist()
+            assert (found is None) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
+            if found is not None:
+                np.testing.assert_allclose(found, mean(models[through]), rtol=0, atol=1e-12)
 
-
-@settings(max_examples=60, deadline=None, database=None)
-@given(rounds_of())
-def test_the_mean_on_two_levels_is_that_on_one_where_nothing_is_lost(asked: tuple[list[str], int]) -> None:
-    of = load(None, [*asked[0], *CLEAR], method="mfgfl-h")
-    models = drawn(of.uavs, asked[1])
-    two, through, _ = one_round(of, models)
-    flat, _, _ = one_round(load(None, [*asked[0], *CLEAR, "federation.clusters=1"], method="mfgfl-h"), models)
-    assert through == Schedule(of).participants(1).tolist()
-    is_void = set(through) <= {of.federation.leader}  # no model of another UAV arrived
-    assert (two is None, flat is None) == (is_void, is_void)
-    if two is not None and flat is not None:
-        np.testing.assert_allclose(two, flat, rtol=0, atol=1e-12)
-
-
-@settings(max_examples=60, deadline=None, database=None)
-@given(rounds_of())
-def test_the_mean_is_that_of_the_models_that_got_through_both_levels(asked: tuple[list[str], int]) -> None:
-    of = load(None, [*asked[0], *ROUGH], method="mfgfl-h")
-    models = drawn(of.uavs, asked[1])
-    found, through, _ = one_round(of, models)
-    assert (found is None) == (set(through) <= {of.federation.leader})
-    if found is not None:
-        np.testing.assert_allclose(found, mean(models[through]), rtol=0, atol=1e-12)
+    check()
 
 
 # -- the bill -----------------------------------------------------------------------------------------------------

@@ -71,10 +71,8 @@ def test_a_wall_clock_that_jumps_by_hours_changes_nothing(
     paced = Command(tmp_path / "paced", spawn).summary_of_a_process(*SHORT, "--realtime=15")
     assert 2.0 <= paced["wall_time_s"] < DEADLINE_S  # 30 s, 15 times faster; a busy machine may be late
     assert paced["real_time_factor"] == pytest.approx(30.0 / paced["wall_time_s"])
-    kept = paced["realtime"]
+    kept, jitter = paced["realtime"], paced["realtime"]["tick_start_jitter_ms"]
     assert (kept["factor"], paced["lost"]) == (15.0, 0)
-    assert 0 <= kept["deadline_misses"] <= paced["held_commands"] <= 3 * 300
-    assert kept["deadline_misses"] <= 300
-    jitter = kept["tick_start_jitter_ms"]
+    assert 0 <= kept["deadline_misses"] <= min(300, paced["held_commands"])
     assert 0.0 <= jitter["mean"] <= jitter["max"] < 1e3 * DEADLINE_S
     assert 0.0 < jitter["p99"] <= jitter["max"]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from meanflock.agent.controllers.mean_field.learner import offsets, tables
-from meanflock.kernels.mean_field import features, fpk, interaction, layout
+from meanflock.agent.controllers.mean_field.learner import tables
+from meanflock.kernels.mean_field import features, fpk
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 
@@ -39,10 +39,3 @@ def test_the_operator_of_the_fpk_equation_acts_on_that_power() -> None:
         - T.half_variance * 12 * base**2 * 2 / 60**2
     )
     np.testing.assert_allclose(fpk.operator(T, pairs, drift, divergence).sum(axis=-1), expected, rtol=1e-9, atol=1e-12)
-
-
-def test_the_density_at_the_nodes_is_that_power_there() -> None:
-    terms = features.terms(T, features.pairs(T, features.powers(T, STATES)))
-    at_nodes = interaction.density(T, np.ones((13, layout.DENSITY_FEATURES)), terms)
-    there = (STATES[:, None, :] + offsets(PRINTED.density)) / [300.0, 300.0, 60.0, 60.0]
-    np.testing.assert_allclose(at_nodes, (1.0 + there.sum(axis=-1)) ** 4 - 1.0, rtol=1e-9, atol=1e-12)

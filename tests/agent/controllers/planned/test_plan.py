@@ -39,17 +39,6 @@ def test_all_arrive_together_apart_and_in_silence(uavs: int) -> None:
     assert summary["radio"]["traffic"]["state"]["sent"] == 0
 
 
-def test_a_gust_throws_it_off_but_not_for_long() -> None:
-    gust = {"kind": "gust", "time_s": 20.0, "duration_s": 1.0, "acceleration": [0.0, 3.0]}
-    calm, gusty = (
-        mf.fly("paper", method="plan", uavs=4, duration=40, faults=faults, **{"wind.sigma": 0.0})
-        for faults in ([], [gust])
-    )
-    off = np.hypot(*(gusty.states - calm.states)[:, 0, :2].T)
-    assert 0.3 < off.max() < 1.0
-    assert off[-1] < 1e-6
-
-
 def test_states_are_rarely_sent_if_others_predict_by_the_plan() -> None:
     """Others predict by the plan; at constant velocity every bend of it would be an event."""
     scenario = load(None, ["uavs=9"], method="plan")
