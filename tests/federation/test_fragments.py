@@ -219,7 +219,7 @@ Rows = np.ndarray
 FALSE: dict[str, Callable[[Rows], Rows]] = {  # fragments, changed in one way
     "out of order": lambda rows: rows[[1, 0, 2, 3, 4, 5]],
     "twice": lambda rows: rows[[0, 0, 2, 3, 4, 5]],
-    "beyond the model": lambda rows: np.where(np.arange(rows.shape[1]) == 0, np.uint8(99), rows),
+    "beyond the model": lambda rows: np.concatenate([rows[:-1], np.where(rows[-1:] == 2, np.uint8(3), rows[-1:])]),
     "of another size": lambda rows: rows[:, :-1],
     "of another type": lambda rows: rows.astype(np.int16),
     "not a number": lambda rows: np.where(np.arange(rows.shape[1]) >= 4, np.uint8(255), rows),

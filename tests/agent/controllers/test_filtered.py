@@ -1,12 +1,14 @@
 """A filter before any controller: everything of the controller passes through unchanged."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from meanflock.agent.controllers.barriers import Ecbf
-from meanflock.agent.controllers.base import Controller, Memory
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import declared, plugins
 from meanflock.swarm.errors import BadInput
@@ -40,11 +42,15 @@ class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
 
 
 class Talker(GoodController):
-    """Reports what it heard."""
+    """Hears each broadcast by its number, and reports what it heard."""
 
     weights = 1
     period_ticks = 7
     broadcast_numbers = 5
+
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        told = [replace(frames, payload=(1.0 + frames.number) * frames.payload) for frames in received]
+        return super().step(memory, tick, own, told)
 
     def report(self, memory: Memory) -> np.ndarray:
         return memory["heard"][:, None]

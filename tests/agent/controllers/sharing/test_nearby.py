@@ -32,4 +32,4 @@ def test_the_closest_are_those_within_reach_and_no_more_than_asked_for() -> None
     others[0, :, 0] = [0.0, 3.0, 1.0, -1.0, 7.0, 2.0]
     for most, expected in ((3, [-1.0, 1.0, -2.0]), (5, [-1.0, 1.0, -2.0, -3.0])):  # of equal ones the lower number
         found = closest(others[:, 0], others, np.array([0]), reach_m=5.0, most=most)
-        assert found.away[0, found.there[0], 0].tolist() == expected
+        assert found.away[0, found.present[0], 0].tolist() == expected
