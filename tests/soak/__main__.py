@@ -5,10 +5,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
 from tests.soak.soak import Soak
+
+
+def tell(tick: int, mishaps: int) -> None:
+    print(f"\rtick {tick:,}, {mishaps} mishaps", end="", file=sys.stderr, flush=True)
 
 
 def main() -> int:
@@ -21,27 +22,18 @@ def main() -> int:
     given = options.parse_args()
     if given.ticks < 300 or given.uavs < 5 or given.every < 1:
         options.error("a soak needs --ticks of 300 or more, --uavs of 5 or more and --every of 1 or more")
-    console = Console(stderr=True)
-    with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out, console.status("soak: starting") as status:
-
-        def tell(tick: int, mishaps: int) -> None:
-            status.update(f"soak: tick {tick:,} of {given.ticks:,}, {mishaps} mishaps")
-
+    with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out:
         report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out), tell).run()
-    table = Table(title=f"soak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s", show_header=False)
-    for what, counts in (
-        ("mishap", report.mishaps),
-        ("events", report.events),
-        ("dropped", report.summary.get("dropped_messages", {})),
-    ):
+    print(f"\nsoak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s")
+    dropped = report.summary.get("dropped_messages", {})
+    for what, counts in (("mishap", report.mishaps), ("event", report.events), ("dropped", dropped)):
         for name, count in sorted(counts.items()):
-            table.add_row(f"{what}: {name}", f"{count:,}")
+            print(f"{what}: {name}: {count:,}")
     for name, (slope, first, last) in sorted(report.slopes.items()):
-        table.add_row(f"memory: {name}", f"{first:.1f} → {last:.1f} MiB, {slope:+.2f} MiB in 1,000 ticks")
+        print(f"memory: {name}: {first:.1f} → {last:.1f} MiB, {slope:+.2f} MiB in 1,000 ticks")
     for sentence in report.broken:
-        table.add_row("[red]broken[/]", sentence)
-    table.add_row("promises", "broken" if report.broken else "all kept")
-    Console(width=None if sys.stdout.isatty() else 150).print(table)
+        print(f"broken: {sentence}")
+    print(f"promises: {'broken' if report.broken else 'all kept'}")
     return 1 if report.broken else 0
 
 
