@@ -11,6 +11,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from meanflock.groundstation import certs
+from tests.commands import printed
 from tests.compose.containers import ENDLESS, MARKS, REPOSITORY, SHORT, UAVS, USER, Compose, docker, docker_fails
 from tests.polling import DEADLINE_S, until
 
@@ -22,16 +23,7 @@ def flown_alone(out: Path, *arguments: str) -> dict[str, Any]:
     line = [sys.executable, "-m", "meanflock", "run", "--in-process", "--no-record", "--json", "--quiet"]
     line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
-    done = subprocess.run(
-        [*line, *arguments, "--out", str(out)],
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        cwd=REPOSITORY,
-    )
-    assert done.returncode == 0, done.stderr
-    summary: dict[str, Any] = json.loads(done.stdout)
+    summary: dict[str, Any] = json.loads(printed(*line, *arguments, "--out", out, env=env, cwd=REPOSITORY))
     return summary
 
 

@@ -101,7 +101,7 @@ BROADCASTS: Changes = [
 # Acts of agent-4, a head of four UAVs that has just relayed their mean.
 OF_HEADS: Changes = [
     ("a relay of more models than its cluster has", {"outbox": (relay(count=5.0),)}, "wrong-shape"),
-    ("a relay of half a model", {"outbox": (relay(count=0.5),)}, "wrong-shape"),
+    ("a relay of two models and a half", {"outbox": (relay(count=2.5),)}, "wrong-shape"),
     ("a relay of no model", {"outbox": (relay(count=0.0),)}, "wrong-shape"),
     ("a relay without a count", {"outbox": (relay(width=FLOATS),)}, "wrong-shape"),
     ("a relay in doubles", {"outbox": (relay(dtype="<f8"),)}, "wrong-shape"),

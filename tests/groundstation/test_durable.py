@@ -16,10 +16,10 @@ from meanflock.groundstation.results.run_folder import (
     SCENARIO,
     SUMMARY,
     BackgroundWorker,
-    RunFolder,
 )
 from meanflock.swarm import scenario as scenarios
 from tests.commands import printed
+from tests.faults.dying import flight
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
 
@@ -41,14 +41,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
     monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
-    flown = scenarios.load(None, SETTINGS)
-    folder = RunFolder(tmp_path, "run", flown)
-    engine = Engine(flown, "run", sinks=[folder])
-    for _ in engine.fly():
-        pass
-    summary = engine.world.finish()
-    with folder:
-        folder.summarise(summary)
+    flight(tmp_path, scenarios.load(None, SETTINGS))
 
     def durably(name: str) -> list[str]:
         return [f".{name}.part", f"→ {name}", "run"]
@@ -94,10 +87,7 @@ for number, out in enumerate(sys.argv[1].split(":")):
 
 @pytest.mark.processes
 def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_same_end(tmp_path: Path) -> None:
-    engine = Engine(scenarios.load(None, SETTINGS), "whole")
-    for _ in engine.fly():
-        pass
-    expected = engine.world.flight.trajectory_sha256
+    expected = Engine(scenarios.load(None, SETTINGS), "whole").complete()["trajectory_sha256"]
     # Six calls make the folder and five the first checkpoint: these are all of the second's, and the next.
     outs = [tmp_path / str(number) for number in range(6)]
     printed(sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS)

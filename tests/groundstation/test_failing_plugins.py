@@ -80,12 +80,14 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
 
 
 NOISY = """
+import os
 import threading
 import time
 
 import meanflock as mf
 
 print("imported")
+os.write(1, b"as native code does")
 
 
 class Noisy(mf.Controller):
@@ -103,11 +105,11 @@ class Noisy(mf.Controller):
         print("tick", tick)
         return mf.Step(memory, -0.02 * own[:, :2])
 """
-NOISY_FLIGHT = ("--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
+NOISY_FLIGHT = ("run", "--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("command", [("run", *NOISY_FLIGHT), ("plugins",)], ids=["run", "list"])
+@pytest.mark.parametrize("command", [NOISY_FLIGHT, ("plugins",)], ids=["run", "list"])
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
     (tmp_path / "noisy.py").write_text(NOISY)
     line = (sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json")

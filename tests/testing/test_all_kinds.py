@@ -113,32 +113,52 @@ def test_a_good_rule_conforms_in_swarms_of_all_sizes(good: type[GoodAggregator],
     check_aggregator(good, scenario=Scenario(uavs=uavs))
 
 
-@every
-@pytest.mark.parametrize(
-    ("members", "expected"),
-    [
-        ({"name": ""}, "no `name`"),
-        ({"name": "../elsewhere"}, "a name is up to 64 of"),
-        ({"__init__": lambda *_: [].pop()}, r"cannot be made: IndexError: .* \(test_all_kinds.py, line \d+\)"),
-    ],
-    ids=["no name", "a path", "cannot be made"],
-)
-def test_a_class_that_no_flight_could_use_is_rejected(kind: Kind, members: dict[str, Any], expected: str) -> None:
-    with pytest.raises(ConformanceError, match=f"^Wrong: .*{expected}.*; .+"):
-        kind.check(type("Wrong", (kind.good,), members))
+def waiting(kind: Kind) -> type:
+    """A class that takes two milliseconds more than the good one."""
+
+    def wait(_self: Any, answer: Any, *_: Any) -> Any:
+        time.sleep(0.002)
+        return answer
+
+    return changed(kind.good, kind.method, wait)  # type: ignore[no-any-return]
+
+
+def having(kind: Kind, **members: Any) -> type:
+    return type("Wrong", (kind.good,), members)
+
+
+def lacking(kind: Kind) -> type:
+    return type("Wrong", (kind.good.__base__,), {"name": "lacking"})  # type: ignore[arg-type]
+
+
+FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
+DIFFERED = "differed in a second run.*; .*{0.remedy}"
+MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, and a part of the verdict
+    "no name": (lambda kind: having(kind, name=""), "no `name`.*; .+"),
+    "a path": (lambda kind: having(kind, name="../elsewhere"), "a name is up to 64 of.*; .+"),
+    "cannot be made": (
+        lambda kind: having(kind, __init__=lambda *_: [].pop()),
+        r"cannot be made: IndexError: .* \(test_all_kinds.py, line \d+\).*; .+",
+    ),
+    "a text": (lambda _: "good", "it is no class; pass the class itself"),
+    "an object": (lambda _: object(), "it is no class; pass the class itself"),
+    "lacks a method": (lacking, "lacks .*`{0.method}`"),
+    "exits": (lambda kind: failing(kind.good, kind.method, SystemExit(3)), FAILED.replace("{1}", "SystemExit: 3")),
+    "raises": (lambda kind: failing(kind.good, kind.method, OSError("no")), FAILED.replace("{1}", "OSError: no")),
+    "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DIFFERED),
+    "draws of NumPy": (lambda kind: shifted(kind, lambda _: np.random.randint(9)), DIFFERED),  # noqa: NPY002
+    "remembers beside its arrays": (lambda kind: shifted(kind, calls), "from a checkpoint differ.*; .*keep"),
+    "slow": (waiting, r"{0.pace} takes \d+ ms; make it quicker, or pass a larger `slow_ms`"),
+}
 
 
 @every
-@pytest.mark.parametrize("given", ["good", object()])
-def test_a_value_that_is_no_class_is_rejected(kind: Kind, given: Any) -> None:
-    with pytest.raises(ConformanceError, match="it is no class; pass the class itself"):
-        kind.check(given)
-
-
-@every
-def test_a_class_that_leaves_out_a_method_is_rejected(kind: Kind) -> None:
-    with pytest.raises(ConformanceError, match=f"^Lacking: .* lacks .*`{kind.method}`"):
-        kind.check(type("Lacking", (kind.good.__base__,), {"name": "lacking"}))  # type: ignore[arg-type]
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_of_any_kind_of_plugin_is_rejected_with_what_to_do(kind: Kind, mistake: str) -> None:
+    make, expected = MISTAKES[mistake]
+    with pytest.raises(ConformanceError, match=expected.format(kind)) as caught:
+        kind.check(make(kind), **{"slow_ms": 1.0} if mistake == "slow" else {})
+    assert str(caught.value).startswith("Wrong: ") or mistake in ("a text", "an object")
 
 
 @every
@@ -147,44 +167,8 @@ def test_options_that_do_not_fit_are_rejected(kind: Kind) -> None:
         kind.check(kind.good, {"unknown": 0.5})
 
 
-@every
-@pytest.mark.parametrize("error", [SystemExit(3), OSError("no such table")], ids=["exits", "raises"])
-def test_the_suite_names_the_error_and_the_line_of_a_method_that_fails(kind: Kind, error: BaseException) -> None:
-    expected = rf"`{kind.method}`.* failed.*: {type(error).__name__}: {error} \(good.py, line \d+\); .+"
-    with pytest.raises(ConformanceError, match=f"^Wrong: {expected}"):
-        kind.check(failing(kind.good, kind.method, error))
-
-
-@every
-@pytest.mark.parametrize(
-    "draw",
-    [lambda _: random.randrange(9), lambda _: np.random.randint(9)],  # noqa: NPY002  # what must be found
-    ids=["Python", "NumPy"],
-)
-def test_a_plugin_that_draws_from_a_global_generator_is_rejected(kind: Kind, draw: Callable[[Any], int]) -> None:
-    with pytest.raises(ConformanceError, match=f"^Wrong: .*differed in a second run.*; .*{kind.remedy}"):
-        kind.check(shifted(kind, draw))
-
-
-@every
-def test_a_plugin_that_remembers_beside_its_arrays_is_rejected(kind: Kind) -> None:
-    with pytest.raises(ConformanceError, match=r"^Wrong: .*from a checkpoint differ.*; .*keep"):
-        kind.check(shifted(kind, calls))
-
-
 @pytest.mark.parametrize("kind", [KINDS[name] for name in ("filter", "aggregator", "channel", "vehicle")])
 def test_a_method_that_returns_one_value_instead_of_two_is_rejected(kind: Kind) -> None:
     wrong = changed(kind.good, kind.method, lambda _self, answer, *_: answer[0])
     with pytest.raises(ConformanceError, match=rf"^Wrong: .*`{kind.method}` returns a \w+[;,]"):
         kind.check(wrong)
-
-
-@every
-def test_a_slow_plugin_is_rejected_with_its_time(kind: Kind) -> None:
-    def wait(_self: Any, answer: Any, *_: Any) -> Any:
-        time.sleep(0.002)
-        return answer
-
-    expected = rf"{kind.pace} takes \d+ ms; make it quicker, or pass a larger `slow_ms`"
-    with pytest.raises(ConformanceError, match=f"^Wrong: .*{expected}"):
-        kind.check(changed(kind.good, kind.method, wait), slow_ms=1.0)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
+from meanflock.groundstation import statistics
 from meanflock.groundstation.cli import leaderboard as command
 from meanflock.studies import study
 from meanflock.studies.leaderboard import board, missions, rows
@@ -52,19 +52,10 @@ def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path,
 
 
 def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
-    """Means and intervals by their formulas; of two flights t is 12.706."""
+    expected = statistics.share(values == 1.0) if key == "free" else statistics.mean(values)
+    found = (cell.mean, cell.low, cell.high)
+    assert found == pytest.approx((expected.value, expected.low, expected.high), rel=1e-3, abs=1e-5)
     assert cell.n == len(values) == 2
-    assert cell.mean == pytest.approx(values.mean(), rel=1e-5)
-    assert cell.low is not None
-    assert cell.high is not None
-    if key == "free":
-        free = int(values.sum())
-        low = stats.beta.ppf(0.025, free, 3 - free) if free else 0.0
-        high = stats.beta.ppf(0.975, free + 1, 2 - free) if free < 2 else 1.0
-        assert (cell.low, cell.high) == pytest.approx((low, high))
-    else:
-        half = 12.7062 * values.std(ddof=1) / np.sqrt(2)
-        assert cell.high - cell.mean == pytest.approx(half, rel=1e-3, abs=1e-5)
     assert cell.least == (pytest.approx(values.min(), rel=1e-5) if BY_KEY[key].least else None)
 
 
