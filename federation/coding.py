@@ -106,7 +106,7 @@ class Coding:
         return np.concatenate([steps.view(_BYTE), scales.view(_BYTE)], axis=-1)
 
     def decode(self, numbers: np.ndarray) -> Floats:
-        """The models `(S, L)` in sound numbers of `encode`."""
+        """The models `(S, L)` in valid numbers of `encode`."""
         if self.is_exact:
             return numbers.astype(np.float64)
         steps, scales = self._halves(numbers)
@@ -177,7 +177,7 @@ class Coding:
         self.fragments.check(source, rows)
         self.check_weights(self.fragments.weights(rows))
         scales = self.fragments.scales(rows)
-        if not (self.fragments.is_sound(rows) and ((scales >= FINEST) & (scales <= COARSEST)).all()):
+        if not (self.fragments.is_valid(rows) and ((scales >= FINEST) & (scales <= COARSEST)).all()):
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
 
     def check_weights(self, weights: Floats) -> None:

@@ -154,7 +154,7 @@ class Fragments:
             return np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
         return np.ones(len(rows))
 
-    def is_sound(self, rows: NDArray[np.uint8]) -> bool:
+    def is_valid(self, rows: NDArray[np.uint8]) -> bool:
         """Returns whether all fragments `(R, width)` have floats that are finite, or steps that are ever sent."""
         written = self._written(rows)
         return bool((written > -128).all() if self._scaled else np.isfinite(written).all())

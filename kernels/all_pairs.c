@@ -1,4 +1,4 @@
-/* What all_pairs.py says: the same operations in the same order. */
+/* Compiled form of all_pairs.py: the same operations in the same order. */
 #define LANES 1
 #include "native.h"
 
@@ -12,7 +12,7 @@ enum { FEW = 100 }; /* up to here all N² speed differences are one sum; as in a
 
 ptrdiff_t alignment_room(ptrdiff_t n) { return 2 * n + (n <= FEW ? n * n : 2 * n); }
 
-/* From a point to n points (x, y). */
+/* Distances from a point to n points (x, y). */
 static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const double *__restrict x,
                              const double *__restrict y, double *__restrict apart) {
     for (ptrdiff_t j = 0; j < n; j++) {
@@ -39,7 +39,7 @@ double alignment(ptrdiff_t n, double *room) {
 /* The smaller of two numbers; NaN if one of them is. */
 static double smaller(double a, double b) { return a < b || a != a ? a : b; }
 
-/* The larger of a number and another, which may be NaN: then NaN. */
+/* The larger of two numbers; NaN if the second is NaN. */
 static double larger(double a, double b) { return a > b ? a : b; }
 
 ptrdiff_t pairs_room(ptrdiff_t n) { return 14 * n; }
@@ -60,12 +60,12 @@ static int by_low(const void *a, const void *b) {
 
 static int by_pair(const void *a, const void *b) {
     int64_t pair[2], other[2];
-    memcpy(pair, a, sizeof pair), memcpy(other, b, sizeof other); /* they may begin anywhere */
+    memcpy(pair, a, sizeof pair), memcpy(other, b, sizeof other); /* they may be unaligned */
     const int k = pair[0] == other[0];
     return (pair[k] > other[k]) - (pair[k] < other[k]);
 }
 
-/* kernels/state.py: approach, of the difference of two UAVs. */
+/* Closest approach of two UAVs, from their differences; kernels/state.py: approach. */
 static double approach(double x, double y, double to_x, double to_y) {
     const double step_x = to_x - x, step_y = to_y - y, before = x * step_x + y * step_y, after = to_x * step_x + to_y * step_y;
     const double ends = smaller(x * x + y * y, to_x * to_x + to_y * to_y);
@@ -75,7 +75,7 @@ static double approach(double x, double y, double to_x, double to_y) {
     return smaller(ends, at_x * at_x + at_y * at_y);
 }
 
-/* Sorts the UAVs whose place at the end of the tick is a number; returns how many. */
+/* Sorts the UAVs whose position at the end of the tick is finite; returns their number. */
 static ptrdiff_t sorted(ptrdiff_t n, const double *x, Place *place, const Sweep *sweep) {
     const double *y = x + n, *to_x = y + n, *to_y = to_x + n;
     ptrdiff_t present = 0;

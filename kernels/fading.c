@@ -6,7 +6,7 @@
 
 static int64_t number_at(const char *array, Py_ssize_t place) {
     int64_t number;
-    memcpy(&number, array + place * (Py_ssize_t)sizeof number, sizeof number); /* wherever it begins */
+    memcpy(&number, array + place * (Py_ssize_t)sizeof number, sizeof number); /* may be unaligned */
     return number;
 }
 

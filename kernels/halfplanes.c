@@ -1,4 +1,4 @@
-/* What kernels/halfplanes.py says: the same operations in the same order. */
+/* Compiled form of kernels/halfplanes.py: the same operations in the same order. */
 #include "native.h"
 
 #include <math.h>
@@ -6,12 +6,13 @@
 static const double PARALLEL = 1e-12, EASE = 1e-9, SAME = 1e-16;
 
 typedef struct {
-    const double *x, *y, *bound; /* who asks for nothing has the bound −∞ */
-    const double *length;        /* of the normals as they were given */
+    const double *x, *y, *bound; /* an unused half-plane has the bound −∞ */
+    const double *length;        /* of the given normals */
     ptrdiff_t count;
 } Planes;
 
-/* Of unit normals: whether some point keeps all, each eased by `ease`; `a` is the nearest to `wanted`, or of those before. */
+/* Returns whether a point satisfies all half-planes with unit normals, each eased by `ease`; `a` is the point nearest to
+ * `wanted`, of all half-planes or, without such a point, of those before the first contradiction. */
 static int project(Planes p, double ease, const double *wanted, double limit, double *a) {
     const double length = sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]);
     const double scale = length > limit ? limit / length : 1.0;
@@ -25,7 +26,7 @@ static int project(Planes p, double ease, const double *wanted, double limit, do
         for (ptrdiff_t j = 0; j < k; j++) {
             const double sine = x * p.y[j] - y * p.x[j];
             const double cosine = x * p.x[j] + y * p.y[j], asked = (p.bound[j] - ease / p.length[j]) - b * cosine;
-            if (fabs(sine) <= PARALLEL) { /* one that looks the same way is kept already */
+            if (fabs(sine) <= PARALLEL) { /* a parallel one is satisfied already */
                 if (cosine < 0.0 && asked > 0.0) return 0;
                 continue;
             }
@@ -41,7 +42,7 @@ static int project(Planes p, double ease, const double *wanted, double limit, do
     return 1;
 }
 
-/* Of normals as they were given: two of them and the disc. */
+/* The corner of two half-planes with given normals and the disc. */
 static double needed_of_two(Planes p, ptrdiff_t i, ptrdiff_t j, double limit) {
     const double m_x = p.x[i] - p.x[j], m_y = p.y[i] - p.y[j], apart = p.bound[i] - p.bound[j];
     const double squared = m_x * m_x + m_y * m_y, inner = p.x[i] * p.x[j] + p.y[i] * p.y[j];
@@ -55,7 +56,7 @@ static double needed_of_two(Planes p, ptrdiff_t i, ptrdiff_t j, double limit) {
     return p.bound[i] - reached;
 }
 
-/* Three of them. */
+/* The corner of three half-planes. */
 static double needed_of_three(Planes p, ptrdiff_t i, ptrdiff_t j, ptrdiff_t k) {
     const double a = p.x[j] * p.y[k] - p.y[j] * p.x[k];
     const double b = p.x[k] * p.y[i] - p.y[k] * p.x[i];
@@ -68,7 +69,7 @@ static double needed_of_three(Planes p, ptrdiff_t i, ptrdiff_t j, ptrdiff_t k) {
     return (a * p.bound[i] + b * p.bound[j] + c * p.bound[k]) / total;
 }
 
-/* The least by which all must be eased. */
+/* Least easing with which a point satisfies all half-planes. */
 static double needed(Planes p, double limit) {
     double most = 0.0, one;
     for (ptrdiff_t i = 0; i < p.count; i++) {

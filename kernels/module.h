@@ -1,4 +1,4 @@
-/* What the parts of the extension share that take Python objects: the arrays of a call, and the functions of the module. */
+/* Shared by the files of the extension that take Python objects: arrays of a call, and functions of the module. */
 #ifndef MEANFLOCK_MODULE_H
 #define MEANFLOCK_MODULE_H
 
@@ -8,7 +8,7 @@
 
 enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
 
-/* The arrays that a call holds so far, and the room it works in. */
+/* The arrays that a call holds, and its working memory. */
 typedef struct {
     Py_buffer view[MOST_ARRAYS];
     int held;
@@ -18,21 +18,21 @@ typedef struct {
 /* Releases all arrays and the room; returns `result`. */
 PyObject *done(Arrays *arrays, PyObject *result);
 
-/* Holds one more array, contiguous unless `flags` ask for strides; NULL and an exception where it does not hold numbers
- * of that format and size. */
+/* Holds one more array, contiguous unless `flags` ask for strides; returns NULL and sets an exception if its numbers have
+ * another format or size. */
 Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const char *format, int size, int flags);
 
-/* Whether an array has so many bytes; an exception where it has not. */
+/* Returns whether an array has that many bytes; sets an exception if not. */
 int sized(const Py_buffer *view, const char *name, Py_ssize_t bytes);
 
-/* Holds an array of so many doubles; 0 and an exception where it is none. */
+/* Holds an array of that many doubles; returns 0 and sets an exception if it is another. */
 int doubles(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t count, int flags);
 
-/* Holds an array of so many rows, to be read, each of as many items of `width` doubles: how many; -1 and an exception
- * where it is none. */
+/* Holds an array (rows, items, width) of doubles, to be read; returns the number of items, or -1 and sets an exception if
+ * it has another shape. */
 Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t rows, int width);
 
-/* Room for so many doubles and one more; NULL and an exception without memory. */
+/* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 
 /* Functions of the module, in wire.c, fading.c and mean_field/learn.c. */

@@ -27,7 +27,7 @@ Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const char *f
     if (PyObject_GetBuffer(array, view, memory | PyBUF_FORMAT | flags) < 0) return NULL;
     arrays->held++;
     const char *has = view->format == NULL ? "B" : view->format;
-    has += has[0] == '=' || has[0] == '@'; /* as NumPy marks arrays that begin anywhere */
+    has += has[0] == '=' || has[0] == '@'; /* NumPy's mark of unaligned arrays */
     if (has[0] != '\0' && has[1] == '\0' && strchr(format, has[0]) != NULL && view->itemsize == size) return view;
     PyErr_Format(PyExc_ValueError, "%s: format %s, expected %s", name, has, format);
     return NULL;
@@ -56,10 +56,10 @@ double *room_for(Arrays *arrays, Py_ssize_t count) {
 
 /* ---- pairs ---- */
 
-/* So many columns of an array of states, from `column` on, one after the other. */
+/* Copies columns of an array of states, from `column` on, one after the other. */
 static void copy_columns(const Py_buffer *states, int column, int count, double *to) {
     const Py_ssize_t n = states->len / (SIZE * D);
-    const char *from = (const char *)states->buf + column * D; /* wherever it begins */
+    const char *from = (const char *)states->buf + column * D; /* may be unaligned */
     for (Py_ssize_t i = 0; i < n; i++)
         for (int k = 0; k < count; k++) memcpy(to + k * n + i, from + (i * SIZE + k) * D, D);
 }
@@ -100,7 +100,7 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
     const Py_ssize_t count = rows < 0 ? -1 : items(&arrays, normals, "normals", rows, 2);
     if (count < 0 || !doubles(&arrays, bounds, "bounds", rows * count, READ)
         || !doubles(&arrays, found, "found", rows * 2, WRITTEN) || !doubles(&arrays, missing, "missing", rows, WRITTEN)
-        || (room = room_for(&arrays, 10 * count)) == NULL) /* of a row at a time, for arrays may begin anywhere */
+        || (room = room_for(&arrays, 10 * count)) == NULL) /* of one row, because arrays may be unaligned */
         return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < rows; m++) {
         double point[2], a[2], *row_bounds = room + 2 * count;
@@ -118,7 +118,7 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
 
 static double largest(const char *numbers, Py_ssize_t count) {
     double most = 0.0, number;
-    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* what is not a number stays so */
+    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* NaN stays NaN */
         memcpy(&number, numbers + k * D, D);
         if (!(fabs(number) <= most)) most = fabs(number);
     }

@@ -1,14 +1,14 @@
-/* What native.c calls of all_pairs.c and halfplanes.c. */
+/* Functions of all_pairs.c and halfplanes.c that native.c calls. */
 #ifndef MEANFLOCK_NATIVE_H
 #define MEANFLOCK_NATIVE_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Doubles that alignment needs room for: columns vx and vy, and the distances of one sum. */
+/* Size of alignment's working memory in doubles: columns vx and vy, and the distances of one sum. */
 ptrdiff_t alignment_room(ptrdiff_t n);
 
-/* Of n UAVs, whose columns vx and vy lie at the beginning of the room: the mean over all N² pairs of ‖v_j − v_i‖. */
+/* Mean of ‖v_j − v_i‖ over all N² pairs of n UAVs, whose columns vx and vy are at the begin of `room`. */
 double alignment(ptrdiff_t n, double *room);
 
 typedef struct {
@@ -16,15 +16,15 @@ typedef struct {
     double nearest;         /* least closest approach, m, or the bound if that is less */
 } Measured;
 
-/* Doubles that pairs needs room for. */
+/* Size of the working memory of pairs, in doubles. */
 ptrdiff_t pairs_room(ptrdiff_t n);
 
-/* Measures the tick of n UAVs; their columns x, y before and x, y after lie at the beginning of the room. The pairs that
- * touch, but `most` at the most, go into `found`, 16 bytes each. */
+/* Measures the tick of n UAVs; their columns x, y before and x, y after are at the begin of `room`. At most `most` of the
+ * pairs that touch go into `found`, 16 bytes each. */
 Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most);
 
-/* Of one row: wanted (2), normals (count, 2), bounds (count), room for 7 count doubles; a (2) is written.
- * What is returned is `missing` of kernels/halfplanes.py. */
+/* Solves one row: wanted (2), normals (count, 2), bounds (count), room for 7 count doubles; writes a (2).
+ * Returns `missing` of kernels/halfplanes.py. */
 double nearest(const double *wanted, const double *normals, const double *bounds, ptrdiff_t count, double limit,
                double *room, double *a);
 

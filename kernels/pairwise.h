@@ -1,6 +1,6 @@
-/* NumPy's order of adding up, for compiled code that gives NumPy's bits.
+/* NumPy's order of summation, for compiled code that gives NumPy's bits.
  *
- * Who includes this has said how many LANES of a vector it works on, each as if alone, and if many, for which TARGET.
+ * The including file defines the number LANES of lanes of a vector, and for more than one lane the TARGET.
  */
 #ifndef MEANFLOCK_PAIRWISE_H
 #define MEANFLOCK_PAIRWISE_H
@@ -20,9 +20,9 @@ typedef double Lanes;
 #endif
 #endif
 
-enum { PAIRWISE = 128 }; /* what NumPy adds up at once */
+enum { PAIRWISE = 128 }; /* numbers that NumPy sums in one block */
 
-/* NumPy's pairwise sum of a[i] b[i], or of a[i] where there is no b; n: 1 … PAIRWISE. */
+/* NumPy's pairwise sum of a[i] b[i], or of a[i] if b is NULL; n: 1 … PAIRWISE. */
 INLINE Lanes pairwise(const Lanes *a, const Lanes *b, int n) {
 #define ITEM(i) (b != NULL ? a[i] * b[i] : a[i])
     if (n < 8) {
@@ -42,7 +42,7 @@ INLINE Lanes pairwise(const Lanes *a, const Lanes *b, int n) {
 }
 
 #if LANES == 1
-/* The same of any number of them, at least one. */
+/* The same sum of any number of terms, at least one. */
 static double sum_of(const double *a, ptrdiff_t n) {
     if (n <= PAIRWISE) return pairwise(a, NULL, (int)n);
     ptrdiff_t half = n / 2 - n / 2 % 8;

@@ -1,4 +1,4 @@
-/* What kernels/wire.py says: the layout of a tick message, read and written. Same signatures, results and reasons. */
+/* Compiled form of kernels/wire.py: reader and writer of tick messages, with the same signatures, results and reasons. */
 #include "module.h"
 
 #include <stdint.h>
@@ -10,10 +10,10 @@ enum { ARRAY = 0x90, U32 = 0xce, BIN32 = 0xc6, ARRAY16 = 0xdc, SMALL = 127, BATC
 static const int ITEM[] = {2, 4, 8, 4, 1, 2, 1}; /* bytes of "<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1" */
 enum { DTYPES = sizeof ITEM / sizeof *ITEM, FLOATS = 3 };
 
-/* What follows the first table: b bytes, i int32, d float64; NULL for a type there is not. */
+/* Types of the values after the first table: b bytes, i int32, d float64; NULL for an unknown message. */
 static const char *tables_of(int type) { return type == SENSE ? "b" : type == ACT ? "iidb" : NULL; }
 
-/* The bytes that are left of a message. */
+/* The rest of a message. */
 typedef struct { const unsigned char *start, *at, *end; } Reader;
 
 static uint32_t number_at(const unsigned char *at) {
@@ -22,8 +22,8 @@ static uint32_t number_at(const unsigned char *at) {
 
 static PyObject *refuse(const char *why) { return PyErr_SetString(PyExc_ValueError, why), NULL; }
 
-/* Whether so many bytes, wherever they begin, are no number with all bits of an infinite one. It goes on to the end, so
-   that compilers make vectors of it. */
+/* Defines a function that returns whether all numbers in `size` bytes, perhaps unaligned, are finite. Its loop has no
+   early end, so that compilers vectorise it. */
 #define ALL_FINITE(name, word, infinite)                                  \
     static int name(const unsigned char *at, size_t size) {               \
         word beyond = 0;                                                  \
@@ -38,12 +38,12 @@ ALL_FINITE(all_finite_16, uint16_t, 0x7c00)
 ALL_FINITE(all_finite_32, uint32_t, 0x7f800000)
 ALL_FINITE(all_finite_64, uint64_t, 0x7ff0000000000000)
 
-/* Whether so many bytes are finite floats of 2, 4 or 8 bytes each. */
+/* Returns whether `size` bytes are finite floats of 2, 4 or 8 bytes each. */
 static int all_finite(const unsigned char *at, size_t size, int item) {
     return item == 8 ? all_finite_64(at, size) : item == 4 ? all_finite_32(at, size) : all_finite_16(at, size);
 }
 
-/* A byte string: where it begins and its size; 0 and an error if there is none. */
+/* Reads a byte string: its begin and its size; returns 0 and sets an error if there is none. */
 static int bytes_next(Reader *in, size_t *offset, size_t *size) {
     if (in->end - in->at < 5 || in->at[0] != BIN32 || (size_t)(in->end - in->at - 5) < number_at(in->at + 1))
         return refuse("malformed: not a byte string of that length"), 0;
@@ -109,7 +109,7 @@ static PyObject *batches_of(Reader *in, uint32_t uavs) {
     return batches;
 }
 
-/* Copies a first table of float64 to where the caller wants it; 0 and an error if it is not of that shape. */
+/* Copies a first table of float64 to the caller's array; returns 0 and sets an error if its shape differs. */
 static int copy_table(PyObject *into, const unsigned char *table, uint32_t rows, uint32_t columns) {
     Py_buffer view;
     if (PyObject_GetBuffer(into, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) < 0) return 0;
@@ -185,7 +185,7 @@ static unsigned char *put_bytes(unsigned char *at, const Py_buffer *view) {
 enum { SOURCE, PAYLOAD, LINKS, PARTS };
 typedef struct { unsigned long kind, number, code, width; Py_buffer part[PARTS]; } Out;
 
-/* Buffers that are held, to be given back. */
+/* Buffers to release. */
 static void release(Py_buffer *view, int held) {
     while (held--) PyBuffer_Release(&view[held]);
 }
@@ -195,7 +195,7 @@ static int fits(unsigned long number, unsigned long most) {
     return PyErr_SetString(PyExc_ValueError, "wrong-shape: a number beyond its place in the layout"), 0;
 }
 
-/* One batch to be written; -1 and an error if it does not fit, and then nothing of it is held. */
+/* Prepares a batch to be written; returns -1, sets an error and holds no buffer if it does not fit. */
 static int take_batch(PyObject *batch, Out *out) {
     PyObject *array[PARTS];
     int held = 0;

@@ -1,4 +1,4 @@
-/* The functions of the extension that only the mean-field methods call: their arrays are checked here. */
+/* Functions of the extension for the mean-field methods; they check their arrays. */
 #include "../module.h" /* Python.h comes first */
 
 #include <string.h>
@@ -15,10 +15,10 @@ static int all_below(const int32_t *index, int count, int end) {
     return 1;
 }
 
-/* Whether all indices point into what they are indices of. */
+/* Returns whether all indices are within their arrays. */
 static int sound(const Tables *t) {
     int few = t->starts[0] == 0 && t->starts[TERMS] == PRODUCTS;
-    for (int k = 0; k < TERMS; k++) /* products of a term: one at least, and no more than there are terms */
+    for (int k = 0; k < TERMS; k++) /* a term has one product at least, and at most TERMS */
         few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
     return few && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
         && all_below(t->pair_first, ALL_PAIRS, FLAT) && all_below(t->pair_second, ALL_PAIRS, FLAT)
@@ -45,7 +45,7 @@ PyObject *learner_tables(PyObject *module, PyObject *args) {
     return done(&arrays, capsule);
 }
 
-/* Three rows are stepped at once, too, with a lane to spare; two are as quick one by one. */
+/* Three rows are stepped together, too, with an idle lane; two are as fast one by one. */
 static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     Py_ssize_t from = 0;
 #if MANY > 1
@@ -56,7 +56,7 @@ static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
     for (; from < count; from++) step_one(t, rows, from, 1);
 }
 
-/* φ_G of all rows into their numbers: as it is given, (M,), or of the states they know, (M, N, 4). */
+/* Writes φ_G of all rows into their numbers: the given one, (M,), or that of the states they know, (M, N, 4). */
 static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const Rows *rows, Py_ssize_t count) {
     const Py_ssize_t each = items(arrays, around, "around", count, 1), others = each / SIZE;
     double phi_g, *products;

@@ -1,4 +1,4 @@
-/* What the compiled tick of the learners works on: its sizes, a scenario's tables, the rows of a call. */
+/* Data of the compiled tick of the learners: sizes, a scenario's tables, the rows of a call. */
 #ifndef MEANFLOCK_LEARN_H
 #define MEANFLOCK_LEARN_H
 
@@ -22,23 +22,24 @@ typedef struct {
     int32_t weight[PRODUCTS], term[PRODUCTS], starts[TERMS + 1];
 } Tables;
 
-/* Doubles, row after row, wherever they begin: SIZE, WEIGHTS and NUMBERS a row. */
+/* Doubles, row after row, perhaps unaligned: SIZE, WEIGHTS and NUMBERS a row. */
 typedef struct {
     const char *states, *weights;
     char *weights_out, *numbers; /* [a_x, a_y, e_H, e_F, φ_G] */
     int learns_density;
 } Rows;
 
-/* φ_G of one row: the mean of K over the n states it knows (interaction.py). Room for n products. */
+/* φ_G of one row: the mean of K over the n states that it knows (interaction.py). `products`: room for n doubles. */
 double empirical(const Tables *t, const char *state, const char *known, ptrdiff_t n, double *products);
 
 /* `learn` of learn.py for row `from`; where no density is learned, φ_G is among its numbers already. */
 void step_one(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
 
-/* The same of `count` rows beginning with `from`, at most MANY, where the processor has AVX2. */
+/* The same step for `count` rows from `from` on, at most MANY, if the processor has AVX2. */
 void step_many(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
 
-/* Of one row: its state and the n states it knows, 32 bytes each, wherever they begin. Room for 2 n products. */
+/* The repulsion of one row, from its state and the n states that it knows, 32 bytes each, perhaps unaligned. `room`: 2 n
+ * doubles. */
 void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed);
 
 #if defined(__x86_64__) && defined(__GNUC__)

@@ -1,7 +1,8 @@
-/* What features.py, interaction.py, hjb.py and fpk.py say, for LANES rows at once, a row a lane; row.c and rows.c include it.
+/* Compiled form of features.py, interaction.py, hjb.py and fpk.py, for LANES rows at once, a row a lane. row.c and rows.c
+ * include it.
  *
- * A lane does what its row would do alone, in the same order: it has the same bits, and never sees another lane. Tables
- * are common to all rows, so what is picked through an index is whole vectors.
+ * A lane performs the operations of its row in the same order and never reads another lane, so the bits are the same.
+ * Tables are common to all rows, so an index selects whole vectors.
  */
 #include <float.h>
 #include <math.h>
@@ -35,7 +36,7 @@ INLINE Lanes root(Lanes x) {
     return x;
 }
 
-/* np.maximum: what is not a number stays so. */
+/* np.maximum: NaN stays NaN. */
 INLINE Lanes at_least(Lanes x, double least) { return chosen(x < least, (Lanes){0} + least, x); }
 
 /* swarm.state.dot: np.sum of the products, which begins at zero; n: 1 … 2 * PAIRWISE. */
@@ -133,7 +134,7 @@ INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, c
     return residual;
 }
 
-/* Rows into lanes: n doubles of each, one row every `stride` doubles. Lanes without a row do what that of the first does. */
+/* Copies rows into lanes: n doubles of each, one row every `stride` doubles. Lanes without a row repeat the first row. */
 INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int n, int stride) {
     double *to = (double *)lanes;
     for (int w = 0; w < LANES; w++) {
@@ -142,7 +143,7 @@ INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int 
     }
 }
 
-/* Lanes into rows. */
+/* Copies lanes into rows. */
 INLINE void give(const Lanes *lanes, char *rows, ptrdiff_t from, int count, int n, int stride) {
     const double *of = (const double *)lanes;
     for (int w = 0; w < count; w++) {

@@ -1,4 +1,4 @@
-/* What separation.py says: the same operations in the same order. */
+/* Compiled form of separation.py: the same operations in the same order. */
 #define LANES 1
 #include "learn.h"
 
@@ -25,7 +25,7 @@ static double decay(double u) {
 void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed) {
     double s[2], other[2], *along = room, *across = room + n;
     const double narrow = 0.5 / (range * range);
-    memcpy(s, state, sizeof s); /* bytes may begin anywhere */
+    memcpy(s, state, sizeof s); /* may be unaligned */
     for (ptrdiff_t j = 0; j < n; j++, known += 2 * sizeof other) {
         memcpy(other, known, sizeof other);
         const double x = s[0] - other[0], y = s[1] - other[1], u = (x * x + y * y) * narrow;
