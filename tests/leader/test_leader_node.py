@@ -1,4 +1,7 @@
-"""The leader node: collects a round's uploads, averages once when the round closes, and broadcasts the result."""
+"""The leader node: averages once when a round closes, broadcasts in its coding, and names what it refuses.
+
+The mean itself: tests/federation/test_two_levels.py. Frames that do not fit: tests/federation/test_misfits.py.
+"""
 
 import numpy as np
 import pytest
@@ -6,80 +9,58 @@ import pytest
 from meanflock.federation.coding import Coding
 from meanflock.federation.schedule import Schedule
 from meanflock.leader.node import Leader
-from meanflock.swarm import scenario
-from meanflock.swarm.mission import starts
-from meanflock.swarm.net import keys
-from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from tests.agent.nodes import flown, frames, sense_of, welcome
 
-RUN = keys.fingerprint("leader-test")
-PERIOD = 10
-
-
-def flown(*settings: str, method: str = "mfgfl-h") -> Scenario:
-    return load(None, ["uavs=8", f"federation.period={PERIOD}", "federation.leader=3", *settings], method=method)
-
-
-def leader(of: Scenario) -> Leader:
-    return Leader(Welcome(RUN, "leader", (), 0, scenario.encode(of), starts(of).astype(np.float32)))
-
-
-def sense(tick: int, *inbox: Frames) -> Sense:
-    return Sense(RUN, tick, np.zeros((0, 4)), False, False, inbox)
-
-
-def upload(source: list[int], number: int = 1, floats: int = 108, seed: int = 0) -> Frames:
-    payload = np.stack([model_of(uav, seed)[:floats] for uav in source])
-    links = np.array([[row, 3] for row in range(len(source))], dtype=np.int32)
-    return Frames(FrameKind.UPLOAD, number, np.array(source, dtype=np.int32), payload, links)
-
-
-def model_of(uav: int, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng([uav, seed]).standard_normal(246).astype(np.float32)
-
-
-def said(act: Act) -> list[tuple[FrameKind, int, list[int]]]:
-    return [(batch.kind, batch.round, batch.source.tolist()) for batch in act.outbox]
+LEADER = ("method=mfgfl-h", "federation.leader=3")
 
 
 def closing(of: Scenario, number: int) -> int:
-    return next(t for t in range(1000) if Schedule(of).closes(t) == number)
+    return next(tick for tick in range(1000) if Schedule(of).closes(tick) == number)
+
+
+def model(uav: int) -> np.ndarray:
+    return np.random.default_rng(uav).standard_normal(108).astype(np.float32)
+
+
+def upload(source: list[int], number: int = 1) -> Frames:
+    links = [[row, 3] for row in range(len(source))]
+    return frames(FrameKind.UPLOAD, source, [model(uav) for uav in source], links, number)
 
 
 @pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
 def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(rule: str) -> None:
-    of = flown(f'federation.aggregation="{rule}"')
-    node, fresh = leader(of), leader(of)
-    act = node.act(sense(closing(of, 1), upload([3])))
-    assert (said(act), act.memory) == ([], b"")
-    both = upload([3, 5], number=2)
-    assert node.act(sense(closing(of, 2), both)).memory == fresh.act(sense(closing(of, 2), both)).memory
+    of = flown(*LEADER, f'federation.aggregation="{rule}"')
+    node, fresh = Leader(welcome(of, ())), Leader(welcome(of, ()))
+    act = node.act(sense_of(closing(of, 1), (), upload([3])))
+    assert (act.outbox, act.memory) == ((), b"")
+    request = sense_of(closing(of, 2), (), upload([3, 5], number=2))
+    assert wire.write_act(node.act(request)) == wire.write_act(fresh.act(request))
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
-def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_in_its_own_coding(down: str) -> None:
-    of = flown("federation.payload=int8", f"federation.broadcast_payload={down}")
-    node, up = leader(of), Coding("int8", of.declared.parts)
+def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
+    of = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
+    node, up = Leader(welcome(of, ())), Coding("int8", of.declared.parts)
     batch = upload([0, 1, 6])
     written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
-    sent = node.act(sense(closing(of, 1), written)).outbox[0]
+    act = node.act(sense_of(closing(of, 1), (), written))
+    (sent,) = act.outbox
     heard = up.decode(written.payload)
-    mean = ((heard[0] + heard[1]) + heard[2]) / 3
-    expected = Coding(down, of.declared.parts).encode(mean[None])  # type: ignore[arg-type]
+    expected = Coding(down, of.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)  # type: ignore[arg-type]
+    assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
     assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
-
-
-def relayed(counts: dict[int, int], number: int = 1) -> Frames:
-    """Of heads 0, 3 (the leader's) and 6: the mean is the model of the head."""
-    source = np.array(sorted(counts), dtype=np.int32)
-    payload = np.stack([np.append(model_of(uav)[:108], np.float32(counts[uav])) for uav in sorted(counts)])
-    return Frames(FrameKind.RELAY, number, source, payload, np.array([[row, 3] for row in range(len(source))], "<i4"))
+    assert isinstance(wire.read_act(wire.write_act(act)), Act)
+    assert not node.act(sense_of(closing(of, 1) + 1, (), written)).outbox
 
 
 def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
-    of = flown("federation.clusters=3")
-    node, batch = leader(of), relayed({0: 3, 6: 2})
+    of = flown(*LEADER, "federation.clusters=3")
+    relayed = [np.append(model(uav), count) for uav, count in ((0, 3), (6, 2))]
+    batch = frames(FrameKind.RELAY, [0, 6], relayed, [[0, 3], [1, 3]])
     batch.payload[0, 5] = 1e10
-    act = node.act(sense(closing(of, 1), batch))
+    act = Leader(welcome(of, ())).act(sense_of(closing(of, 1), (), batch))
     assert act.refused.tolist() == [~0]
-    np.testing.assert_array_equal(act.outbox[0].payload[0], model_of(6)[:108])
+    np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))

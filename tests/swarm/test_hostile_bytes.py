@@ -247,12 +247,3 @@ def test_bytes_beyond_the_limit_are_oversized_and_are_not_parsed() -> None:
     rejects("oversized", control.decode, bytes(control.MAX_BYTES + 1))
     raw = RAW["ready"]
     assert isinstance(control.decode(raw, limit=len(raw)), Ready)
-
-
-@pytest.mark.parametrize(("shape", "dtype"), [((2, 4), "f8"), ((3,), "f8"), ((3, 4), "f4")])
-def test_an_array_of_another_shape_or_dtype_is_rejected(shape: tuple[int, ...], dtype: str) -> None:
-    table = np.zeros((3, 4))
-    assert control.expect("states", table, (3, 4), np.float64) is table
-    assert control.expect("states", table, (None, 4), np.float64) is table
-    with pytest.raises(MessageRejected, match=r"^wrong-shape.*states: expected .*, got \(3, 4\) float64"):
-        control.expect("states", table, shape, np.dtype(dtype))
