@@ -13,7 +13,9 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
-    from meanflock.groundstation.launch.run import Options, Outputs, go_on, unused
+    from meanflock.groundstation.launch.options import Options
+    from meanflock.groundstation.launch.outputs import Outputs, go_on
+    from meanflock.groundstation.launch.run import unused
     from meanflock.groundstation.launch.station import Station
     from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, lost_everyone
     from meanflock.groundstation.results.timeseries_file import Past, past

@@ -65,7 +65,9 @@ def fly(
         outputs, run_id = None, f"{flown.method}-s{flown.seed}"
         sinks: list[Sink] = [memory]
         if out is not None:
-            from meanflock.groundstation.launch.run import Options, Outputs, new_run_id
+            from meanflock.groundstation.launch.options import Options
+            from meanflock.groundstation.launch.outputs import Outputs
+            from meanflock.groundstation.launch.run import new_run_id
 
             run_id = new_run_id(flown, Path(out))
             outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))

@@ -6,7 +6,8 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
-from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.run import fly
 from meanflock.groundstation.recording.viewer import screenshot
 from meanflock.groundstation.results.run_folder import RECORDING
 from meanflock.studies import published, side_by_side

@@ -66,7 +66,8 @@ class Limits:
 
 def _initial_memory(flyer: Any, scenario: Scenario) -> dict[str, Any]:
     """Initial memory of a controller for UAV 0; raises BadInput if its model has another size than declared."""
-    memory: dict[str, Any] = flyer.init(np.arange(1), mission.starts(scenario))
+    plan = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+    memory: dict[str, Any] = flyer.init(np.arange(1), plan.astype(np.float64))  # as agents receive it
     wanted = (1, scenario.declared.parameters)
     # The agent reports a memory of another form.
     one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())

@@ -6,20 +6,22 @@ import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
-from meanflock.groundstation.launch.resume import Back, back
-from meanflock.groundstation.launch.run import Options, Run, fly
-from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, first_loss, lost_everyone
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.run import Run, fly
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.access import Address
 from meanflock.worldsim.summary import every_uav_was_lost, factor
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.launch.resume import Back
 
 
 def run(
@@ -68,6 +70,7 @@ def run(
 def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
     """Fly a scenario and show it on a page, live and then from its recording, until Ctrl-C."""
     from meanflock.groundstation.recording.web import WebPage
+    from meanflock.groundstation.results.run_folder import RECORDING
 
     with WebPage() as page:
 
@@ -83,6 +86,8 @@ def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> 
 
 def resume(folder: Path, as_json: bool, **given: Any) -> None:
     """Fly the rest of the run in a folder; `given` as for `run`."""
+    from meanflock.groundstation.launch.resume import back
+
     with _prints_apart(as_json):
         dead = back(folder)
         _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
@@ -92,7 +97,7 @@ def resume(folder: Path, as_json: bool, **given: Any) -> None:
 def _fly(
     flown: scenario.Scenario,
     as_json: bool,
-    dead: Back | None = None,
+    dead: "Back | None" = None,
     *,
     metrics: str | None,
     log_format: str | None,
@@ -104,13 +109,14 @@ def _fly(
     only_logs = log_format == logs.JSON  # its lines name the run
     with _prints_apart(as_json):
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+    from rich.console import Console
+
+    from meanflock.groundstation.launch.progress import summary_table
+    from meanflock.groundstation.results.run_folder import EVENTS, first_loss, lost_everyone
+
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
-        from rich.console import Console
-
-        from meanflock.groundstation.launch.progress import summary_table
-
         Console().print(summary_table(done.summary))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))

@@ -87,7 +87,7 @@ class Server:
 
 
 def prepare(path: Path) -> None:
-    """Make an agent of a flight, so that its forks find the plug-ins loaded, and what all agents compute computed.
+    """Make an agent of a flight, so that the forks find the plug-ins loaded, and what all agents compute computed.
 
     Only with built-in plug-ins: others are loaded by the agents that fly them, because they may start threads.
     """

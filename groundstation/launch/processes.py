@@ -82,13 +82,14 @@ class Swarm(Family):
             target.write_bytes(resume)
             extra += ["--resume", str(target)]
         flags = ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra]
+        if self.forks:
+            assert self._forker is not None
+            self._forker.prepare(str(path))
         self._ready, says = os.pipe()
         try:
             self._start("worldsim", "world", flags, ready=says)
         finally:
             os.close(says)
-        if self._forker is not None:
-            self._forker.prepare(str(path))
 
     def others_can_join(self, timeout_s: float) -> bool:
         """Wait until the world can be joined, or has ended; returns whether it has within this time."""

@@ -1,7 +1,6 @@
 """One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
 
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -10,23 +9,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meanflock.groundstation import doctor
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.progress import FlightProgress
-from meanflock.groundstation.launch.resume import Back
-from meanflock.groundstation.launch.station import Sink, Station
-from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder, to_toml
-from meanflock.groundstation.results.timeseries_file import Past
+from meanflock.groundstation.launch.options import Options
 from meanflock.swarm import logs
+from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
-from meanflock.swarm.net.access import STATION, Address, check_free
+from meanflock.swarm.net.access import STATION, check_free
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.summary import every_uav_was_lost
 
 if TYPE_CHECKING:
-    from meanflock.groundstation.launch.forking import Forker
+    from meanflock.groundstation.launch.outputs import Outputs
     from meanflock.groundstation.launch.processes import Swarm
+    from meanflock.groundstation.launch.resume import Back
+    from meanflock.groundstation.launch.station import Sink, Station
     from meanflock.swarm.net.session import ZenohBus
 
 _CONNECT_S = 60.0
@@ -35,27 +32,6 @@ _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
 _ON_ITS_WAY_S = 2.0  # after the world has ended
 _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a flight; they do not change the trajectory."""
-
-    out: Path
-    in_process: bool = False
-    uavs_per_process: int = 1
-    realtime: float | None = None
-    record: bool = True
-    serve: tuple[str, int] | None = None  # where a live viewer connects
-    endpoint: str | None = None
-    tls: Path | None = None  # folder of certificates
-    quiet: bool = False
-    watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
-    metrics: Address | None = None  # where Prometheus can read the run
-    forker: "Forker | None" = None  # from which processes are forked; None: they are started one by one
-    log_format: str | None = (
-        None  # form in which the output of all processes goes to standard error; None: warnings only
-    )
 
 
 @dataclass(frozen=True)
@@ -79,7 +55,7 @@ def unused(parent: Path, stem: str) -> str:
     return name
 
 
-def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
+def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> Run:
     """Fly a scenario and write its run folder; with `back`, continue in the folder of an unfinished run.
 
     Raises:
@@ -90,7 +66,7 @@ def fly(scenario: Scenario, options: Options, back: Back | None = None) -> Run:
         return _fly(scenario, options, back, interrupted)
 
 
-def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: Interrupted) -> Run:
+def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted: Interrupted) -> Run:
     run_id = new_run_id(scenario, options.out) if back is None else back.run_id
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
@@ -109,8 +85,10 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
     start = None if back is None else back.start
     died: ProcessDied | None = None
     with ExitStack() as stack:
-        # First, because the world loads beside the outputs, and a recorder takes as long.
+        # First, because the world begins beside the outputs, whose libraries take as long to load.
         swarm = None if options.in_process else stack.enter_context(_begun(scenario, run_id, options, start))
+        from meanflock.groundstation.launch.outputs import Outputs, go_on
+
         outputs = stack.enter_context(Outputs(scenario, run_id, options, None if back is None else back.past))
         interrupted.at_once = outputs.give_up
         try:
@@ -129,79 +107,16 @@ def _fly(scenario: Scenario, options: Options, back: Back | None, interrupted: I
     return Run(outputs.folder.path, outputs.summary)
 
 
-def go_on(folder: Path) -> str:
-    """Text that says how to fly the rest of a run that was interrupted, or whose world died."""
-    if (folder / CHECKPOINT).exists():
-        return f"`meanflock resume {folder}` flies the rest"
-    return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
-
-
-def _what_there_is(folder: RunFolder) -> str:
-    """Text for an interrupted run: how to fly it, or the rest of it."""
-    if folder.last_tick < 0:
-        return f"before take-off; `meanflock run {folder.path / SCENARIO}` flies it"
-    return f"{folder.path} has the flight up to tick {folder.last_tick}; {go_on(folder.path)}"
-
-
-class Outputs:
-    """Context of all outputs of a run: folder, recording, viewer, progress. It completes them at its end.
-
-    `summary` is written with the folder if it is set before the end.
-    """
-
-    def __init__(self, scenario: Scenario, run_id: str, options: Options, past: Past | None = None) -> None:
-        """`past`: rows and events that the folder has already. Raises BadInput, with nothing written, if a file or port
-        cannot be used.
-        """
-        self.summary: dict[str, Any] = {}
-        self.kill: Callable[[], None] = lambda: None  # kills the processes of the swarm
-        self._stack = ExitStack()
-        with ExitStack() as opening:
-            self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
-            self.progress = FlightProgress(scenario, options.quiet)
-            self.sinks: list[Sink] = [self.folder, self.progress]
-            if options.record:
-                # Here, for rerun takes a third of a second to load.
-                from meanflock.groundstation.recording.recorder import Recorder
-                from meanflock.groundstation.recording.replay import Continued, missing, recorded
-
-                before = opening.enter_context(Continued(self.folder.path / RECORDING))
-                recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
-                opening.enter_context(recorder)
-                if past is not None:
-                    for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):
-                        recorder.write(block)
-                self.sinks.append(recorder)
-                if options.watch is not None and recorder.live_url is not None:
-                    options.watch(recorder.live_url)
-            opening.enter_context(self.progress)
-            self._stack = opening.pop_all()
-
-    def __enter__(self) -> "Outputs":
-        return self
-
-    def give_up(self) -> str:
-        """Stop all outputs without completing them; returns a text about the run."""
-        self.kill()
-        self.progress.give_up()
-        return f"interrupted twice, nothing was completed; {_what_there_is(self.folder)}"
-
-    def __exit__(self, *failure: Any) -> None:
-        with self._stack.pop_all():  # closes all outputs, also after an error
-            if self.summary:
-                self.folder.summarise(self.summary)
-            if failure[1] is not None:
-                raise failure[1]
-
-
 def _in_process(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    sinks: list[Sink],
+    sinks: "list[Sink]",
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
+    from meanflock.groundstation.launch.engine import Engine
+
     rows = options.uavs_per_process if options.uavs_per_process > 1 else None
     engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
     with ExitStack() as stack:
@@ -222,7 +137,7 @@ def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption 
     swarm = Swarm(run_id, options.endpoint, options.tls, options.log_format, options.forker)
     try:
         swarm.start_world(
-            to_toml(scenario),
+            scenarios.toml_text(scenario.resolved()),
             wait_s=_JOIN_S,
             realtime=options.realtime,
             rows=options.uavs_per_process,
@@ -240,26 +155,28 @@ def _processes(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    outputs: Outputs,
+    outputs: "Outputs",
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
+    from meanflock.groundstation.launch.station import Station
+
     outputs.kill = swarm.kill
     outputs.progress.say("starting processes")
     if options.metrics is not None and options.log_format is None:  # the world's log says so
         logs.show(f"metrics at http://{options.metrics}/metrics")
     if swarm.forks:  # they start at once, and would look in vain for a world that still loads
-        _await_world(swarm, interrupted, outputs.folder)
+        _await_world(swarm, interrupted, outputs)
     if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
         swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
     swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
-    _await_world(swarm, interrupted, outputs.folder)
-    bus = _connect(swarm, interrupted, outputs.folder)
+    _await_world(swarm, interrupted, outputs)
+    bus = _connect(swarm, interrupted, outputs)
     try:
         outputs.progress.say("joining")
         first_block = 0 if start is None else start.block + 1
         station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
-        _listen(bus, station, swarm, interrupted, outputs.folder)
+        _listen(bus, station, swarm, interrupted, outputs)
     except BadInput as error:
         if outputs.folder.last_tick < 0:
             raise
@@ -280,27 +197,27 @@ def _processes(
     return station.summary
 
 
-def _await_world(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> None:
+def _await_world(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> None:
     """Wait for the world in short steps, so that a world that cannot start is noticed at once."""
     end = time.monotonic() + _CONNECT_S
     while not swarm.others_can_join(_STEP_S):
-        _look_after(swarm, interrupted, folder, end)
-    _look_after(swarm, interrupted, folder, end)
+        _look_after(swarm, interrupted, outputs, end)
+    _look_after(swarm, interrupted, outputs, end)
 
 
-def _connect(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> "ZenohBus":
+def _connect(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> "ZenohBus":
     end = time.monotonic() + _CONNECT_S
     while True:
         try:
             return swarm.connect(timeout_s=1.0)
         except BusError:
-            _look_after(swarm, interrupted, folder, end)
+            _look_after(swarm, interrupted, outputs, end)
 
 
-def _look_after(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder, end: float) -> None:
+def _look_after(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs", end: float) -> None:
     """Notice an interrupt, processes that died, and that the time is up."""
     if interrupted:
-        raise RunFailed(f"interrupted while the swarm was starting, {_what_there_is(folder)}")
+        raise RunFailed(f"interrupted while the swarm was starting, {outputs.what_there_is}")
     swarm.check()
     if time.monotonic() > end:
         raise RunFailed(
@@ -309,7 +226,7 @@ def _look_after(swarm: "Swarm", interrupted: Interrupted, folder: RunFolder, end
         )
 
 
-def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Interrupted, folder: RunFolder) -> None:
+def _listen(bus: "ZenohBus", station: "Station", swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> None:
     asked = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)
@@ -320,7 +237,7 @@ def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Inte
             asked = now
             swarm.interrupt()
         if asked and now - asked > _LAST_WORDS_S:
-            raise RunFailed(f"interrupted, the world did not answer any more; {_what_there_is(folder)}")
+            raise RunFailed(f"interrupted, the world did not answer any more; {outputs.what_there_is}")
         if not asked and now - checked > 0.1:
             checked = now
             swarm.check()
@@ -328,4 +245,4 @@ def _listen(bus: "ZenohBus", station: Station, swarm: "Swarm", interrupted: Inte
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
                 why = "interrupted" if interrupted else "the world ended before this process had its last words"
-                raise RunFailed(f"{why}, {_what_there_is(folder)}")
+                raise RunFailed(f"{why}, {outputs.what_there_is}")

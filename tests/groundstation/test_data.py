@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.run import fly
 from meanflock.groundstation.results import event_log, inbound, quantities
 from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
 from meanflock.groundstation.results.series import diagnostics_in

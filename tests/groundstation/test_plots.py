@@ -8,7 +8,8 @@ import matplotlib as mpl
 import pytest
 
 from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.run import fly
 from meanflock.groundstation.plots import comparison, plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.results import quantities

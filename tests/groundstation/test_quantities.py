@@ -16,8 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import summary_table
-from meanflock.groundstation.launch.run import Options, fly
+from meanflock.groundstation.launch.run import fly
 from meanflock.groundstation.plots import plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots

@@ -8,7 +8,8 @@ import pyarrow as pa
 import pytest
 
 from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.run import Options, Outputs
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.outputs import Outputs
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder

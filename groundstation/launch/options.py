@@ -1,0 +1,32 @@
+"""Options of a flight."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from meanflock.swarm.net.access import Address
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.launch.forking import Forker
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a flight; they do not change the trajectory."""
+
+    out: Path
+    in_process: bool = False
+    uavs_per_process: int = 1
+    realtime: float | None = None
+    record: bool = True
+    serve: tuple[str, int] | None = None  # where a live viewer connects
+    endpoint: str | None = None
+    tls: Path | None = None  # folder of certificates
+    quiet: bool = False
+    watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
+    metrics: Address | None = None  # where Prometheus can read the run
+    forker: "Forker | None" = None  # from which processes are forked; None: they are started one by one
+    log_format: str | None = (
+        None  # form in which the output of all processes goes to standard error; None: warnings only
+    )
