@@ -140,3 +140,11 @@ def test_a_repeated_join_gets_the_same_place() -> None:
     assert members.admit(Join("agent", 1, token=13)).uavs.tolist() == [2]
     with pytest.raises(JoinRefused, match="every UAV"):
         members.admit(Join("agent", 1, token=14))
+
+
+def test_where_every_uav_averages_for_itself_a_leader_is_sent_home_for_good() -> None:
+    members = Members(3, leaders=0, leaderless=True)
+    with pytest.raises(JoinRefused, match="no leader is needed") as caught:
+        members.admit(Join("leader", 0, token=11))
+    assert (caught.value.over, caught.value.for_now) == (True, False)
+    assert "leader" not in members.missing()

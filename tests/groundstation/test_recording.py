@@ -16,6 +16,7 @@ from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.faults import Pause
 from meanflock.swarm.scenario import Federation, Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Telemetry
 from tests.groundstation.recordings import COLLISIONS, HJB, ROUND_TICKS, WEIGHTS, column, fixed, flight, record, scalars
@@ -236,3 +237,14 @@ def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path
         drawn = Reported((), weights).drawn
         assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))
         assert all(0 <= number < weights for number in drawn)
+
+
+def test_a_participant_that_is_paused_is_not_silent_in_the_graph(tmp_path: Path) -> None:
+    path, (block,) = tmp_path / "paused.rrd", flight(ticks=20)
+    links = np.array([(2, 1, 0, FrameKind.UPLOAD, 4)], dtype=np.int32)
+    event = Event(3, "round", "round 1: 1 of 25 participants sent, 23 silent, 1 absent, 1 received; averaged", (1,))
+    faults = (Pause(tick=0, uavs=(9,), duration_s=1000.0),)
+    federation = Federation(fraction=1.0)
+    record(path, [msgspec.structs.replace(block, links=links, events=(event,))], federation=federation, faults=faults)
+    _, colors = column(path, look.ROUND, "GraphNodes:colors")
+    assert (colors[1][9], colors[1][8]) == (drawing.DISC, drawing.GREY)
