@@ -33,6 +33,7 @@ class Guarded:
 
     broken: mask (M,) of the rows in which it failed since `begin`; None for none.
     asleep: mask (M,), as given to `begin`.
+    controller: the controller, behind its filter.
     """
 
     def __init__(self, scenario: Scenario, uavs: Rows, problems: list[str]) -> None:
@@ -47,7 +48,7 @@ class Guarded:
         self._uavs = uavs
         self._everyone = scenario.uavs
         self._problems = problems
-        self._controller: Controller = controller(scenario)
+        self.controller: Controller = controller(scenario)
         self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
 
@@ -78,7 +79,7 @@ class Guarded:
             ) from error
 
     def _initial_memory(self, uavs: Rows, plan: Floats) -> Memory:
-        memory = self._controller.init(uavs.copy(), plan)
+        memory = self.controller.init(uavs.copy(), plan)
         check_memory("memory", memory, len(uavs))
         return memory
 
@@ -88,7 +89,7 @@ class Guarded:
         Commands of rows in which the controller fails are NaN, and then so is the largest number.
         """
         try:
-            step = self._controller.step(memory, tick, own, received)
+            step = self.controller.step(memory, tick, own, received)
             return step, *checked_step(step, memory, self._blank, self._declared, self._everyone)
         except FAILURES as error:
             step, commands = self._step_rows(memory, tick, own, received)
@@ -114,7 +115,7 @@ class Guarded:
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """The memory after some rows took global models (len(rows), parameters)."""
         try:
-            after = self._controller.set(memory, rows, models)
+            after = self.controller.set(memory, rows, models)
             check_same_form("memory", after, memory)
             return after
         except FAILURES as error:
@@ -151,7 +152,7 @@ class Guarded:
 
         def step_row(row: int) -> Step:
             single = _row(memory, row)
-            step = self._controller.step(single, tick, own[row : row + 1], received_by(received, row))
+            step = self.controller.step(single, tick, own[row : row + 1], received_by(received, row))
             numbers, _ = checked_step(step, single, np.zeros((1, columns)), self._declared, self._everyone)
             payloads = {number: broadcast.payload for number, broadcast in enumerate(step.broadcasts)}
             for number, payload in payloads.items():
@@ -178,12 +179,12 @@ class Guarded:
         return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands
 
     def _taught(self, memory: Memory, model: Floats) -> Memory:
-        after = self._controller.set(memory, np.zeros(1, dtype=np.intp), model)
+        after = self.controller.set(memory, np.zeros(1, dtype=np.intp), model)
         check_same_form("memory", after, memory)
         return after
 
     def _table(self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int]) -> Floats:
-        call, rows = getattr(self._controller, name), len(self._uavs)
+        call, rows = getattr(self.controller, name), len(self._uavs)
         try:
             return _checked_table(name, call(memory), (rows, *width))
         except FAILURES as error:
@@ -235,7 +236,7 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
         largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
     check_same_form("memory", step.memory, before)
     if step.broadcasts:
-        _check_broadcasts(step.broadcasts, len(blank), declared)
+        check_broadcasts(step.broadcasts, len(blank), declared)
     if len(step.refused):
         _check_refused(step.refused, uavs)
     return commands, largest
@@ -258,7 +259,12 @@ def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
     return acceleration, as_floats("table of diagnostics", diagnostics, (rows, columns))
 
 
-def _check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:
+def check_broadcasts(broadcasts: Sequence[Broadcast], rows: int, declared: Declared) -> None:
+    """Check the broadcasts of a step of so many rows.
+
+    Raises:
+        TypeError, ValueError: they have a wrong type or shape, or more numbers than declared.
+    """
     if not isinstance(broadcasts, (tuple, list)) or not all(isinstance(one, Broadcast) for one in broadcasts):
         raise TypeError("`broadcasts` must be a tuple or list of mf.Broadcast")
     if len(broadcasts) > MAX_BROADCASTS:

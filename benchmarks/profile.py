@@ -43,7 +43,8 @@ CODEC: list[Part] = [
     (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
 ]
 WORLD: list[Part] = [
-    ("meanflock.worldsim.world:World._tick", "world, the rest of the tick"),
+    ("meanflock.worldsim.world:World.ask", "world, the rest of the tick"),
+    ("meanflock.worldsim.world:World.move", "world, the rest of the tick"),
     ("meanflock.worldsim.world:World._ask", "address and fill inboxes"),
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
     ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),

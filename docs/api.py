@@ -17,7 +17,10 @@ PAGE = Path(__file__).with_suffix(".md")
 WIDTH = 100  # of a signature in one line
 
 SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "Fly": ("A flight in this process; see [first flight](first-flight.md).", ("fly", "open", "Run", "Scenario")),
+    "Fly": (
+        "A flight in this process; see [first flight](first-flight.md).",
+        ("fly", "Stepped", "open", "Run", "Scenario"),
+    ),
     "Study": ("Many flights on many processes, and a table of their means.", ("compare", "sweep", "Comparison")),
     "A controller": (
         "See [your controller](your-controller.md).",

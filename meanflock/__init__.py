@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from meanflock.flying import fly as fly
     from meanflock.runs import Run as Run
     from meanflock.runs import open_run as open
+    from meanflock.stepped import Stepped as Stepped
     from meanflock.swarm import mission as mission
     from meanflock.swarm import seeds as seeds
     from meanflock.swarm.errors import BadInput as BadInput
@@ -54,6 +55,7 @@ _WHERE = {  # a name → its module, and its name there
     "RunFailed": ("meanflock.swarm.errors", "RunFailed"),
     "Scenario": ("meanflock.swarm.scenario", "Scenario"),
     "Step": ("meanflock.agent.controllers.base", "Step"),
+    "Stepped": ("meanflock.stepped", "Stepped"),
     "Uploads": ("meanflock.federation.rules.base", "Uploads"),
     "Vehicle": ("meanflock.worldsim.vehicles.base", "Vehicle"),
     "compare": ("meanflock.comparing", "compare"),
@@ -82,6 +84,7 @@ __all__ = [  # imported at first use
     "RunFailed",
     "Scenario",
     "Step",
+    "Stepped",
     "Uploads",
     "Vehicle",
     "compare",

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.groundstation.launch.engine import Engine
@@ -13,6 +13,9 @@ from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+
+if TYPE_CHECKING:
+    from meanflock.groundstation.launch.outputs import Outputs
 
 Progress = Callable[[int, int], None]  # ticks flown, and the largest number of ticks
 
@@ -54,29 +57,54 @@ def fly(
         RunFailed: the flight failed.
     """
     load_plugins(plugin)
-    if record and out is None:
-        raise BadInput("record=True: name the folder for it, out=…")
     options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     flown = scenario_of(scenario, settings, **options)
-    check_diagnostics(flown.method, flown.declared.diagnostics)
-    warn_of_lost_models([flown])
-    memory = Kept()
     with ExitStack() as stack:
-        outputs, run_id = None, f"{flown.method}-s{flown.seed}"
-        sinks: list[Sink] = [memory]
-        if out is not None:
-            from meanflock.groundstation.launch.options import Options
-            from meanflock.groundstation.launch.outputs import Outputs
-            from meanflock.groundstation.launch.run import new_run_id
-
-            run_id = new_run_id(flown, Path(out))
-            outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
-            sinks += outputs.sinks
-        engine = Engine(flown, run_id, sinks=sinks)
-        for tick in engine.fly():
+        flight = prepared(flown, out, record, stack)
+        for tick in flight.engine.fly():
             if progress is not None and tick % 100 == 0:
                 progress(tick, flown.max_ticks)
-        summary = engine.world.finish()
-        if outputs is not None:
-            outputs.summary = summary
-    return Run(flown, summary, memory.blocks, None if outputs is None else outputs.folder.path)
+        return flight.finish()
+
+
+class Prepared(NamedTuple):
+    """A flight before take-off: the engine, the memory of its telemetry, and the files that it writes, if any."""
+
+    scenario: Scenario
+    engine: Engine
+    memory: Kept
+    outputs: "Outputs | None"
+
+    def finish(self) -> Run:
+        """End the flight."""
+        summary = self.engine.world.finish()
+        folder = None
+        if self.outputs is not None:
+            self.outputs.summary = summary
+            folder = self.outputs.folder.path
+        return Run(self.scenario, summary, self.memory.blocks, folder)
+
+
+def prepared(
+    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, stepped: bool = False
+) -> Prepared:
+    """Prepare a flight whose files are complete when `stack` is closed. `stepped`: see `Engine`.
+
+    Raises:
+        BadInput: the scenario or the folder cannot be used.
+    """
+    if record and out is None:
+        raise BadInput("record=True: name the folder for it, out=…")
+    check_diagnostics(flown.method, flown.declared.diagnostics)
+    warn_of_lost_models([flown])
+    outputs, run_id, memory = None, f"{flown.method}-s{flown.seed}", Kept()
+    sinks: list[Sink] = [memory]
+    if out is not None:
+        from meanflock.groundstation.launch.options import Options
+        from meanflock.groundstation.launch.outputs import Outputs
+        from meanflock.groundstation.launch.run import new_run_id
+
+        run_id = new_run_id(flown, Path(out))
+        outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
+        sinks += outputs.sinks
+    return Prepared(flown, Engine(flown, run_id, sinks=sinks, stepped=stepped), memory, outputs)

@@ -178,6 +178,8 @@ class World:
         self._awake = self._all  # (N,), UAVs that take part in the tick: neither lost nor paused
         self._leading: str | None = None  # the leader that was asked last
         self._informed: str | None = None  # the leader that has the state of the aggregation rule
+        self._reporting = False  # whether nodes report their models in this tick
+        self._checkpoint_due = False  # whether they report their memory
 
     def gather(self, timeout_s: float, cancelled: Callable[[], bool] = lambda: False) -> None:
         """Wait until every UAV has its agent, and the rounds their leader; `cancelled` is asked ten times a second.
@@ -204,18 +206,31 @@ class World:
         Raises:
             RunFailed: all agents are lost, and none came back.
         """
+        self.take_off()
+        while self.has_next(cancelled):
+            begin = self._clock()
+            if self._schedule is not None:
+                self._schedule.begin(begin)
+            self.ask()
+            self.move()
+            self.ticks.add(self._clock() - begin)
+            yield self.flight.tick
+
+    def take_off(self) -> None:
+        """Begin the flight: the members are complete."""
         self._started = self._clock()
         self._admission.flying = True
         self._leading = leader.name if (leader := self.members.lead()) is not None else None
         if self._resumed is None:
             self._reporter.add(NO_LINKS)
-        while self._has_agents(cancelled) and not self.flight.over:
-            begin = self._clock()
-            if self._schedule is not None:
-                self._schedule.begin(begin)
-            self._tick()
-            self.ticks.add(self._clock() - begin)
-            yield self.flight.tick
+
+    def has_next(self, cancelled: Callable[[], bool] = lambda: False) -> bool:
+        """Whether another tick is flown; waits while all agents are lost.
+
+        Raises:
+            RunFailed: all agents are lost, and none came back.
+        """
+        return self._has_agents(cancelled) and not self.flight.over
 
     def finish(self, linger_s: Callable[[], float] = lambda: 10.0) -> dict[str, Any]:
         """End the run: make the summary, stop all nodes, hand over the telemetry.
@@ -271,16 +286,21 @@ class World:
 
     # -- a tick -------------------------------------------------------------------------------------------------
 
-    def _tick(self) -> None:
+    def ask(self) -> None:
+        """The first half of a tick: faults begin, and each node gets the states of its UAVs and its frames."""
         tick = self.flight.tick
         # 1. Begin: send the checkpoint of the last tick, give up nodes that never became ready, begin faults.
         self._checkpoints.keep(self.wall_s)
         self._admission.expire(self._barrier_s)
         self._begin_faults(tick)
         # 2. Ask: each node gets the states of its UAVs and the frames that reached it.
-        reporting = tick % REPORT_EVERY_TICKS == 0
-        checkpoint = reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
-        self._ask(tick, reporting, checkpoint)
+        self._reporting = tick % REPORT_EVERY_TICKS == 0
+        self._checkpoint_due = self._reporting and self._checkpoint_every > 0 and tick % self._checkpoint_every == 0
+        self._ask(tick)
+
+    def move(self) -> None:
+        """The second half of a tick: wait for the replies, transmit their frames, move the UAVs and report."""
+        tick = self.flight.tick
         # 3. Wait for all replies.
         self._waiting.for_answers()
         # 4. Transmit the frames of the replies.
@@ -292,8 +312,8 @@ class World:
         # 5. Move.
         self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
         # 6. Report.
-        if reporting:
-            self._report(tick, checkpoint)
+        if self._reporting:
+            self._report(tick)
         self._reporter.add(links)
         self._reporter.publish()
 
@@ -316,9 +336,9 @@ class World:
                 self._note("lost", f"{leader.name}: {why}")
         self._awake = ~lost & ~self._script.paused(tick)
 
-    def _ask(self, tick: int, reporting: bool, checkpoint: bool) -> None:
+    def _ask(self, tick: int) -> None:
         due = self.post.deliver(tick, self.air.due(tick), self._awake)
-        self._barrier.open(tick, reporting)
+        self._barrier.open(tick, self._reporting)
         self._ask_leader()  # first: in a round it has the most to do, and all others wait for it
         asked = [member for member in self.members.present if member.role != LEADER and member.ready]
         if self._awake is not self._all and not self._awake.all():
@@ -328,7 +348,7 @@ class World:
             received = received_by(member, arrived, self._scenario.uavs) if arrived else ()
             if self.post.has_mail:
                 received += self.post.mail("agent", member.name, member.uavs)
-            self._barrier.ask(member, self.flight.states[member.place], received, checkpoint)
+            self._barrier.ask(member, self.flight.states[member.place], received, self._checkpoint_due)
 
     def _ask_leader(self) -> None:
         """Ask the elected leader if a round needs it; again if the leader is lost and another one is elected."""
@@ -384,9 +404,9 @@ class World:
             self.counters.implausible |= uavs
             self._note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
 
-    def _report(self, tick: int, checkpoint: bool) -> None:
+    def _report(self, tick: int) -> None:
         self._reporter.learned(tick, self._barrier.asked, self._barrier.acts, self._awake & ~self.flight.lost)
         # No checkpoint right after a loss: if the whole run is ending, its nodes may be lost one by one.
         settled = self._admission.settled(self._barrier_s)
-        if checkpoint and settled and self._awake[~self.flight.lost].all():
+        if self._checkpoint_due and settled and self._awake[~self.flight.lost].all():
             self._checkpoints.collect(self._barrier, self._admission.drop)

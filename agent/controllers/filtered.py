@@ -79,7 +79,7 @@ class Filter:
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """See `Controller.step`."""
         inner_memory, own_memory = _split(memory)
-        step = self.inner.step(inner_memory, tick, own.copy(), _of_inner(received))
+        step = self.inner.step(inner_memory, tick, own.copy(), of_inner(received))
         wanted = step.acceleration
         if np.shape(wanted) != (len(own), 2):
             raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
@@ -139,7 +139,7 @@ def _split(memory: Memory) -> tuple[Memory, Memory]:
     return inner_memory, own_memory
 
 
-def _of_inner(received: Sequence[Received]) -> tuple[Received, ...]:
+def of_inner(received: Sequence[Received]) -> tuple[Received, ...]:
     """The frames of the controllers, with the numbers that the controllers gave them."""
     return tuple(
         Received(frames.number - 1, frames.source, frames.payload, frames.links)

@@ -8,6 +8,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from meanflock.agent.node import Agent
+from meanflock.agent.stepped import SteppedAgent, SteppedClient
 from meanflock.groundstation.launch.station import Sink, Station
 from meanflock.leader.node import Leader
 from meanflock.swarm.net.bus import MemoryNetwork
@@ -43,16 +44,19 @@ class Engine:
         resume: Resumption | None = None,
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
+        stepped: bool = False,
     ) -> None:
         """`uavs_per_node`: None for all in one node. `sinks` get the telemetry; without any, nothing is encoded or
         stored. `resume`: the checkpoint to continue from. `leaders`: one and its standbys; None: as many as the fault
-        script needs. `memory`: arrays of N rows that replace the memory of `init`.
+        script needs. `memory`: arrays of N rows that replace the memory of `init`. `stepped`: one node of all UAVs,
+        commanded through `outside`; its scenario flies the controller `stepped`.
 
         Raises:
             BadInput: the checkpoint does not fit the scenario.
         """
         self._run, self._memory = run, memory
         self._agents: list[Agent] = []
+        self.outside: SteppedClient | None = None
         self.network = MemoryNetwork()
         hub = self.network.endpoint()
         self.world = World(
@@ -69,7 +73,7 @@ class Engine:
         hub.handler = self.world.handle
         first_block = None if resume is None else resume.block + 1
         self.station = self._record(sinks, first_block, scenario.uavs) if sinks else None
-        self._crew(scenario, uavs_per_node or scenario.uavs, leaders)
+        self._crew(scenario, uavs_per_node or scenario.uavs, leaders, stepped)
         self.world.gather(0.0)
 
     def _record(self, sinks: Sequence[Sink], first_block: int | None, uavs: int) -> Station:
@@ -79,10 +83,15 @@ class Engine:
         bus.handler = station.handle
         return station
 
-    def _crew(self, scenario: Scenario, rows: int, leaders: int | None) -> None:
+    def _crew(self, scenario: Scenario, rows: int, leaders: int | None, stepped: bool) -> None:
         """Add agents of at most so many rows, and the leaders."""
-        for _ in range(-(-scenario.uavs // rows)):
-            self.join(Join("agent", rows), Agent)
+        if stepped:
+            client = self.join(Join("agent", rows), SteppedAgent, SteppedClient)
+            assert isinstance(client, SteppedClient)
+            self.outside = client
+        else:
+            for _ in range(-(-scenario.uavs // rows)):
+                self.join(Join("agent", rows), Agent)
         wanted = scenario.leaders(self.world.flight.tick)
         for _ in range(wanted if leaders is None else leaders):
             self.join(Join("leader", 0), Leader)
@@ -111,7 +120,9 @@ class Engine:
             models[agent.uavs] = agent.models
         return models
 
-    def join(self, request: Join, make: Callable[[Welcome], Node]) -> NodeClient:
+    def join(
+        self, request: Join, make: Callable[[Welcome], Node], client_type: type[NodeClient] = NodeClient
+    ) -> NodeClient:
         """Add another node to this process."""
 
         def build(welcome: Welcome) -> Node:
@@ -124,7 +135,7 @@ class Engine:
             return node
 
         bus = self.network.endpoint()
-        client = NodeClient(bus, self._run)
+        client = client_type(bus, self._run)
         bus.handler = client.handle
         client.join(request, build, timeout_s=0.0)
         return client

@@ -1,0 +1,181 @@
+"""`mf.Stepped`: one flight in this process whose UAVs the caller commands, tick by tick."""
+
+import warnings
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Broadcast, Received
+from meanflock.agent.guarded import check_broadcasts
+from meanflock.agent.stepped import Command, External
+from meanflock.flying import Progress, prepared
+from meanflock.runs import Run
+from meanflock.settings import load_plugins, scenario_of
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins.guard import as_floats, check_finite
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, States
+
+DEFAULT_METHOD = Scenario.__struct_defaults__[Scenario.__struct_fields__.index("method")]
+
+
+def _loaded(source: str | Path) -> Scenario:
+    """The scenario of a file, or a shipped one, which is read once: reading takes as long as all else of a take-off."""
+    return Scenario.load(source) if Path(source).suffix else _shipped(str(source))
+
+
+@cache
+def _shipped(name: str) -> Scenario:
+    return Scenario.load(name)
+
+
+class Stepped:
+    """A flight that waits for your commands: `step` flies one tick.
+
+        flight = mf.Stepped("paper", seed=7)
+        while not flight.over:
+            position, velocity = flight.states[:, :2], flight.states[:, 2:]
+            flight.step(-0.02 * position - 0.3 * velocity)
+        run = flight.finish()
+
+    Faults, radio, meters and records are those of `mf.fly`, and so is the trajectory if you command what a controller
+    would. Many flights may interleave in one process.
+
+    scenario: the scenario that is flown; its method is `stepped`. states: (N, 4), a copy of the UAVs' states
+    [x, y, vx, vy], in m and m/s. received: the frames that the radio delivered to the UAVs since the last tick. over:
+    whether the flight has ended.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario | None = "paper",
+        *,
+        method: str | type | None = None,
+        uavs: int | None = None,
+        seed: int | None = None,
+        duration: float | None = None,
+        plugin: str | Path | Sequence[str | Path] | None = None,
+        out: str | Path | None = None,
+        record: bool = False,
+        progress: Progress | None = None,
+        parameters: int = 0,
+        broadcast_numbers: int = 64,
+        **settings: Any,
+    ) -> None:
+        """Takes off. Further arguments are those of `mf.fly`.
+
+        Args:
+            scenario: as for `mf.fly`.
+            method: ignored, with a warning, and so are the options of a controller.
+            parameters: floats of the model that the UAVs share; 0: there are no rounds.
+            broadcast_numbers: most numbers that a UAV broadcasts in a tick, all frames together.
+            settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`.
+
+        Raises:
+            BadInput: an argument cannot be used; nothing was flown.
+        """
+        load_plugins(plugin)
+        options = {"parameters": parameters, "broadcast_numbers": broadcast_numbers}
+        keys = {key: value for key, value in settings.items() if key.partition(".")[0] != "controller"}
+        keys["controller"] = options
+        source = scenario if isinstance(scenario, Scenario) or scenario is None else _loaded(scenario)
+        ignored = method or (source.method if source is not None else DEFAULT_METHOD)
+        if method is not None or ignored not in (DEFAULT_METHOD, External.name):
+            name = ignored if isinstance(ignored, str) else getattr(ignored, "__name__", ignored)
+            warnings.warn(f"method {name!r} is ignored: `step` commands a stepped flight", stacklevel=2)
+        self.scenario = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
+        self._progress = progress
+        self._run: Run | None = None
+        with ExitStack() as stack:
+            self._flight = prepared(self.scenario, out, record, stack, stepped=True)
+            self._stack = stack.pop_all()
+        self._world = self._flight.engine.world
+        assert self._flight.engine.outside is not None
+        self._outside = self._flight.engine.outside
+        self._world.take_off()
+        self._ask()
+
+    def step(
+        self,
+        acceleration: NDArray[Any],
+        broadcasts: Sequence[Broadcast] = (),
+        models: NDArray[Any] | None = None,
+    ) -> None:
+        """Flies one tick.
+
+        A UAV whose row of `acceleration` is not finite is lost, and no other. Afterwards `states` and `received` are
+        those of the next tick.
+
+        Args:
+            acceleration: (N, 2), m/s².
+            broadcasts: frames to send, as in `mf.Step`.
+            models: (N, parameters), the models of the UAVs after this tick, from which rounds take the uploads; None:
+                the models stay as they are.
+
+        Raises:
+            BadInput: an argument has a wrong shape or dtype, or the flight is over; nothing was flown.
+            RunFailed: the flight failed.
+        """
+        if self.over:
+            raise BadInput("the flight is over; make another mf.Stepped")
+        self._outside.command(self._checked(acceleration, broadcasts, models))
+        self._world.move()
+        if self._progress is not None and self.tick % 100 == 0:
+            self._progress(self.tick, self.scenario.max_ticks)
+        self._ask()
+
+    @property
+    def tick(self) -> int:
+        """Number of ticks flown."""
+        return self._world.flight.tick
+
+    @property
+    def models(self) -> NDArray[np.float64]:
+        """(N, parameters), the models of the UAVs; a global model that has arrived has replaced a UAV's own."""
+        return self._outside.models.copy()
+
+    def finish(self) -> Run:
+        """Ends the flight, also before it is over, and completes its files; returns the run, as `mf.fly` does."""
+        if self._run is None:
+            self.over = True
+            with self._stack:
+                self._run = self._flight.finish()
+        return self._run
+
+    def close(self) -> None:
+        """Abandons the flight. Only needed with `out=`: its folder has the ticks that were flown."""
+        self.over = True
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def _ask(self) -> None:
+        """Begin the next tick, if there is one."""
+        self.over = not self._world.has_next()
+        if not self.over:
+            self._world.ask()
+        asked = self._outside.is_asked
+        self.states: States = self._outside.states if asked else self._world.flight.states.copy()
+        self.received: tuple[Received, ...] = self._outside.received
+
+    def _checked(self, acceleration: Any, broadcasts: Any, models: Any) -> Command:
+        uavs, declared = self.scenario.uavs, self.scenario.declared
+        try:
+            commanded = as_floats("acceleration", acceleration, (uavs, AXES))
+            if len(broadcasts):
+                check_broadcasts(broadcasts, uavs, declared)
+            if models is not None:
+                models = as_floats("models", models, (uavs, declared.parameters))
+                check_finite("models", models)
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"step: {error}; nothing was flown") from error
+        return Command(commanded, broadcasts, models)
