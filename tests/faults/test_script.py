@@ -149,11 +149,6 @@ def test_a_bad_script_is_bad_input_with_one_line_naming_file_and_key(what: str, 
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_a_script_that_names_a_uav_the_swarm_does_not_have_is_bad_input() -> None:
-    with pytest.raises(BadInput, match=r"faults\[0\].*UAV 6 of 0…5"):
-        flown('{kind="kill", tick=1, uavs=[6]}')
-
-
 def test_a_fault_after_the_end_of_the_flight_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script = "faults=[{kind='kill', time_s=5.0, uavs=[1]}, {kind='kill', tick=49, uavs=[0]}]"
     flags = ("--in-process", "--uavs", "2", "--duration", "5", "--no-record", "--quiet", "--set", script)

@@ -42,6 +42,8 @@ from tests.groundstation.conftest import QUICK
         (("--endpoint", "tcp/127.0.0.1:7447"), "leave out --endpoint"),
         (("--tls", "certs"), "leave out --tls"),
         (("--view",), "leave out --no-record"),
+        (("--web",), "--view"),
+        (("--set", "faults=[{kind='kill',tick=1,uavs=[6]}]"), "UAV 6 of 0…2"),
     ],
     ids=" ".join,
 )

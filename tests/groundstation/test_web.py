@@ -15,7 +15,7 @@ from meanflock.groundstation import doctor
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.web import WebPage
 from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import Scenario
 from tests.commands import COMMAND
 from tests.groundstation.browser import PROGRAM, Browser
@@ -97,9 +97,3 @@ def test_a_flight_is_shown_live_and_afterwards_its_recording(run, monkeypatch: p
     live, recorded = map(urllib.parse.urlsplit, sources)
     assert (live.scheme, live.hostname) == ("rerun+http", "127.0.0.1")
     assert (recorded.scheme, recorded.path) == ("http", "/recording.rrd")
-
-
-def test_a_web_page_without_a_live_view_is_refused(run, tmp_path: Path) -> None:
-    code, _, err = run("run", "--in-process", "--web")
-    assert (code, list(tmp_path.iterdir())) == (EXIT_BAD_INPUT, [])
-    assert "--view" in err
