@@ -22,7 +22,7 @@ from meanflock.swarm import logs
 from meanflock.swarm.net.access import DEFAULT_ENDPOINT
 from meanflock.swarm.scenario import Scenario
 
-THREADS = 8  # of a process of the swarm; measured: 6, and 9 in the world
+THREADS = 8  # of a process of the swarm; measured: 7, and 11 in the world
 PACKAGES = (
     *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
     *("pyarrow", "rerun-sdk", "click", "rich", "cryptography"),

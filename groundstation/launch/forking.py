@@ -88,10 +88,10 @@ class Forker(Family):
                 process.returncode = -signal.SIGKILL
 
     @property
-    def killed(self) -> bool:
-        """Returns whether a signal has killed it."""
+    def died(self) -> bool:
+        """Returns whether it has ended although it was needed. If it could not load, each process is started alone."""
         self.look(0.0)
-        return self.gone and (self.process.returncode or 0) < 0
+        return self.gone and (self._loaded is not None or (self.process.returncode or 0) < 0)
 
     def close(self) -> None:
         """End its forks, by SIGTERM, then SIGKILL, and then it."""

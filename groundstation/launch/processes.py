@@ -132,7 +132,7 @@ class Swarm(Family):
             raise _failed(self._children[0])
 
     def _check_forker(self) -> None:
-        if self._forker is not None and self._forker.killed:
+        if self._forker is not None and self._forker.died:
             code = self._forker.process.returncode
             raise ProcessDied(f"the process from which all others are forked {how_it_ended(code)}; they ended with it")
 

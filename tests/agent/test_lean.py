@@ -58,6 +58,12 @@ from meanflock.agent import prefork
 prefork._preload()
 print(*sys.modules)
 """
+PREPARED = """
+from pathlib import Path
+from meanflock.groundstation.launch import forker
+
+forker.prepare(Path("scenarios/paper.toml"))
+"""
 
 
 def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_forked() -> None:
@@ -65,6 +71,7 @@ def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_fork
     assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < loaded
     assert sorted((loaded & NEEDLESS) - loaded_by(FINDING)) == []
     assert sorted(loaded - loaded_by(FORKED)) == []
+    assert sorted(loaded_by(PREPARED + LIFE) - loaded_by(PREPARED + "import sys; print(*sys.modules)")) == []
 
 
 IMPORTS = """
