@@ -31,7 +31,7 @@ CUTS = [  # flights of the golden table, and UAVs of a process
 
 @pytest.mark.parametrize(("name", "rows"), CUTS)
 def test_a_golden_flight_is_the_same_in_processes(name: str, rows: str, command: Command) -> None:
-    (row,) = (row for row in read()[1] if row.name == name)
+    (row,) = (row for row in read() if row.name == name)
     settings = [word for setting in row.settings for word in ("--set", setting)]
     summary = command.summary(*filter(None, [row.mission]), "--no-record", "--uavs-per-process", rows, *settings)
     assert summary["mode"] == "processes"
