@@ -159,6 +159,8 @@ static PyMethodDef methods[] = {
     {"pairs", measure, METH_VARARGS, "pairs(before, after, hazard_m, collision_m, nearest_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
     {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
+    {"move", motion_move, METH_VARARGS, "move(states, acceleration, noise, wind, drag, shake, dt, moved)"},
+    {"reached", motion_reached, METH_VARARGS, "reached(states, goals, radius, within)"},
     {"fade", radio_fade, METH_VARARGS, "fade(normal, xi, chi, thresholds, slot, busy, missing, slots)"},
     {"poisson", radio_poisson, METH_VARARGS, "poisson(rates, first, terms, reached, sums)"},
     {"repel", learner_repel, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},

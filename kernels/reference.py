@@ -10,6 +10,7 @@ from meanflock.kernels.fading import fade, poisson
 from meanflock.kernels.halfplanes import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
+from meanflock.kernels.motion import move, reached
 from meanflock.kernels.state import Floats
 from meanflock.kernels.wire import read, write
 
@@ -19,10 +20,12 @@ __all__ = [
     "columns",
     "fade",
     "learn",
+    "move",
     "nearest",
     "pairs",
     "poisson",
     "prepare",
+    "reached",
     "read",
     "repel",
     "write",

@@ -22,6 +22,7 @@ from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, States, contains
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
+from meanflock.worldsim.books import block_ticks, sums
 from meanflock.worldsim.members import LEADER, Member
 
 _NOBODY = np.zeros(0, dtype=np.intp)
@@ -137,50 +138,74 @@ def _ascending_part(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
 
 
 class Commands:
-    """The current command of each UAV, and the diagnostics of the last tick.
+    """The current command of each UAV, and the diagnostics of the flight.
+
+    Diagnostics are added up for a block of ticks at once, in the order of the ticks.
 
     Attributes:
         accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
-        diagnostics: (N, K). The row of a UAV without a reply is 0.
-        largest: (K,), maximum of |diagnostics| over the flight.
-        summed: (K,), sum of the diagnostics of UAVs on the way over the flight.
+        diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
     """
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
-        self.largest: Floats = np.zeros(diagnostics)
-        self.summed: Floats = np.zeros(diagnostics)
+        self._most = block_ticks(uavs)
+        self._largest: Floats = np.zeros(diagnostics)
+        self._summed: Floats = np.zeros(diagnostics)
+        self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
+        self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
+
+    @property
+    def largest(self) -> Floats:
+        """(K,), maximum of |diagnostics| over the flight."""
+        self._settle()
+        return self._largest
+
+    @property
+    def summed(self) -> Floats:
+        """(K,), sum of the diagnostics of UAVs on the way over the flight."""
+        self._settle()
+        return self._summed
 
     def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> NDArray[np.intp]:
         """Store the numbers (N, 2 + K) of the UAVs that replied and are awake.
 
         Args:
-            numbers: of the replies, finite.
+            numbers: of the replies, finite; never written to again.
             replied: (N,), UAVs whose node replied.
             awake: (N,), UAVs that take part in the tick.
-            on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
+            on_way: (N,), UAVs that have left the ground, have not arrived and are not lost; a new array if others have.
 
         Returns:
             The UAVs that replied with a diverged number; their rows are not stored.
         """
-        sizes = np.abs(numbers)
-        bounded = np.logical_and.reduce(sizes < BEYOND_SENSE, axis=1)
         stored = replied & awake
-        stored &= bounded
         diverged = _NOBODY
-        if b"\0" in stored.tobytes():  # faster than stored.all()
+        if b"\0" in stored.tobytes() or not np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0) < BEYOND_SENSE:
+            bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
+            stored &= bounded
+            diverged = np.flatnonzero(replied & ~bounded)
             np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
             numbers = np.where(stored[:, None], numbers, 0.0)
-            sizes = np.abs(numbers)
-            diverged = np.flatnonzero(replied & ~bounded)
         else:
             self.accelerations[...] = numbers[:, : state.AXES]
-        self.diagnostics = numbers[:, state.AXES :].copy()
-        largest = np.maximum.reduce(sizes[:, state.AXES :], axis=0, initial=0.0)
-        self.largest = np.maximum(self.largest, largest)
-        self.summed = self.summed + np.add.reduce(self.diagnostics.take(on_way.nonzero()[0], axis=0), axis=0)
+        self.diagnostics = numbers[:, state.AXES :]
+        if on_way is not self._on_way or len(self._block) == self._most:
+            self._settle()
+            self._on_way = on_way
+        self._block.append(self.diagnostics)
         return diverged
+
+    def _settle(self) -> None:
+        """Add the diagnostics of the ticks since the last call to the sums."""
+        if not self._block:
+            return
+        block = np.stack(self._block)  # (k, N, K)
+        self._block = []
+        self._largest = np.maximum(self._largest, np.maximum.reduce(np.abs(block), axis=(0, 1)))
+        of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
+        self._summed = sums(self._summed, of_ticks)[-1]
 
 
 class FrameMerger:

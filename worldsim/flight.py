@@ -3,7 +3,6 @@
 UAVs move straight within a tick, so encounters are closest approaches of segments, not distances at ticks.
 """
 
-import hashlib
 import math
 from typing import Any, NamedTuple
 
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Metrics, Scenario
-from meanflock.swarm.seeds import generator, random_state, set_random_state
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.messages import Event, Status
+from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.vehicles.base import Physics
 
 Pair = tuple[int, int]
@@ -126,42 +125,36 @@ FLYING = np.uint8(Status.FLYING)
 ARRIVED = np.uint8(Status.ARRIVED)
 LOST = np.uint8(Status.LOST)
 
-_HASHED = np.dtype("<f8")
-
-_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "near_sum", "speed_max")
+_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "near_sum")
 _ARRAYS = {  # and their types in a snapshot
     "states": "<f8",
     "status": "u1",
-    "energy": "<f8",
     "arrival_tick": "<i4",
     "arrival_energy": "<f8",
-    "distance": "<f8",
-    "effort": "<f8",
-    "_speed_sum": "<f8",
-    "_ticks_on_way": "<i4",
 }
 
 
 class Flight:
     """All quantities of the UAVs. Arrays have one row a UAV.
 
-    `states` and the arrays of `hidden` are new after every tick; all other arrays are updated in place.
+    `states` and the arrays of `hidden` are new after every tick. `on_way`, `waiting` and `idle` are new when a UAV
+    changes sides. Sums over the ticks are in the books, which are settled when one is read.
 
     Attributes:
         states: (N, 4), [x, y, vx, vy] in m and m/s.
         hidden: the vehicle's hidden state.
         status: (N,), FLYING, ARRIVED or LOST.
-        energy: (N,), J since take-off.
+        on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
+        waiting: (N,), UAVs that have not left the ground yet; None if all have.
+        idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
+        books: sums of energy, distance, effort and speed.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
-        distance: (N,), m flown until arrival.
-        effort: (N,), sum of ‖a‖² over the ticks until arrival, a as commanded within the vehicle's limit, m²/s⁴.
         steps: number of commands of UAVs that are not lost, one for each UAV and tick.
         clipped: number of commands, one for each UAV and tick, that were longer than the vehicle's limit.
         launch_tick: (N,), tick in which a UAV leaves the ground.
         speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
         near_sum: sum over ticks of the number of pairs i < j within the hazard radius.
-        speed_max: largest speed of a UAV on the way, m/s.
         last_arrival: tick of the last arrival so far; -1 for none.
         events: events of the last tick; the owner empties the list.
     """
@@ -174,7 +167,6 @@ class Flight:
         self.clipped = 0
         self.speed_difference_sum = 0.0
         self.near_sum = 0
-        self.speed_max = 0.0
         self.events: list[Event] = []
         self._physics = Physics(scenario)
         self.states: state.States = mission.starts(scenario)
@@ -182,19 +174,14 @@ class Flight:
         self.encounters = Encounters(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)
-        self._all_aloft = int(self.launch_tick.max())  # from this tick on no UAV is on the ground
         self.status = np.full(n, FLYING)
-        self.energy = np.zeros(n)
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
-        self.distance = np.zeros(n)
-        self.effort = np.zeros(n)
-        self._speed_sum = np.zeros(n)
-        self._ticks_on_way = np.zeros(n, dtype=np.int64)
         self.any_lost = False
         self.last_arrival = -1
-        self._wind = generator(scenario.seed, "wind")
-        self._hash = hashlib.sha256()
+        self.books = Books(scenario, self._physics, self.states)
+        self._noise = Noise(scenario)
+        self._sort()
         self._observe(self.states, self.on_way)
 
     @property
@@ -220,15 +207,41 @@ class Flight:
         return 2.0 * self.near_sum / (self.tick + 1) / (n * (n - 1)) if n > 1 else None
 
     @property
+    def energy(self) -> state.Rows:
+        """(N,), J since take-off."""
+        self.books.settle()
+        return self.books.energy
+
+    @property
+    def distance(self) -> state.Rows:
+        """(N,), m flown until arrival."""
+        self.books.settle()
+        return self.books.distance
+
+    @property
+    def effort(self) -> state.Rows:
+        """(N,), sum of ‖a‖² over the ticks until arrival, a as commanded within the vehicle's limit, m²/s⁴."""
+        self.books.settle()
+        return self.books.effort
+
+    @property
+    def speed_max(self) -> float:
+        """Largest speed of a UAV on the way, m/s."""
+        self.books.settle()
+        return self.books.speed_max
+
+    @property
     def mean_speed(self) -> float | None:
         """Mean over UAVs and ticks on the way, m/s."""
-        ticks = int(self._ticks_on_way.sum())
-        return float(self._speed_sum.sum()) / ticks if ticks else None
+        self.books.settle()
+        ticks = int(self.books.ticks_on_way.sum())
+        return float(self.books.speed_sum.sum()) / ticks if ticks else None
 
     @property
     def trajectory_sha256(self) -> str:
         """Hash of the states of ticks 0…tick, as little-endian float64."""
-        return self._hash.hexdigest()
+        self.books.settle()
+        return self.books.hexdigest
 
     @property
     def over(self) -> bool:
@@ -243,26 +256,6 @@ class Flight:
         return len(self.encounters.collided)
 
     @property
-    def waiting(self) -> NDArray[np.bool_] | None:
-        """(N,), UAVs that have not left the ground yet; None if all have."""
-        return None if self.tick >= self._all_aloft else self.launch_tick > self.tick
-
-    @property
-    def idle(self) -> NDArray[np.bool_] | None:
-        """(N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV."""
-        waiting = self.waiting
-        if not self.any_lost:
-            return waiting
-        return self.lost if waiting is None else waiting | self.lost
-
-    @property
-    def on_way(self) -> NDArray[np.bool_]:
-        """(N,), UAVs that have left the ground, have not arrived and are not lost."""
-        flying = self.status == FLYING
-        waiting = self.waiting
-        return flying if waiting is None else flying & ~waiting
-
-    @property
     def lost(self) -> NDArray[np.bool_]:
         """(N,), UAVs that are out of the mission."""
         return self.status == LOST
@@ -272,7 +265,7 @@ class Flight:
         uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
             self.status[uavs] = LOST
-            self.any_lost = True
+            self._sort()
             self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], node: str) -> None:
@@ -280,7 +273,7 @@ class Flight:
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
-            self.any_lost = bool(self.lost.any())
+            self._sort()
             self._event("rejoined", f"{node} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
     def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
@@ -292,42 +285,31 @@ class Flight:
             accelerations: (N, 2), m/s², the commands. Those of lost UAVs have no effect.
             gust: (N, 2), m/s², the acceleration by gusts of every UAV in flight, lost UAVs included.
         """
-        scenario = self.scenario
         on_way = self.on_way
         waiting = self.waiting
-        if (idle := self.idle) is not None:
-            accelerations = np.where(idle[:, None], 0.0, accelerations)
-        if (limit := scenario.vehicle.acceleration_max) is not None:
+        if self.idle is not None:
+            accelerations = np.where(self.idle[:, None], 0.0, accelerations)
+        if (limit := self.scenario.vehicle.acceleration_max) is not None:
             accelerations = self._limited(accelerations, limit)
-        felt = accelerations if gust is None else accelerations + gust
         self.steps += len(accelerations) - (int(np.count_nonzero(self.lost)) if self.any_lost else 0)
-        noise = self._wind.standard_normal(accelerations.shape)
+        felt = accelerations if gust is None else accelerations + gust
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
-        moved = self._physics(self.states, self.hidden, felt, noise, waiting)
+        moved = self._physics.step(self.states, self.hidden, felt, self._noise.next(), waiting)
         self.tick += 1
         self.states = moved.states
         self.hidden = moved.hidden
-        self.energy += moved.power * scenario.dt
-        speed = state.speed(self.states)
-        speed *= on_way
-        self._speed_sum += speed
-        self._ticks_on_way += on_way
-        self.speed_max = max(self.speed_max, float(np.maximum.reduce(speed)))
-        speed *= scenario.dt
-        self.distance += speed
-        if len(moved.diverged):
-            accelerations = accelerations.copy()
-            accelerations[moved.diverged] = 0.0
-            before = before.copy()
-            before[moved.diverged] = np.nan
-            self.lose(moved.diverged, "diverged", "left every bound")
-        squared = accelerations * accelerations
-        self.effort += (squared[:, 0] + squared[:, 1]) * on_way
+        diverged = moved.diverged
+        if len(diverged):
+            accelerations, felt, before = accelerations.copy(), felt.copy(), before.copy()
+            accelerations[diverged] = felt[diverged] = 0.0
+            before[diverged] = np.nan
+        self.books.add(self.states, self.hidden, accelerations, felt, on_way, waiting)
+        if len(diverged):
+            self.lose(diverged, "diverged", "left every bound")
+        if waiting is not None and (self.launch_tick == self.tick).any():
+            self._sort()
         self._observe(before, on_way)
-        on_way &= state.norm(self.states - self._goals) <= scenario.destination.radius
-        if np.count_nonzero(on_way):
-            on_way[moved.diverged] = False
-            self._arrive(np.flatnonzero(on_way))
+        self._arrive(on_way, diverged)
 
     def snapshot(self) -> dict[str, Any]:
         """The flight, for `restore`. It lacks the hash, which needs the states of all ticks."""
@@ -335,8 +317,9 @@ class Flight:
             **{name: getattr(self, name) for name in _SCALARS},
             **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
             "hidden": self.hidden,
+            "books": self.books.snapshot(),
             "encounters": self.encounters.snapshot(),
-            "wind": random_state(self._wind),
+            "wind": self._noise.snapshot(),
         }
 
     def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
@@ -358,13 +341,24 @@ class Flight:
             self.hidden[name] = np.array(snapshot["hidden"][name], dtype=part.dtype).reshape(part.shape)
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
-        self.any_lost = bool(self.lost.any())
+        self._sort()
         self.last_arrival = int(self.arrival_tick.max())
         self.encounters.restore(snapshot["encounters"])
-        set_random_state(self._wind, snapshot["wind"])
+        self._noise.restore(snapshot["wind"])
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
-        self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype="<f8").tobytes())
+        self.books.restore(snapshot["books"], history)
+
+    def _sort(self) -> None:
+        """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""
+        flying = self.status == FLYING
+        waiting = self.launch_tick > self.tick
+        lost = self.lost
+        self.any_lost = bool(lost.any())
+        is_waiting = bool(waiting.any())
+        self.waiting: Mask | None = waiting if is_waiting else None
+        self.idle: Mask | None = waiting | lost if is_waiting or self.any_lost else None
+        self.on_way: Mask = flying & ~waiting
 
     def _limited(self, accelerations: state.Plane, limit: float) -> state.Plane:
         """Commands (N, 2), those longer than the limit shortened to it and counted, m/s²."""
@@ -384,7 +378,6 @@ class Flight:
                 back.
             on_way: (N,), UAVs that were on the way then.
         """
-        self._hash.update(self.states.astype(_HASHED, order="C", copy=False).data)
         after = aloft = self.states
         if (waiting := self.waiting) is not None:
             after, aloft = np.where(waiting[:, None], np.nan, after), after[~waiting]
@@ -396,10 +389,17 @@ class Flight:
         for uav, disc in self.encounters.enter(before, after):
             self._event("hit", f"UAV {uav} hit obstacle {disc}", np.array([uav]))
 
-    def _arrive(self, new: NDArray[np.intp]) -> None:
+    def _arrive(self, on_way: Mask, diverged: NDArray[np.intp]) -> None:
+        """Change the status of UAVs that were `on_way` (N,), did not diverge, and have reached the destination."""
+        reached = on_way.copy()
+        if not kernels.reached(self.states, self._goals, self.scenario.destination.radius, reached):
+            return
+        reached[diverged] = False
+        new = np.flatnonzero(reached)
         self.status[new] = ARRIVED
         self.arrival_tick[new] = self.last_arrival = self.tick
         self.arrival_energy[new] = self.energy[new]
+        self._sort()
         self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
 
     def _event(self, kind: str, text: str, uavs: NDArray[np.intp]) -> None:

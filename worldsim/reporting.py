@@ -41,12 +41,12 @@ _STATE = int(FrameKind.STATE)  # comparing with the member of the enumeration co
 class Outbox:
     """Encoded blocks on their way to a ground station.
 
+    enabled: whether a station may ever listen; if not, nothing is encoded.
     dropped: blocks given up because too many waited.
     """
 
     def __init__(self, *, enabled: bool = True) -> None:
-        """`enabled`: whether a station may ever listen; if not, nothing is encoded."""
-        self._enabled = enabled
+        self.enabled = enabled
         self.dropped = 0
         self._checkpoint = -1  # the last block that contains a checkpoint
         self._waiting: deque[tuple[int, bytes]] = deque()
@@ -55,7 +55,7 @@ class Outbox:
 
     def add(self, block: Telemetry | Finished) -> None:
         """Keep a block until it is acknowledged; drop the oldest ones beyond the limit."""
-        if not self._enabled:
+        if not self.enabled:
             return
         raw = control.encode(block)
         if isinstance(block, Telemetry) and block.checkpoint:
@@ -141,7 +141,6 @@ class Reporter:
             "accelerations": np.zeros((rows, uavs, state.AXES), dtype=np.float32),
             "diagnostics": np.zeros((rows, uavs, len(self._declared.diagnostics)), dtype=np.float32),
             "status": np.zeros((rows, uavs), dtype=np.uint8),
-            "energy": np.zeros((rows, uavs), dtype=np.float32),
             "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
         }
         self._outages = -1.0  # at the last row; below any count, so that the first row is looked at
@@ -156,6 +155,12 @@ class Reporter:
         self.events: list[Event] = []
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
+
+    def _clear(self) -> None:
+        """Drop all that a block would have."""
+        self.events.clear()
+        self._reports.clear()
+        self._flight.books.energies.clear()
 
     def note(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None:
         """Record an event of this tick, which concerns some UAVs."""
@@ -181,11 +186,18 @@ class Reporter:
             self._reports.append((tick, np.where(bounded[leader], models[leader], 0.0), spread))
 
     def add(self, links: NDArray[np.int32]) -> None:
-        """Add the row of this tick and its `links` (K, 5); a block that is full goes out before."""
+        """Add the row of this tick and its `links` (K, 5); a block that is full goes out before.
+
+        If no station can ever listen, there are no rows.
+        """
         flight = self._flight
         meter = self._air.meter
         if flight.last_arrival == flight.tick:
             meter.mark()
+        events, flight.events = flight.events, []
+        if not self.outbox.enabled:
+            self._clear()
+            return
         if self._filled == self._rows:
             self.flush()
         k = self._filled
@@ -194,7 +206,6 @@ class Reporter:
         columns["accelerations"][k] = self._commands.accelerations
         columns["diagnostics"][k] = self._commands.diagnostics
         columns["status"][k] = flight.status
-        columns["energy"][k] = flight.energy
         *_, outages, _ = radio = meter.figures()
         columns["swarm"][k] = (
             *radio,
@@ -212,8 +223,7 @@ class Reporter:
         if len(links):
             self._links.append(links)
         self._outages = outages
-        self.events += flight.events
-        flight.events = []
+        self.events += events
         self._filled += 1
 
     @property
@@ -236,6 +246,7 @@ class Reporter:
                 block=self.block,
                 first_tick=self._first_tick,
                 **{name: column[:n].copy() for name, column in self._columns.items()},
+                energy=self._energies(n),
                 links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
                 report_ticks=np.array(ticks, dtype=np.int32),
                 reports=np.array(reports, dtype=np.float32).reshape(len(reports), self._declared.weights),
@@ -246,6 +257,14 @@ class Reporter:
             )
         )
         self.begin(self.block + 1, self._first_tick + n)
+
+    def _energies(self, rows: int) -> NDArray[np.float32]:
+        """The energies of so many rows, which are taken from the books, (rows, N)."""
+        books = self._flight.books
+        books.settle()
+        energies = np.concatenate([np.zeros((0, self._flight.scenario.uavs)), *books.energies])
+        books.energies[:] = [energies[rows:]]
+        return energies[:rows].astype(np.float32)
 
     def publish(self) -> None:
         """Send the blocks that may be sent now."""

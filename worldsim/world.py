@@ -215,6 +215,7 @@ class World:
             self.move()
             self.ticks.add(self._clock() - begin)
             yield self.flight.tick
+        self.flight.books.settle()
 
     def take_off(self) -> None:
         """Begin the flight: the members are complete."""

@@ -92,6 +92,7 @@ def check_vehicle(
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
+    _check_block(vehicle, make(vehicle, options or {}, flown), start, pushes, noises)
     made, states = make(vehicle, options or {}, flown), start
     hidden = _begun(made, UAVS)
 
@@ -108,6 +109,24 @@ def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
     hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, remedy="return a dict of arrays, a row a UAV")
     check_kept(type(made), "hidden", hidden, uavs)
     return hidden
+
+
+def _check_block(vehicle: type, made: Any, states: np.ndarray, pushes: np.ndarray, noises: np.ndarray) -> None:
+    """Check that the power of the rows of all ticks at once is that of each tick."""
+    hidden = _begun(made, len(states))
+    flown, each = [], []
+    for push, noise in zip(pushes, noises, strict=True):
+        states, hidden = made.step(states, hidden, push, noise)
+        flown.append((states, hidden))
+        each.append(made.power(states, hidden, push))
+    rows = np.concatenate([states for states, _ in flown])
+    kept = {name: np.concatenate([parts[name] for _, parts in flown]) for name in hidden}
+    remedy = (
+        "the world asks for several ticks at once: compute every row from that row alone, keep the rest in `hidden`"
+    )
+    together = asked(vehicle, made.power, rows, kept, pushes.reshape(-1, pushes.shape[-1]), remedy=remedy)
+    if not same(np.asarray(together), np.concatenate(each)):
+        fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 
 
 def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> None:

@@ -39,6 +39,18 @@ def arguments(name: str) -> dict[str, Any]:
         return {"normal": np.ones((2, 2)), "xi": 1.0, "chi": 1.0, "thresholds": np.full(2, np.inf), "slot": 1, **links}
     if name == "poisson":
         return {"rates": np.ones(2), "first": np.ones(2), "terms": 3, "reached": np.ones(4), "sums": np.full(2, 7.0)}
+    if name == "move":
+        pushes = {"acceleration": np.ones((2, 2)), "noise": np.ones((2, 2)), "wind": np.zeros((2, 2))}
+        return {
+            "states": np.ones((2, 4)),
+            **pushes,
+            "drag": 0.1,
+            "shake": 0.2,
+            "dt": 0.1,
+            "moved": np.full((2, 4), 7.0),
+        }
+    if name == "reached":
+        return {"states": np.full((2, 4), 7.0), "goals": np.ones((2, 4)), "radius": 1.0, "within": np.ones(2, bool)}
     states = {"before": draw.normal(size=(2, 4)), "after": draw.normal(size=(2, 4))}
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
@@ -79,6 +91,16 @@ WRONG: list[tuple[str, str, Any, str]] = [
     ("poisson", "reached", np.zeros(0), "nothing reached"),
     ("poisson", "sums", np.zeros(3), "sums: 24 bytes"),
     ("poisson", "sums", READ_ONLY[0], "(?i)read-only|writable"),
+    ("move", "states", np.zeros(3), "states: 24 bytes"),
+    ("move", "acceleration", np.zeros((3, 2)), "acceleration: 48 bytes"),
+    ("move", "noise", np.zeros((2, 2), np.float32), "noise: format f"),
+    ("move", "wind", np.zeros(3), "wind: 24 bytes"),
+    ("move", "wind", np.zeros((3, 2)), "wind: not one"),
+    ("move", "moved", np.zeros((2, 3)), "moved: 48 bytes"),
+    ("move", "moved", bytes(64), "(?i)writable"),
+    ("reached", "goals", np.zeros((2, 3)), "goals: 48 bytes"),
+    ("reached", "within", np.zeros(3, bool), "within: 3 bytes"),
+    ("reached", "within", np.zeros(2, np.int8), "within: format b"),
     ("pairs", "after", np.zeros((1, 4)), "after: 32 bytes, expected 64"),
     ("pairs", "before", np.zeros((2, 4), np.int64), "before: format"),
     ("pairs", "before", [0.0] * 8, "bytes-like"),
@@ -99,7 +121,7 @@ def test_a_wrong_argument_is_refused_before_anything_is_written(
     assert all((array == 7).all() for array in written)
 
 
-@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "fade", "poisson", "pairs"])
+@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "fade", "poisson", "move", "reached", "pairs"])
 def test_an_array_may_begin_at_any_byte(function: str) -> None:
     def shifted(value: Any) -> Any:
         if not isinstance(value, np.ndarray):

@@ -177,6 +177,14 @@ VEHICLES: dict[str, tuple[Any, str]] = {
         part(GoodVehicle, 1, lambda hidden, *_: {"thrust": np.float32(hidden["thrust"])}),
         "hidden.* of `init` it .*; .*keep dtypes and shapes",
     ),
+    "power of so many rows": (
+        having(GoodVehicle, power=lambda _, states, *__: np.arange(len(states)) // 6 * 1.0),
+        "of the rows of several ticks differs",
+    ),
+    "power of a tick": (
+        having(GoodVehicle, power=lambda _, states, *__: np.ones(len(states)) + 0.0 * np.ones(min(len(states), 5))),
+        "the world asks for several ticks at once",
+    ),
     "hidden of one row": (having(GoodVehicle, init=lambda *_: {"thrust": np.zeros((1, 2))}), "leading axis of 5"),
     "fails in init": (failing(GoodVehicle, "init", ERROR), "`init` failed: KeyError"),
     "a column of power": (powered(lambda states: np.ones((len(states), 1))), r"power \(5, 1\) of 5 UAVs"),

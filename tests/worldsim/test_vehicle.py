@@ -111,7 +111,7 @@ ENTRY = "        return np.concatenate("
         ('"flown": hidden["flown"] + 1}', "}", r"hidden has \['charge_J'\]"),
         (ENTRY, "        states[0] = 0\n" + ENTRY, "ValueError: .*read-only"),
         (ENTRY, "        raise SystemExit(3)\n" + ENTRY, r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
-        ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(4, 2\)"),
+        ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(120, 2\)"),
     ],
 )
 def test_a_wrong_vehicle_ends_the_run_with_its_mistake(glider, old: str, new: str, said: str) -> None:

@@ -59,7 +59,10 @@ class Vehicle:
 
     @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """Returns the power in W, (N,), finite, of a step under `acceleration` to `states` (N, 4) and `hidden`."""
+        """Returns the power in W, (R,), finite, of steps under `acceleration` to `states` (R, 4) and `hidden`.
+
+        The R rows are those of all UAVs in one or several ticks, tick by tick.
+        """
         raise NotImplementedError
 
 
@@ -102,11 +105,10 @@ BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
 
 
 class Moved(NamedTuple):
-    """Result of a tick. states: (N, 4). hidden: as of `init`. power: (N,), W. diverged: (K,), UAVs put back to rest."""
+    """Result of a tick. states: (N, 4). hidden: as of `init`. diverged: (K,), UAVs put back to rest."""
 
     states: state.States
     hidden: Hidden
-    power: state.Rows
     diverged: NDArray[np.intp]
 
 
@@ -133,7 +135,7 @@ class Physics:
             raise BadInput(f"vehicle {self._name!r}: {error}") from error
         return dict(hidden)
 
-    def __call__(
+    def step(
         self,
         states: state.States,
         hidden: Hidden,
@@ -141,7 +143,7 @@ class Physics:
         noise: state.Plane,
         waiting: NDArray[np.bool_] | None = None,
     ) -> Moved:
-        """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest and spend nothing.
+        """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest.
 
         Raises:
             RunFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
@@ -150,6 +152,21 @@ class Physics:
             return self._moved(states, hidden, acceleration, noise, waiting)
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
+
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane, uavs: int) -> state.Rows:
+        """The power of the rows of all `uavs` in one or several ticks, by `Vehicle.power`, W.
+
+        Raises:
+            RunFailed: see `step`.
+        """
+        try:
+            power = self._asked("power", states, hidden, acceleration)
+            check_array("power", power, (len(states),), states.dtype)
+            _check_finite("power", power, np.arange(len(states)) % uavs)
+        except (RunFailed, TypeError, ValueError) as error:
+            ticks = "" if len(states) == uavs else f" (of the rows of {len(states) // uavs} ticks of {uavs} UAVs)"
+            raise RunFailed(f"vehicle {self._name!r}: {error}{ticks}") from error
+        return power
 
     def _moved(
         self,
@@ -175,17 +192,13 @@ class Physics:
             moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
             moved[far, state.VELOCITY] = 0.0
-            acceleration = np.where(far[:, None], 0.0, acceleration)
             changed = {name: _put_back(part, hidden[name], diverged) for name, part in changed.items()}
-        power = self._asked("power", moved, changed, acceleration)
-        check_array("power", power, (len(states),), states.dtype)
-        _check_finite("power", power)
         if waiting is not None:
             still = np.flatnonzero(waiting)
-            moved, power = _put_back(moved, states, still), np.where(waiting, 0.0, power)
+            moved = _put_back(moved, states, still)
             changed = {name: _put_back(part, hidden[name], still) for name, part in changed.items()}
             diverged = diverged[~waiting[diverged]]
-        return Moved(moved, changed, power, diverged)
+        return Moved(moved, changed, diverged)
 
     def _asked(self, method: str, *arguments: Any) -> Any:
         try:

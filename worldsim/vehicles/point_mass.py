@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from meanflock import kernels
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind, Vehicle
@@ -31,15 +32,16 @@ class PointMass(Vehicle):
         V_o = σ_wind·I acts as a standard deviation; the paper calls it a covariance.
         """
         moved = np.empty(states.shape)
-        change = states[..., state.VELOCITY] - self._mean(states)
-        change *= self._wind.drag
-        np.subtract(acceleration, change, out=change)
-        change *= self._dt
-        velocity = np.add(states[..., state.VELOCITY], change, out=change)
-        velocity += self._shake * noise
-        moved[..., state.VELOCITY] = velocity
-        velocity *= self._dt
-        np.add(velocity, states[..., state.POSITION], out=moved[..., state.POSITION])
+        kernels.move(
+            np.ascontiguousarray(states),
+            np.ascontiguousarray(acceleration),
+            np.ascontiguousarray(noise),
+            self._mean(states),
+            self._wind.drag,
+            self._shake,
+            self._dt,
+            moved,
+        )
         return moved, hidden
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:

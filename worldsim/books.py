@@ -1,0 +1,182 @@
+"""Books of a flight: sums over its ticks, and the draws of its wind, made for a block of ticks at once.
+
+The numbers are those of a tick at a time, to the last bit: sums go tick by tick, and draws are in the same order.
+"""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.seeds import generator, random_state, set_random_state
+from meanflock.swarm.state import Floats, Mask
+from meanflock.worldsim.vehicles.base import Hidden, Physics
+
+_HASHED = np.dtype("<f8")
+_BLOCK_TICKS = 50
+_BLOCK_STATES = 2500  # a block has so many ticks, but not more states than this, so that it stays in the caches
+_ARRAYS = {  # and their types in a snapshot
+    "energy": "<f8",
+    "distance": "<f8",
+    "effort": "<f8",
+    "speed_sum": "<f8",
+    "ticks_on_way": "<i4",
+}
+
+
+def block_ticks(uavs: int) -> int:
+    """Number of ticks in a block of so many UAVs."""
+    return max(1, min(_BLOCK_TICKS, _BLOCK_STATES // uavs))
+
+
+class Books:
+    """Sums over the ticks of a flight. `add` enters a tick, and `settle` adds all entered ticks to the sums.
+
+    Attributes, all of them settled:
+        energy: (N,), J since take-off.
+        distance: (N,), m flown until arrival.
+        effort: (N,), sum of ‖a‖² over the ticks until arrival, m²/s⁴.
+        speed_sum: (N,), sum of the speeds on the way, m/s.
+        ticks_on_way: (N,), number of ticks on the way.
+        speed_max: largest speed of a UAV on the way, m/s.
+        energies: (k, N) energies after each of the last ticks; the owner empties the list.
+    """
+
+    def __init__(self, scenario: Scenario, physics: Physics, states: state.States) -> None:
+        """`states`: (N, 4), those of tick 0."""
+        uavs = scenario.uavs
+        self.energy = np.zeros(uavs)
+        self.distance = np.zeros(uavs)
+        self.effort = np.zeros(uavs)
+        self.speed_sum = np.zeros(uavs)
+        self.ticks_on_way = np.zeros(uavs, dtype=np.int64)
+        self.speed_max = 0.0
+        self.energies: list[Floats] = [np.zeros((1, uavs))]
+        self._dt = scenario.dt
+        self._physics = physics
+        self._most = block_ticks(uavs)
+        self._hash = hashlib.sha256(states.astype(_HASHED).tobytes())
+        # The entered ticks: states and hidden state after them, commands, and accelerations with gusts.
+        self._states: list[state.States] = []
+        self._hidden: list[Hidden] = []
+        self._commands: list[state.Plane] = []
+        self._felt: list[state.Plane] = []
+        self._on_way: Mask = np.zeros(uavs, dtype=bool)
+        self._waiting: Mask | None = None
+
+    @property
+    def hexdigest(self) -> str:
+        """Hash of the states of all settled ticks, as little-endian float64."""
+        return self._hash.hexdigest()
+
+    def add(
+        self,
+        states: state.States,
+        hidden: Hidden,
+        commands: state.Plane,
+        felt: state.Plane,
+        on_way: Mask,
+        waiting: Mask | None,
+    ) -> None:
+        """Enter a tick. Only `commands` may change afterwards.
+
+        Args:
+            states: (N, 4) and `hidden`, after the tick. commands: (N, 2), m/s², as flown. felt: (N, 2), with gusts.
+            on_way: (N,), UAVs on the way; another array if others are. waiting: (N,), UAVs on the ground, likewise;
+                None for no UAV.
+        """
+        if on_way is not self._on_way or waiting is not self._waiting:
+            self.settle()
+            self._on_way = on_way
+            self._waiting = waiting
+        self._states.append(states)
+        self._hidden.append(hidden)
+        self._commands.append(commands.copy())
+        self._felt.append(self._commands[-1] if felt is commands else felt)
+        if len(self._states) == self._most:
+            self.settle()
+
+    def settle(self) -> None:
+        """Add the entered ticks to the sums.
+
+        Raises:
+            RunFailed: the power of the vehicle is invalid.
+        """
+        if not self._states:
+            return
+        states, hidden, commands, felt = self._states, self._hidden, self._commands, self._felt
+        self._states, self._hidden, self._commands, self._felt = [], [], [], []
+        rows = np.concatenate(states)  # (k·N, 4)
+        self._hash.update(rows.astype(_HASHED, copy=False).data)
+        shape = len(states), len(self.energy)
+        before = {name: np.concatenate([each[name] for each in hidden]) for name in hidden[0]}
+        power = self._physics.power(rows, before, np.concatenate(felt), shape[1]).reshape(shape)
+        if self._waiting is not None:
+            power = np.where(self._waiting, 0.0, power)
+        energies = sums(self.energy, power * self._dt)
+        self.energy = energies[-1]
+        self.energies.append(energies)
+        speed = state.speed(rows).reshape(shape) * self._on_way
+        self.speed_max = max(self.speed_max, float(np.maximum.reduce(speed, axis=None)))
+        self.speed_sum = sums(self.speed_sum, speed)[-1]
+        self.distance = sums(self.distance, speed * self._dt)[-1]
+        self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
+        squared = np.concatenate(commands)
+        squared *= squared
+        self.effort = sums(self.effort, (squared[:, 0] + squared[:, 1]).reshape(shape) * self._on_way)[-1]
+
+    def snapshot(self) -> dict[str, Any]:
+        """The sums, for `restore`; the hash needs the states of all ticks."""
+        self.settle()
+        arrays = {name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()}
+        return {**arrays, "speed_max": self.speed_max}
+
+    def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
+        """Continue with a snapshot and the states (tick + 1, N, 4) of all ticks; KeyError or ValueError if it does not
+        fit."""
+        for name in _ARRAYS:
+            getattr(self, name)[...] = snapshot[name]
+        self.speed_max = float(snapshot["speed_max"])
+        self.energies = []
+        self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype=_HASHED).tobytes())
+
+
+def sums(begin: Floats, rows: Floats) -> Floats:
+    """Sums of `begin` (N,) and the first, the first two, … of rows (k, N), in this order: (k, N)."""
+    return np.add.accumulate(np.concatenate([begin[None], rows]), axis=0)[1:]
+
+
+class Noise:
+    """Standard normal numbers of the motion, (N, 2) in each tick."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._draw = generator(scenario.seed, "wind")
+        self._shape = block_ticks(scenario.uavs), scenario.uavs, state.AXES
+        self._begin = random_state(self._draw)  # before the block
+        self._block = np.zeros((0, *self._shape[1:]))
+        self._used = 0
+
+    def next(self) -> state.Plane:
+        """The numbers of the next tick."""
+        if self._used == len(self._block):
+            self._begin = random_state(self._draw)
+            self._block = self._draw.standard_normal(self._shape)
+            self._used = 0
+        self._used += 1
+        return self._block[self._used - 1]
+
+    def snapshot(self) -> dict[str, Any]:
+        """State of the generator after the numbers used, for `restore`; it does not depend on the length of a block."""
+        draw = generator(0, "wind")
+        set_random_state(draw, self._begin)
+        draw.standard_normal((self._used, *self._shape[1:]))
+        return random_state(draw)
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue with a snapshot; ValueError if it is of another kind of generator."""
+        set_random_state(self._draw, snapshot)
+        self._begin = snapshot
+        self._block = self._block[:0]
+        self._used = 0
