@@ -42,7 +42,6 @@ class Medium:
         self._reach = {hop.label: hop.range_m for hop in scenario.hops if hop.range_m is not None}
         self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
-        self._everyone = np.arange(scenario.uavs).tobytes()
         # By kind and number of a batch: its last senders, the mask of the UAVs that they reached (None: all), and their
         # links. The next tick mostly uses the same links.
         self._used: dict[tuple[FrameKind, int], tuple[bytes, bytes | None, Links]] = {}
@@ -174,7 +173,7 @@ class Medium:
         uavs = self._scenario.uavs
         senders, mask = sources.tobytes(), None
         is_broadcast = kind in self._reach
-        reached = self._in_range(sources, senders, states, self._reach[kind]) if is_broadcast else None
+        reached = self._in_range(sources, states, self._reach[kind]) if is_broadcast else None
         if reached is not None:
             mask = reached.tobytes()
         place = kind, batch.round if kind == FrameKind.STATE else 0
@@ -187,18 +186,17 @@ class Medium:
         elif (target_of := self._targets.get(kind)) is not None:
             target = target_of[sources]
             links = Links.between(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
+        elif is_broadcast:
+            target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
+            links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), uavs)
         else:
-            targets, all_rows = np.tile(np.arange(uavs), len(sources)), rows.repeat(uavs)
-            apart = sources[all_rows] != targets if is_broadcast else slice(None)
-            links = Links.between(kind, sources, all_rows[apart], targets[apart], uavs)
+            links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
         self._used[place] = senders, mask, links
         return links
 
-    def _in_range(
-        self, sources: Indices, senders: bytes, states: state.States, reach: float
-    ) -> NDArray[np.bool_] | None:
+    def _in_range(self, sources: Indices, states: state.States, reach: float) -> NDArray[np.bool_] | None:
         """Mask (S, N) of the UAVs that each source reaches; None if every UAV reaches every other."""
-        if senders == self._everyone and self._are_together(states, reach):
+        if self._are_together(states, reach):
             return None
         here = states[sources]
         along = here[:, state.X, None] - states[:, state.X]

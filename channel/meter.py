@@ -46,10 +46,13 @@ class Links:
     ) -> "Links":
         """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: each link is a
         transmission of its own, so a source that is its own target transmits nothing."""
-        ends = np.stack([row, target], axis=-1).astype(np.int32)
-        by_radio = sources[row] != target
-        row, target = row[by_radio], target[by_radio]
-        source = sources[row]
+        ends = np.empty((len(row), 2), dtype=np.int32)
+        ends[:, 0] = row
+        ends[:, 1] = target
+        source = sources.take(row)
+        by_radio = source != target
+        if not by_radio.all():
+            row, source, target = row[by_radio], source[by_radio], target[by_radio]
         record = np.zeros((len(source), 5), dtype=np.int32)
         record[:, 1] = source
         record[:, 2] = target
@@ -57,7 +60,9 @@ class Links:
         if is_unicast:
             transmissions, first = len(source), np.arange(len(source))
         else:
-            transmissions, first = len(sources), np.flatnonzero(np.diff(row, prepend=-1))
+            begins = np.ones(len(row), dtype=bool)
+            np.not_equal(row[1:], row[:-1], out=begins[1:])
+            transmissions, first = len(sources), begins.nonzero()[0]
         pair = source * uavs + target
         message = None
         if (sources[1:] == sources[:-1]).any():

@@ -117,9 +117,9 @@ def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most:
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
     """Columns within reach, at most `most`, nearest first; and the mask of those in use: (M, K)."""
     within = distance <= reach
-    count = min(most, int(within.sum(axis=1).max(initial=0)))
+    count = min(most, int(np.maximum.reduce(np.add.reduce(within, axis=1), initial=0)))
     which = np.argsort(np.where(within, distance, np.inf), axis=1, kind="stable")[:, :count]
-    return which, np.take_along_axis(within, which, axis=1)
+    return which, within[np.arange(len(within))[:, None], which]
 
 
 def _apart(x: Rows, y: Rows, closing: Plane, present: Mask, right: Rows | float) -> Closest:
