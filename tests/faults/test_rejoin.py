@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.swarm.errors import BusError, Refused
+from meanflock.swarm.errors import BadInput, BusError, Refused
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
+from meanflock.swarm.plugins import registry
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join, Ready, Status
 from meanflock.worldsim.members import JoinRefused, Members
@@ -129,6 +130,23 @@ def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -
     summary = lab.fly({20: freeze, 40: lab.agent, 60: thaw})
     assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
     assert summary["dropped_messages"] == {"unknown-node": 1}
+
+
+def test_an_agent_without_the_controller_is_refused_with_its_host_in_flight_and_one_that_has_it_rejoins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lab, missing = Lab(scenario(), uavs_per_node=1), "on host far-away: controller 'mfgfl-h' is not installed here"
+
+    def stranger() -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr("platform.node", lambda: "far-away")
+            patch.delitem(registry._packaged(), ("controller", "mfgfl-h"))
+            with pytest.raises(BadInput, match=missing):
+                lab.agent()
+
+    summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: stranger, 30: lab.agent})
+    assert (summary["lost"], summary["nodes_rejoined"], summary["dropped_messages"]) == (0, 1, {})
+    assert any(missing in event.text for event in lab.record.events if event.kind == "lost")
 
 
 def test_a_repeated_join_gets_the_same_place() -> None:

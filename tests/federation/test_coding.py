@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meanflock.channel.link import slots_needed
-from meanflock.federation import coding as codings
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.scenario import Radio, load
+from meanflock.swarm.scenario import Radio
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.methods import FEDERATED, PARTS
@@ -145,16 +144,3 @@ def test_a_transmission_pays_for_every_weight_and_every_scale_and_slots_follow(m
         coding = Coding(name, PARTS[method])  # type: ignore[arg-type]
         assert coding.bits == 8 * coding.encode(np.ones((1, coding.floats))).nbytes == bits
         assert slots_needed(Radio(), coding.bits) == slots
-
-
-def test_both_directions_use_the_coding_of_the_scenario_or_the_radio_s_floats() -> None:
-    for width, dtype in ((16, "<f2"), (32, "<f4"), (64, "<f8")):
-        flown = load(None, [f"radio.bits_per_float={width}"])
-        assert (codings.of_uploads(flown, None).dtype, codings.of_broadcasts(flown, None).dtype) == (
-            np.dtype(dtype),
-        ) * 2
-    mixed = load(None, ["federation.payload=int8", "federation.broadcast_payload=float16"])
-    assert (codings.of_uploads(mixed, None).dtype, codings.of_broadcasts(mixed, None).dtype) == (
-        np.dtype("u1"),
-        np.dtype("<f2"),
-    )

@@ -232,23 +232,6 @@ def test_the_program_writes_a_table_numbers_and_a_picture(
     assert (tmp_path / "out" / "classifier.png").stat().st_size > 10_000
 
 
-def test_the_program_keeps_what_was_flown_when_it_is_interrupted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flown: list[str] = []
-
-    def fly_one(way: str, *_: Any) -> list[dict[str, float]]:
-        if flown:
-            raise KeyboardInterrupt
-        flown.append(way)
-        return [{"round": 0, "accuracy": 0.1, "bits": 0}]
-
-    monkeypatch.setattr(classifier, "fly", fly_one)
-    monkeypatch.setattr("sys.argv", ["classifier.py", "--out", str(tmp_path)])
-    assert classifier.main() == 130
-    assert list(json.loads((tmp_path / "classifier.json").read_text(encoding="utf-8"))) == flown == ["alone"]
-
-
 def test_sharing_makes_a_classifier_of_all_digits() -> None:
     """Forty rounds, the accuracy of the UAV that is worst; over a radio that loses half of the fragments, too."""
     given = argparse.Namespace(uavs=10, rounds=40, seed=1, set=[])

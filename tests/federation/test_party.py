@@ -2,18 +2,12 @@
 
 import numpy as np
 
-from meanflock.agent.node import Agent
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
-from meanflock.swarm import scenario
-from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.federation.rows import Rows
-
-OPENS, RELAYS = 10, 11  # of round 1
 
 
 def flown(*settings: str) -> Scenario:
@@ -55,18 +49,6 @@ def average(*uavs: int) -> np.ndarray:
     return mean(np.stack([model(uav) for uav in uavs]).astype(np.float64)).astype(np.float32)
 
 
-def test_each_head_relays_its_own_mean_and_count_once() -> None:
-    node = Heads(0, 3, 4, 6)
-    node.collect(uploads([0, 2, 3, 4], [0, 0, 4, 4]))
-    node.collect(uploads([5], [4]))
-    (sent,), refused = node.relay(1)
-    assert (sent.kind, sent.round, sent.source.tolist(), refused) == (FrameKind.RELAY, 1, [0, 4], [])
-    assert sent.payload.dtype == np.float32
-    np.testing.assert_array_equal(sent.payload[:, -1], [2, 3])
-    np.testing.assert_array_equal(sent.payload[:, :-1], [average(0, 2), average(3, 4, 5)])
-    assert node.relay(1) == ([], [])
-
-
 def test_a_second_copy_changes_nothing_and_mail_of_a_closed_round_is_dropped() -> None:
     node = Heads(0)
     node.collect(uploads([1, 2], [0, 0]))
@@ -106,28 +88,3 @@ def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     node.collect(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links))
     (sent,), refused = node.relay(1)
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
-
-
-def agent(*uavs: int) -> Agent:
-    flight = flown()
-    return Agent(Welcome(0, "agent", uavs, 0, scenario.encode(flight), starts(flight).astype(np.float32)))
-
-
-def sense(tick: int, rows: int, *inbox: Frames) -> Sense:
-    return Sense(0, tick, np.random.default_rng(tick).uniform(0, 100, (rows, 4)), True, False, inbox)
-
-
-def test_an_agent_relays_for_its_heads_and_learns_as_if_it_had_not() -> None:
-    busy, idle = agent(0, 1), agent(0, 1)
-    batch = uploads([1, 2], [0, 0])
-    batch.payload[1, 0] = 2e9
-    for tick in (OPENS, RELAYS):
-        inbox = (batch,) if tick == RELAYS else ()
-        acts = busy.act(sense(tick, 2, *inbox)), idle.act(sense(tick, 2))
-        assert (FrameKind.RELAY in [frames.kind for frames in acts[0].outbox]) == (tick == RELAYS)
-    assert [frames.kind for frames in acts[0].outbox] == [FrameKind.RELAY]
-    assert acts[0].outbox[0].payload[0, -1] == 1
-    assert acts[0].refused.tolist() == [~2]
-    assert acts[1].outbox == ()
-    np.testing.assert_array_equal(acts[0].models, acts[1].models)  # type: ignore[arg-type]
-    assert isinstance(wire.read_act(wire.write_act(acts[0])), Act)

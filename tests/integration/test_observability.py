@@ -8,8 +8,6 @@ import psutil
 import pytest
 
 from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.launch.station import Station
-from meanflock.swarm.net.session import ZenohBus
 from tests.integration.conftest import Command, Spawn
 from tests.integration.watched import ENDLESS, SHORT, scrape, told_url, world
 from tests.polling import DEADLINE_S, until
@@ -20,42 +18,6 @@ pytestmark = pytest.mark.processes
 def listening(pid: int) -> set[int]:
     connections = psutil.Process(pid).net_connections(kind="tcp")
     return {connection.laddr.port for connection in connections if connection.status == psutil.CONN_LISTEN}
-
-
-def test_a_scrape_of_a_real_run_is_its_summary(spawn: Spawn, command: Command) -> None:
-    flown, base = world(spawn, "--metrics", "0", "--stations", "1")
-    spawn("meanflock.leader", *base)
-    spawn("meanflock.agent", *base, "--rows", "3")
-    assert flown.stderr is not None
-    url = told_url(flown.stderr)
-
-    def alive(role: str) -> float:
-        return scrape(url).get(("meanflock_nodes_alive", frozenset({("role", role)})), 0)
-
-    until(lambda: alive("leader") == alive("agent") == 1, "both nodes, which wait for the station")
-    bus = ZenohBus.client(base[1], DEADLINE_S)
-    try:
-        station = Station(bus, base[3], [])
-        # The station acknowledges nothing yet, so the world waits after the last tick.
-        until(lambda: scrape(url)["meanflock_ticks_total", frozenset()] == 300, "the last tick")
-        seen = scrape(url)
-        while station.summary is None:
-            if delivery := bus.receive(DEADLINE_S):
-                station.handle(delivery)
-    finally:
-        bus.close()
-    out, err = flown.communicate(timeout=DEADLINE_S)
-    assert flown.returncode == 0, err
-    summary = json.loads(out)
-    for traffic, bits in summary["payload_bits"].items():
-        if traffic != "total":
-            assert seen["meanflock_payload_bits_total", frozenset({("traffic", traffic)})] == bits
-    assert summary["payload_bits"]["uplink"] > 0
-    assert seen["meanflock_rounds_total", frozenset()] == summary["rounds"] > 0
-    assert seen["meanflock_telemetry_blocks_unacknowledged", frozenset()] >= 300 // 50  # rows of a block, at the most
-    assert seen["meanflock_nodes_alive", frozenset({("role", "station")})] == 1
-    unwatched = command.summary("--in-process", *SHORT)
-    assert summary["trajectory_sha256"] == unwatched["trajectory_sha256"]
 
 
 def test_a_command_can_be_scraped_while_it_flies_and_logs_objects_that_say_who_and_when(

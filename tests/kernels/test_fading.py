@@ -38,12 +38,6 @@ def test_a_bound_that_is_no_number_is_never_reached(backend: ModuleType) -> None
     assert slots.tolist() == [9, 3]
 
 
-def test_a_slot_without_busy_links_changes_nothing(backend: ModuleType) -> None:
-    busy, missing, slots = np.arange(2), np.ones(2, np.int64), np.full(2, 9)
-    assert backend.fade(np.zeros((0, 2)), 1.0, 1.0, np.zeros(1), 3, busy, missing, slots) == 0
-    assert (busy.tolist(), missing.tolist(), slots.tolist()) == ([0, 1], [1, 1], [9, 9])
-
-
 @both_forms
 @given(st.integers(0, 6), st.integers(0, 30), st.booleans(), st.integers(0, 2**32 - 1))
 def test_terms_of_poisson_are_summed_from_the_last(

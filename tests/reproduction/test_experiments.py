@@ -158,15 +158,3 @@ def test_bad_options_are_rejected_before_a_folder_is_made(tmp_path: Path, monkey
         with pytest.raises(BadInput, match=r"s1|ray|127"):
             fly(tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.processes
-@pytest.mark.usefixtures("environment")
-def test_a_dask_cluster_flies_the_same_tables(kept: Path, tmp_path: Path) -> None:
-    """A cluster that is started for the flights: tests/studies/leaderboard/test_contest.py."""
-    distributed = pytest.importorskip("distributed", reason="dask is not installed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        there = fly(tmp_path, backend="dask", scheduler=cluster.scheduler_address)
-    assert same(there, tables.load(kept))

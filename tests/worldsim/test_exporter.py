@@ -8,11 +8,12 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.exporter import exported
+from meanflock.worldsim.reporting import Outbox
 from meanflock.worldsim.summary import BOUNDS_S
 from tests.polling import DEADLINE_S
 
@@ -44,16 +45,9 @@ def flown(*faults: dict[str, Any]) -> Scenario:
     return load(None, settings, method="mfgfl-hf", faults=list(faults))
 
 
-class Forgetful:
-    """A sink that keeps nothing."""
-
-    def write(self, block: Telemetry) -> None:
-        pass
-
-
 @pytest.fixture
 def engine() -> Engine:
-    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2, sinks=[Forgetful()])
+    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2, sinks=[Kept()])
 
 
 @pytest.fixture
@@ -62,13 +56,15 @@ def url(engine: Engine) -> Iterator[str]:
         yield url
 
 
-def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str) -> None:
+def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     network = engine.network.endpoint()
     for tick in engine.fly():
         if tick == 7:
             network.put(keys.act(RUN, "agent-0"), b"nonsense")
             network.put(keys.act(RUN, "agent-99"), b"nonsense")
-    scraped = Scrape(url)
+    with monkeypatch.context() as patch:
+        patch.setattr(Outbox, "waiting", 7)
+        scraped = Scrape(url)
     summary: dict[str, Any] = engine.world.finish()
     assert scraped("ticks_total") == summary["ticks"] == 120
     assert scraped("simulated_seconds_total") == summary["sim_time_s"]
@@ -90,6 +86,7 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str) -> 
     assert summary["dropped_messages"] == {"malformed": 1, "unknown-node": 1}
     for reason, count in summary["dropped_messages"].items():
         assert scraped("dropped_messages_total", reason=reason) == count
+    assert scraped("telemetry_blocks_unacknowledged") == 7
     assert scraped("held_commands_total") == scraped("deadline_misses_total") == 0
     assert scraped("run_info", run=RUN, mode="in-process", method="mfgfl-hf", version=summary["version"]) == 1
     for name in ("tick_seconds", "barrier_wait_seconds"):

@@ -1,15 +1,11 @@
 """A plan that all UAVs know is flown without a message and without a collision."""
 
-import msgspec
 import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.planned.plan import Plan
-from meanflock.agent.controllers.sharing.base import Neighbours
-from meanflock.swarm import declared, mission
-from meanflock.swarm.scenario import load
-from meanflock.swarm.scenario.tables import Sharing
+from meanflock.swarm import declared
 
 
 def test_without_noise_it_keeps_to_its_trajectory() -> None:
@@ -37,19 +33,3 @@ def test_all_arrive_together_apart_and_in_silence(uavs: int) -> None:
     assert summary["collisions"] == 0
     assert summary["t_max_s"] - summary["t_avg_s"] < 3.0
     assert summary["radio"]["traffic"]["state"]["sent"] == 0
-
-
-def test_states_are_rarely_sent_if_others_predict_by_the_plan() -> None:
-    """Others predict by the plan; at constant velocity every bend of it would be an event."""
-    scenario = load(None, ["uavs=9"], method="plan")
-    states = mf.fly(scenario, seed=3).states
-    plan: Plan = declared.controller(scenario)
-    said = {}
-    sharing = msgspec.structs.replace(scenario, sharing=Sharing(policy="event"))
-    for name, predict in (("plan", plan.prediction()), ("velocity", None)):
-        neighbours = Neighbours(sharing, predict)
-        memory, said[name] = neighbours.init(np.arange(9), mission.starts(scenario)), 0
-        for tick, own in enumerate(states):
-            memory, broadcast = neighbours.broadcast_states(memory, tick, own)
-            said[name] += len(broadcast.payload)
-    assert said["plan"] < 0.2 * said["velocity"]

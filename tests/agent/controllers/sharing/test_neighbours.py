@@ -1,28 +1,21 @@
 """What a UAV knows of the others: predictions from received states; and when states are sent."""
 
-from typing import Any
-
 import msgspec
 import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.controllers.planned.plan import AlongPlan
 from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import load
 from meanflock.swarm.scenario.tables import POLICIES, Sharing
 
 N = 5
-EVENT, TICK = Sharing(policy="event"), Sharing(policy="tick")
+EVENT = Sharing(policy="event")
 UAVS = np.arange(N)
 
 
-def scenario(*settings: str) -> Scenario:
-    return load(None, [f"uavs={N}", *settings])
-
-
-def neighbours(sharing: Sharing, predict: Any = None, *settings: str) -> Neighbours:
-    return Neighbours(msgspec.structs.replace(scenario(*settings), sharing=sharing), predict)
+def neighbours(sharing: Sharing) -> Neighbours:
+    return Neighbours(msgspec.structs.replace(load(None, [f"uavs={N}"]), sharing=sharing))
 
 
 def plan(seed: int = 0) -> np.ndarray:
@@ -35,42 +28,6 @@ def frames(broadcast: Broadcast, rows: int, uavs: np.ndarray = UAVS, number: int
     source = uavs if broadcast.rows is None else uavs[broadcast.rows]
     links = [[sent, row] for sent in range(len(source)) for row in range(rows) if uavs[row] != source[sent]]
     return Received(number, source, broadcast.payload, np.array(links, dtype=np.intp).reshape(-1, 2))
-
-
-@pytest.mark.parametrize("sharing", [EVENT, TICK])
-def test_until_a_state_is_received_a_uav_flies_on_from_its_start_at_its_velocity(sharing: Sharing) -> None:
-    table = neighbours(sharing)
-    memory = table.init(UAVS[:2], plan())
-    np.testing.assert_array_equal(table.states(memory, 0), np.stack([plan(), plan()]))
-    expected = plan()
-    expected[:, :2] += 0.5 * plan()[:, 2:]
-    np.testing.assert_allclose(table.states(memory, 5)[0], expected, rtol=1e-15, atol=1e-13)
-
-
-def test_along_a_plan_a_deviation_falls_to_a_part_in_e() -> None:
-    def path(tick: int) -> np.ndarray:
-        return np.outer(np.arange(1.0, N + 1), [0.1 * tick, 1.0, 1.0, 0.0])
-
-    table = neighbours(EVENT, AlongPlan(path, 0.1, tau_s=2.0))
-    memory = table.init(UAVS[3:4], path(0) + plan())
-    for tick, left in ((0, 1.0), (20, np.exp(-1.0)), (100_000, 0.0)):
-        np.testing.assert_allclose(table.states(memory, tick)[0], path(tick) + left * plan(), rtol=1e-15, atol=1e-13)
-
-
-def test_a_broadcast_of_every_tick_reaches_the_uavs_in_range() -> None:
-    table, now = neighbours(TICK), plan(1)
-    memory = table.init(UAVS, plan())
-    spoken, broadcast = table.broadcast_states(memory, 4, now)
-    assert broadcast.rows is None
-    received = frames(broadcast, N)
-    kept = received.links[:, 1] != 2  # row 2 receives nothing
-    partly = Received(0, received.source, received.payload, received.links[kept])
-    known = table.states(table.receive(spoken, 5, [partly])[0], 5)
-    expected = now.copy()
-    expected[:, :2] += 0.1 * now[:, 2:]
-    np.testing.assert_allclose(known[0], expected, rtol=1e-6)
-    np.testing.assert_allclose(np.delete(known[2], 2, axis=0), np.delete(table.states(memory, 5)[2], 2, axis=0))
-    np.testing.assert_allclose(known[2, 2], expected[2], rtol=1e-6)  # its own, as it sent it
 
 
 def test_with_a_state_every_tick_a_uav_not_received_for_long_is_forgotten() -> None:

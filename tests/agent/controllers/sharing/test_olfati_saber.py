@@ -50,11 +50,3 @@ def test_an_obstacle_repels_and_slows_a_uav_that_comes_near() -> None:
     push = accelerations("olfati-saber", near, DISCS, UNLIMITED) - accelerations("olfati-saber", near)
     assert push[0, 0] > 1.0
     np.testing.assert_allclose(push[0, 1], -0.5 * 0.2, rtol=1e-9)  # along the edge the agent is a fifth slower
-
-
-def test_alone_the_pull_is_the_damping_at_its_speed_and_commands_are_limited() -> None:
-    away = np.array([[300.0, 400.0, -0.6 * 0.7 / 0.4, -0.8 * 0.7 / 0.4]])
-    np.testing.assert_allclose(accelerations("olfati-saber", away), 0.0, atol=1e-5)
-    crowded = np.concatenate([np.random.default_rng(2).uniform(-1, 1, (30, 2)), np.zeros((30, 2))], axis=1)
-    assert np.hypot(*accelerations("olfati-saber", crowded, UNLIMITED).T).max() > 6.5
-    assert np.hypot(*accelerations("olfati-saber", crowded).T).max() == pytest.approx(6.0)

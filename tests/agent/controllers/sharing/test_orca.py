@@ -44,11 +44,3 @@ def test_velocities_are_those_of_pyrvo(radius: float, horizon: float, spread: fl
     assert sum(feasible) > 400
     assert np.quantile(np.array(errors)[feasible], 0.99) < 1e-4
     assert np.quantile(errors, 0.95) < 1e-2
-
-
-def test_alone_the_velocity_is_the_wished_one_turned_to_the_right() -> None:
-    made = Orca(Orca.Options(right_bias=0.3, velocity_gain_1_s=2.0), Scenario(uavs=1))
-    own, plan = np.array([[50.0, 0.0, -2.25, 0.0]]), np.array([[60.0, 0.0, 0.0, 0.0]])
-    step = made.step(made.init(np.array([0]), plan), 0, own, ())
-    still = made.scenario.wind.drag * (own[:, 2:] - made.scenario.wind.mean)
-    np.testing.assert_allclose(step.acceleration - still, [[0.0, 2.0 * 0.3 * 2.25]], atol=1e-12)

@@ -26,13 +26,3 @@ def test_the_force_is_limited_and_points_out_of_a_disc_that_was_entered() -> Non
     push = accelerations("potential-field", inside, DISCS) - accelerations("potential-field", inside)
     assert push[0, 0] > 2.0
     assert push[0, 1] > 1.0
-
-
-def test_two_uavs_push_each_other_apart_with_the_same_force() -> None:
-    states = np.array([[50.0, 50.0, 0, 0], [50.8, 50.0, 0, 0]])
-    rho = 0.8 - 0.35
-    assert (np.hypot(*accelerations("potential-field", states).T) <= 6.0 + 1e-9).all()
-    weak = "controller.eta_m3_s2=0.01"
-    push = accelerations("potential-field", states, weak) - accelerations("cruise", states)
-    force = 0.01 * (1.0 / rho - 1.0 / 2.0) / rho**2
-    np.testing.assert_allclose(push, [[-force, 0.0], [force, 0.0]], rtol=1e-9, atol=1e-12)

@@ -20,9 +20,6 @@ def ways(maps: np.ndarray, start: np.ndarray = START) -> tuple[np.ndarray, np.nd
     return ROUTER.ways(GRID, maps, np.repeat(GOAL, len(maps), axis=0), start)
 
 
-STILL = np.zeros((1, GRID.count, 2))
-
-
 def test_no_straight_way_at_any_offset_is_cheaper() -> None:
     maps = np.random.default_rng(0).standard_normal((1, GRID.count, 2))
     offsets, _ = ways(maps)
@@ -46,15 +43,6 @@ def test_no_straight_way_at_any_offset_is_cheaper() -> None:
         other[-1] = 0.0
         if np.abs(np.diff(other)).max() <= 2 * ABREAST_M and np.abs(other).max() <= 30.0:
             assert best <= price(other) + 1e-9
-
-
-def test_in_still_air_the_way_is_straight_at_one_speed() -> None:
-    offsets, speeds = ways(STILL)
-    assert (offsets == 0).all()
-    assert (speeds[0] == FARE.best(np.zeros(1), np.zeros(1))[1][0]).all()
-    place, speed = ROUTER.ahead(offsets, speeds, np.array([[50.0, 4.0]]), 6.0)
-    assert place[0] == pytest.approx([44.0, 0.0])
-    assert speed[0] == speeds[0, 9]
 
 
 def test_a_metre_costs_the_power_of_the_vehicle_at_the_cheapest_speed() -> None:

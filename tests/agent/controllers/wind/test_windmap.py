@@ -58,17 +58,6 @@ def test_a_measurement_counts_by_its_noise() -> None:
     assert ticks == pytest.approx(99 / deviation**2)
 
 
-def test_nothing_is_measured_on_the_ground() -> None:
-    controller = made("measurements")
-    memory = controller.init(np.arange(25), mission.starts(controller.scenario))
-    plan = mission.starts(controller.scenario)
-    for tick in range(50):
-        step = controller.step(memory, tick, plan, ())
-        memory = step.memory
-        assert all((broadcast.rows < 5).all() for broadcast in step.broadcasts)
-    assert (memory["information"][5:] == 0).all()
-
-
 def test_measurements_of_others_count_as_own_and_absurd_ones_do_not() -> None:
     controller = made("measurements")
     memory = controller.init(np.arange(3), mission.starts(controller.scenario))
