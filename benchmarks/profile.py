@@ -61,8 +61,11 @@ WORLD: list[Part] = [
     ("meanflock.groundstation.launch.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
-    ("meanflock.worldsim.flight:Flight.advance", "flight: wind, hash, records"),
-    ("meanflock.worldsim.vehicles.base:Physics.__call__", "flight: motion, energy"),
+    ("meanflock.worldsim.flight:Flight.advance", "flight: arrivals, events"),
+    ("meanflock.worldsim.vehicles.base:Physics.step", "flight: motion"),
+    ("meanflock.worldsim.books:Noise.next", "flight: wind"),
+    ("meanflock.worldsim.books:Books.add", "flight: books"),
+    ("meanflock.worldsim.books:Books.settle", "flight: books"),
     ("meanflock.worldsim.flight:pairs", "flight: close pairs"),
 ]
 MEMORY_BUS: list[Part] = [("meanflock.swarm.net.bus:MemoryBus.put", "bus: put")]

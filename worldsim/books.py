@@ -34,14 +34,14 @@ def block_ticks(uavs: int) -> int:
 class Books:
     """Sums over the ticks of a flight. `add` enters a tick, and `settle` adds all entered ticks to the sums.
 
-    Attributes, all of them settled:
+    Attributes, of the settled ticks:
         energy: (N,), J since take-off.
         distance: (N,), m flown until arrival.
         effort: (N,), sum of ‖a‖² over the ticks until arrival, m²/s⁴.
         speed_sum: (N,), sum of the speeds on the way, m/s.
         ticks_on_way: (N,), number of ticks on the way.
         speed_max: largest speed of a UAV on the way, m/s.
-        energies: (k, N) energies after each of the last ticks; the owner empties the list.
+        energies: arrays (k, N) of the energies after each tick; the owner empties the list.
     """
 
     def __init__(self, scenario: Scenario, physics: Physics, states: state.States) -> None:
@@ -106,25 +106,26 @@ class Books:
         """
         if not self._states:
             return
-        states, hidden, commands, felt = self._states, self._hidden, self._commands, self._felt
-        self._states, self._hidden, self._commands, self._felt = [], [], [], []
-        rows = np.concatenate(states)  # (k·N, 4)
-        self._hash.update(rows.astype(_HASHED, copy=False).data)
-        shape = len(states), len(self.energy)
-        before = {name: np.concatenate([each[name] for each in hidden]) for name in hidden[0]}
-        power = self._physics.power(rows, before, np.concatenate(felt), shape[1]).reshape(shape)
+        shape = len(self._states), len(self.energy)  # ticks, UAVs
+        states = np.concatenate(self._states)  # rows of all UAVs, tick by tick, like those of all that follow
+        hidden = {name: np.concatenate([each[name] for each in self._hidden]) for name in self._hidden[0]}
+        commands = np.concatenate(self._commands)
+        felt = np.concatenate(self._felt)
+        for block in (self._states, self._hidden, self._commands, self._felt):
+            block.clear()
+        self._hash.update(states.astype(_HASHED, copy=False).data)
+        power = self._physics.power(states, hidden, felt, shape[1]).reshape(shape)
         if self._waiting is not None:
             power = np.where(self._waiting, 0.0, power)
         energies = sums(self.energy, power * self._dt)
         self.energy = energies[-1]
         self.energies.append(energies)
-        speed = state.speed(rows).reshape(shape) * self._on_way
+        speed = state.speed(states).reshape(shape) * self._on_way
         self.speed_max = max(self.speed_max, float(np.maximum.reduce(speed, axis=None)))
         self.speed_sum = sums(self.speed_sum, speed)[-1]
         self.distance = sums(self.distance, speed * self._dt)[-1]
         self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
-        squared = np.concatenate(commands)
-        squared *= squared
+        squared = commands * commands
         self.effort = sums(self.effort, (squared[:, 0] + squared[:, 1]).reshape(shape) * self._on_way)[-1]
 
     def snapshot(self) -> dict[str, Any]:
