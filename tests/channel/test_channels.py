@@ -1,12 +1,11 @@
-"""Channels as plug-ins: a channel of a file carries frames, and a wrong one ends the run with its mistake."""
+"""Channels as plug-ins: a channel of a user carries frames, and a wrong one ends the run with its mistake."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from meanflock.channel.base import Channel
 from meanflock.channel.medium import Medium
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
@@ -14,46 +13,25 @@ from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.channel.frames import line
+from tests.testing.good import changed, failing
 
-DISK = '''
-import numpy as np
-from meanflock.channel.base import Channel
 
 class Disk(Channel):
     """Everything gets through within a radius, in one slot; beyond it nothing does, in two."""
 
     name = "disk"
 
-    class Options(Channel.Options, frozen=True, kw_only=True):
-        radius_m: float = 2.5
-
-    def __init__(self, options, scenario):
-        self.radius_m = options.radius_m
-
-    def transmit(self, distance_m, bits, rng):
-        near = distance_m <= self.radius_m
+    def transmit(self, distance_m: Any, bits: int, rng: np.random.Generator) -> tuple[Any, Any]:
+        near = distance_m <= 2.5
         return np.where(near, 1, 2), near
-'''
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Callable[..., None]:
-    """Registers the disk, a part of its source replaced."""
-
-    def make(old: str = "", new: str = "") -> None:
-        assert old in DISK
-        (path := tmp_path / "disk.py").write_text(DISK.replace(old, new) if old else DISK)
-        plugins.load_file(path)
-
-    return make
 
 
 def scenario(*settings: str, **options: Any) -> Scenario:
     return load(None, ["uavs=5", *settings], **options)
 
 
-def test_a_channel_of_a_file_carries_frames_without_a_closed_form(disk: Callable[..., None]) -> None:
-    disk()
+def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
+    plugins.register(Disk)
     medium = Medium(scenario("radio.model=disk"))
     sent = [Frames(FrameKind.STATE, 0, np.arange(5, dtype=np.int32), np.ones((5, 4), dtype=np.float32))]
     records = medium.send(3, sent, line(0, 2, 4, 6, 50))
@@ -72,8 +50,8 @@ def test_a_channel_of_a_file_carries_frames_without_a_closed_form(disk: Callable
 
 
 @pytest.mark.parametrize(("model", "unknown"), [("disk", True), ("ideal", False), ("rice", False)])
-def test_a_summary_has_the_closed_forms_there_are(disk: Callable[..., None], model: str, unknown: bool) -> None:
-    disk()
+def test_a_summary_has_the_closed_forms_there_are(model: str, unknown: bool) -> None:
+    plugins.register(Disk)
     radio = Engine(scenario(f"radio.model={model}", "duration=2", method="hjb"), "forms").complete()["radio"]
     assert radio["sent"] > 0
     for name in ("outage_rate_theory", "latency_slots_mean_theory"):
@@ -83,24 +61,26 @@ def test_a_summary_has_the_closed_forms_there_are(disk: Callable[..., None], mod
         assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
 
 
-ANSWER = "np.where(near, 1, 2), near"
+def answering(slots: Any = lambda slots: slots, delivered: Any = lambda delivered: delivered) -> Any:
+    return changed(Disk, "transmit", lambda _, answer, *__: (slots(answer[0]), delivered(answer[1])))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "expected"),
+    ("channel", "expected"),
     [
-        (ANSWER, "np.where(near, 1, 2)[1:], near", r"slots: int64 \(19,\), expected int64 \(20,\)"),
-        (ANSWER, "np.where(near, 0, 2), near", "slots from 0 to 2"),
-        (ANSWER, "np.where(near, 1, 2), near * 1", "delivered: int64"),
-        (ANSWER, "near", "failed: TypeError: `transmit` returns a ndarray"),
-        ("        near =", "        raise SystemExit(3)\n        near =", r"SystemExit: 3 \(\w+.py, line \d+\)"),
-        ("class Options", "expected = lambda self, *given: 'many'\n\n    class Options", "`expected` returns 'many'"),
+        (answering(lambda slots: slots[1:]), r"slots: int64 \(19,\), expected int64 \(20,\)"),
+        (answering(lambda slots: np.where(slots == 1, 0, 2)), "slots from 0 to 2"),
+        (answering(delivered=lambda delivered: delivered * 1), "delivered: int64"),
+        (
+            changed(Disk, "transmit", lambda _, answer, *__: answer[1]),
+            "failed: TypeError: `transmit` returns a ndarray",
+        ),
+        (failing(Disk, "transmit", SystemExit(3)), r"SystemExit: 3 \(\w+.py, line \d+\)"),
+        (type("Wrong", (Disk,), {"expected": lambda *_: "many"}), "`expected` returns 'many'"),
     ],
 )
-def test_a_wrong_channel_ends_the_run_with_its_mistake(
-    disk: Callable[..., None], old: str, new: str, expected: str
-) -> None:
-    disk(old, new)
+def test_a_wrong_channel_ends_the_run_with_its_mistake(channel: type, expected: str) -> None:
+    plugins.register(channel)
     engine = Engine(scenario("radio.model=disk", "duration=2", method="hjb"), "wrong")
     with pytest.raises(RunFailed, match=f"channel 'disk': .*{expected}"):
         engine.complete()

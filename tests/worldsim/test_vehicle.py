@@ -1,6 +1,6 @@
 """Vehicles of users: they fly and resume, and a wrong one ends the run with its mistake; the limit of acceleration."""
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,66 +9,33 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.vehicles.base import Hidden
+from tests.testing.good import GoodVehicle, changed, failing, writing
 
-GLIDER = '''
-import msgspec
-import numpy as np
-from meanflock.worldsim.vehicles.base import Vehicle
 
-class Glider(Vehicle):
-    """Its battery drains, and an empty one does not accelerate."""
+class Glider(GoodVehicle):
+    """Counts its ticks beside its thrust."""
 
     name = "glider"
 
-    class Options(Vehicle.Options, frozen=True, kw_only=True):
-        charge_J: float = 1.0
+    def init(self, uavs: int) -> Hidden:
+        return super().init(uavs) | {"flown": np.zeros((uavs, 2), dtype=np.int32)}
 
-    def __init__(self, options, scenario):
-        self.charge_J, self.dt = options.charge_J, scenario.dt
-
-    def init(self, uavs):
-        return {"charge_J": np.full(uavs, self.charge_J), "flown": np.zeros((uavs, 2), dtype=np.int32)}
-
-    def step(self, states, hidden, acceleration, noise):
-        asked = np.where(hidden["charge_J"][:, None] > 0, acceleration, 0.0)
-        velocity = states[:, 2:] + self.dt * asked + 0.01 * noise
-        spent = self.dt * (asked * asked).sum(axis=-1)
-        hidden = {"charge_J": hidden["charge_J"] - spent, "flown": hidden["flown"] + 1}
-        return np.concatenate([states[:, :2] + self.dt * velocity, velocity], axis=-1), hidden
-
-    def power(self, states, hidden, acceleration):
-        return np.abs(acceleration).sum(axis=-1)
-'''
+    def step(self, states: Any, hidden: Hidden, acceleration: Any, noise: Any) -> tuple[Any, Hidden]:
+        moved, after = super().step(states, hidden, acceleration, noise)
+        return moved, after | {"flown": hidden["flown"] + 1}
 
 
-@pytest.fixture
-def glider(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Registers the glider, its source changed as told."""
-    monkeypatch.setattr(registry, "registered", {})
-
-    def make(*changes: tuple[str, str]) -> None:
-        text = GLIDER
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / "glider.py"
-        path.write_text(text)
-        plugins.load_file(path)
-
-    return make
-
-
-def scenario(*settings: str) -> Scenario:
+def scenario(*settings: str, vehicle: type = Glider) -> Scenario:
+    plugins.register(vehicle)
     return load(None, ["uavs=4", "vehicle.model=glider", *settings])
 
 
-def test_the_hidden_state_of_a_vehicle_of_a_file_goes_on_with_a_resumed_flight(glider) -> None:
-    glider()
-    flown = scenario("duration=25", 'stop="duration"', "vehicle.options.charge_J=0.5")
+def test_the_hidden_state_of_a_vehicle_goes_on_with_a_resumed_flight() -> None:
+    flown = scenario("duration=25", 'stop="duration"')
     engine = Engine(flown, "glide", sinks=[kept := Kept()])
     whole = engine.complete()
     assert (engine.world.flight.hidden["flown"] == 250).all()
@@ -84,8 +51,7 @@ def test_the_hidden_state_of_a_vehicle_of_a_file_goes_on_with_a_resumed_flight(g
         assert summary[name] == whole[name]
 
 
-def test_who_leaves_every_bound_is_put_back_with_what_it_hides(glider) -> None:
-    glider()
+def test_who_leaves_every_bound_is_put_back_with_what_it_hides() -> None:
     flight = Flight(scenario())
     flight.advance(np.zeros((4, 2)))
     before, asked = flight.states.copy(), np.zeros((4, 2))
@@ -98,42 +64,45 @@ def test_who_leaves_every_bound_is_put_back_with_what_it_hides(glider) -> None:
     assert np.isfinite(flight.energy).all()
 
 
-ENTRY = "        return np.concatenate("
+def stepping(states: Any = lambda states: states, hidden: Any = lambda hidden: hidden) -> type:
+    """A glider of which a step returns something else."""
+    return changed(Glider, "step", lambda _, answer, *__: (states(answer[0]), hidden(answer[1])))  # type: ignore[no-any-return]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("vehicle", "said"),
     [
-        ("asked * asked).sum(axis=-1)", "asked * asked).sum(axis=-1) / 0", r"charge_J'\] of UAV 0: .* not finite"),
-        ("0.01 * noise", "0.01 * noise + np.array([[0], [0], [np.nan], [0]])", "states of UAV 2"),
-        (ENTRY, "        velocity = velocity[:3]; states = states[:3]\n" + ENTRY, r"states: float64 \(3, 4\)"),
-        (", hidden\n\n", "\n\n", "`step` returns a ndarray"),
-        ('"flown": hidden["flown"] + 1}', "}", r"hidden has \['charge_J'\]"),
-        (ENTRY, "        states[0] = 0\n" + ENTRY, "ValueError: .*read-only"),
-        (ENTRY, "        raise SystemExit(3)\n" + ENTRY, r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
-        ("np.abs(acceleration).sum(axis=-1)", "np.abs(acceleration)", r"power: float64 \(120, 2\)"),
+        (
+            stepping(hidden=lambda hidden: hidden | {"thrust": hidden["thrust"] / 0}),
+            r"thrust'\] of UAV 0: .* not finite",
+        ),
+        (stepping(lambda states: states + [[0], [0], [np.nan], [0]]), "states of UAV 2"),
+        (stepping(lambda states: states[:3]), r"states: float64 \(3, 4\)"),
+        (changed(Glider, "step", lambda _, answer, *__: answer[0]), "`step` returns a ndarray"),
+        (stepping(hidden=lambda hidden: {"thrust": hidden["thrust"]}), r"hidden has \['thrust'\]"),
+        (writing(Glider, "step", 0), "ValueError: .*read-only"),
+        (failing(Glider, "step", SystemExit(3)), r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
+        (changed(Glider, "power", lambda _, answer, *__: answer[:, None]), r"power: float64 \(4, 1\)"),
     ],
 )
-def test_a_wrong_vehicle_ends_the_run_with_its_mistake(glider, old: str, new: str, said: str) -> None:
-    glider((old, new))
-    engine = Engine(scenario("duration=3"), "wrong")
+def test_a_wrong_vehicle_ends_the_run_with_its_mistake(vehicle: type, said: str) -> None:
+    engine = Engine(scenario("duration=3", vehicle=vehicle), "wrong")
     with pytest.raises(RunFailed, match=f"vehicle 'glider': .*{said}"), np.errstate(all="ignore"):
         for _ in engine.fly():
             pass
 
 
 @pytest.mark.parametrize(
-    ("hidden", "said"),
+    ("init", "said"),
     [
-        ("np.full(3, self.charge_J)", r"hidden\['charge_J'\] has shape \(3,\)"),
-        ("self.charge_J", r"hidden\['charge_J'\] is a float"),
-        ("exit(3)", "`init` failed: SystemExit: 3"),
+        (lambda *_: {"charge_J": np.full(3, 1.0)}, r"hidden\['charge_J'\] has shape \(3,\)"),
+        (lambda *_: {"charge_J": 1.0}, r"hidden\['charge_J'\] is a float"),
+        (lambda *_: exit(3), "`init` failed: SystemExit: 3"),
     ],
 )
-def test_a_wrong_take_off_is_refused(glider, hidden: str, said: str) -> None:
-    glider(("np.full(uavs, self.charge_J)", hidden))
+def test_a_wrong_take_off_is_refused(init: Any, said: str) -> None:
     with pytest.raises(BadInput, match=f"vehicle 'glider': .*{said}"):
-        Flight(scenario())
+        Flight(scenario(vehicle=type("Wrong", (Glider,), {"init": init})))
 
 
 def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_counts_it() -> None:
