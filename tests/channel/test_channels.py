@@ -91,32 +91,3 @@ def test_an_unknown_channel_or_option_is_bad_input() -> None:
         Medium(scenario("radio.model=disk"))
     with pytest.raises(BadInput, match=r"radio\.options"):
         Medium(scenario("radio.options.radius_m=3.0"))
-
-
-def test_broadcasts_of_a_tick_keep_their_numbers_payloads_and_links() -> None:
-    """Of any dtype and width, by whoever speaks; the links of one are never those of another."""
-    medium, near, apart = Medium(scenario("radio.target_snr_db=60")), line(0, 1, 2, 3, 4), line(0, 1, 2, 130, 131)
-    everyone, some = np.arange(5, dtype=np.int32), np.array([1, 3], dtype=np.int32)
-    batches = [
-        Frames(FrameKind.STATE, 2, some, np.array([[7], [8]], dtype=np.uint8)),
-        Frames(FrameKind.STATE, 0, everyone, np.ones((5, 4), dtype=np.float32)),
-        Frames(FrameKind.STATE, 1, everyone, np.arange(15, dtype=np.int16).reshape(5, 3)),
-    ]
-    for tick, states in enumerate([near, apart, near]):
-        reach = np.abs(states[:, None, 0] - states[None, :, 0]) <= 100
-        np.fill_diagonal(reach, False)
-        records = medium.send(tick, batches, states)
-        used = [[s, t] for batch in sorted(batches, key=lambda b: b.round) for s in batch.source for t in range(5)]
-        assert records[:, 1:3].tolist() == [[s, t] for s, t in used if reach[s, t]]
-        due = {batch.round: batch for batch in medium.due(tick + 1)}
-        assert list(due) == [0, 1, 2]
-        for batch in batches:
-            came = due[batch.round]
-            assert came.links is not None
-            assert came.payload is batch.payload
-            assert sorted((int(batch.source[row]), int(to)) for row, to in came.links) == [
-                (int(s), t) for s in batch.source for t in range(5) if reach[s, t]
-            ]
-    total = medium.meter.traffic[FrameKind.STATE]
-    assert total.payload_bits == 3 * (5 * 4 * 32 + 5 * 3 * 16 + 2 * 8)
-    assert total.transmissions == 3 * 12

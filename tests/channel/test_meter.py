@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from meanflock.channel.medium import Medium
-from meanflock.channel.meter import Meter
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
@@ -47,23 +46,6 @@ def test_a_transmission_costs_its_floats_and_every_copy_is_delivered_or_in_outag
         on_air = bill["payload_bits"] - (UAVS * 128 if name == "state" else 0)  # the plan came with the Welcome
         assert bill["wire_bytes"] * 8 >= on_air
         assert (bill["airtime_s"] > 0) == (on_air > 0)
-
-
-def test_the_figures_are_the_totals_of_the_bill_and_survive_a_snapshot() -> None:
-    medium = Medium(scenario("method=mfgfl-hf", "federation.clusters=2", "radio.target_snr_db=77"))
-    states = line(*range(UAVS))
-    medium.meter.initial(128)
-    kinds = [FrameKind.UPLOAD, FrameKind.STATE, FrameKind.GLOBAL, FrameKind.RELAY, FrameKind.STATE]
-    for tick, kind in enumerate(kinds):
-        medium.send(tick, [frames(kind, [tick % 3 + 1], 4 + tick)], states)
-        shown = (FrameKind.UPLOAD, FrameKind.RELAY, FrameKind.GLOBAL, FrameKind.STATE)
-        bills = [medium.meter.traffic[kind] for kind in shown]
-        totals = [sum(getattr(bill, name) for bill in bills) for name in ("delivered", "outages", "airtime_s")]
-        assert medium.meter.figures() == pytest.approx((*(bill.payload_bits for bill in bills), *totals))
-        again = Meter(medium.meter.radio, UAVS)
-        again.restore(medium.meter.snapshot())
-        assert again.figures() == medium.meter.figures() == medium.meter.figures()
-    assert len({*medium.meter.figures()[:4]}) == 4
 
 
 def test_the_bill_is_that_of_the_links_that_were_used() -> None:

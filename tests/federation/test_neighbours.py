@@ -7,7 +7,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.federation.exchange import Exchange
-from meanflock.federation.rules.base import State, Uploads
 from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
@@ -199,26 +198,3 @@ def test_a_scenario_that_cannot_do_so_is_refused(settings: tuple[str, ...], expe
 def test_a_method_without_rounds_has_no_neighbours() -> None:
     with pytest.raises(BadInput, match="`method` plan has no rounds"):
         scenario(6, method="plan")
-
-
-def test_a_state_of_the_rule_is_a_row_for_each_uav() -> None:
-    class Counts(mf.Aggregator):
-        name = "counts"
-
-        def init(self, parameters: int) -> State:
-            return {"rounds": np.zeros(1)}
-
-        def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray | None]:
-            seen = state["rounds"] + len(uploads.models)
-            return {"rounds": seen}, uploads.models.mean(axis=0) if seen[0] > 2 else None
-
-    mf.register(Counts)
-    of = scenario(3, *DOUBLES, "federation.aggregation=counts")
-    models, exchange = drawn(of), Exchange(of.hops[-1], of, np.arange(3), [])
-    exchange.remember(1, np.arange(3), models)
-    links = np.array([[0, 1], [0, 2], [1, 2]], dtype=np.int32)
-    exchange.collect(Frames(FrameKind.UPLOAD, 1, np.array([0, 1], dtype=np.int32), models[:2], links))
-    rows, averages, _ = exchange.average(1, np.ones(3, dtype=bool))
-    assert rows.tolist() == [2]  # the others wait for more
-    np.testing.assert_allclose(averages[0], models.mean(axis=0))
-    assert exchange.state()["meanflock.rule.rounds"].ravel().tolist() == [0.0, 2.0, 3.0]

@@ -1,6 +1,7 @@
 """Plug-ins that raise in any method end a command with one error; plug-ins that print disturb no output."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -59,7 +60,7 @@ BEFORE_TAKE_OFF = ("import", "Options.__post_init__", *(f"Pilot.{name}" for name
 BEFORE_TAKE_OFF += ("Rule.init", "Craft.init")
 IN_FLIGHT = ("Pilot.step", "Shield.admit", "Air.transmit", "Air.expected", "Craft.step", "Craft.power")
 A_ROUND = ("Rule.step",)  # costs that round and no more
-FLIGHT = ("--plugin", "mine.py", "--method", "pilot", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
+FLIGHT = ("--plugin", "mine.py", "--method", "pilot", "--uavs", "2", "--duration", "1", "--quiet", "--out", "runs")
 SETTINGS = ("filter.kind=shield", "federation.aggregation=rule", "radio.model=air", "vehicle.model=craft")
 
 
@@ -76,6 +77,8 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
         errors = [line for line in told.splitlines() if line.startswith("error: ")]
         assert (method, left, len(errors)) == (method, code, int(code != EXIT_DONE)), told
         assert "Traceback" not in told
+        assert method not in BEFORE_TAKE_OFF or not (tmp_path / "runs").exists()
+        shutil.rmtree(tmp_path / "runs", ignore_errors=True)
         assert code == EXIT_DONE or raised.partition("(")[0] in errors[0]
 
 

@@ -1,7 +1,6 @@
 """Plug-ins, of packages and of files: which are found, which are refused; and the network can name one, but no file."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
-from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import client
 from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
-from tests.polling import DEADLINE_S
 
 GOOD = """
 from meanflock.agent.controllers.base import Controller, Step
@@ -225,27 +223,3 @@ def test_options_that_do_not_fit_are_named_with_how_to_list_them(setting: str, e
     plugins.load_file(Path(__file__).parents[2] / "examples" / "spring.py")
     with pytest.raises(BadInput, match=f"{expected}.*`meanflock scenario schema --method spring` lists the options"):
         load(None, [setting], method="spring").declared  # noqa: B018
-
-
-FAILS_IN_INIT = GOOD.replace("return {}", "return {} if 1 not in uavs else 1 / 0")
-
-
-@pytest.mark.parametrize(
-    ("text", "flags", "expected"),
-    [
-        (GOOD.replace("return {}", "1 / 0"), ["--in-process"], "failed in `init` with UAV 0: ZeroDivisionError"),
-        pytest.param(FAILS_IN_INIT, [], "failed in `init` with UAV 1: ZeroDivisionError", marks=pytest.mark.processes),
-        (GOOD, ["--in-process", "--set", "vehicle.options.mass=2"], "vehicle.options: there is no key `mass`"),
-    ],
-)
-def test_a_plugin_that_cannot_begin_ends_the_command_with_one_line_and_leaves_no_folder(
-    text: str, flags: list[str], expected: str, tmp_path: Path
-) -> None:
-    command = [str(Path(sys.executable).with_name("meanflock")), "run", "--quiet", "--method", "mine", *flags]
-    command += ["--plugin", str(written(tmp_path, text)), "--set", "uavs=2", "--out", str(tmp_path / "runs")]
-    ended = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=DEADLINE_S)
-    assert ended.returncode == EXIT_BAD_INPUT, ended.stderr
-    (line,) = ended.stderr.splitlines()
-    assert line.startswith("error: ")
-    assert expected in line
-    assert not (tmp_path / "runs").exists()

@@ -13,8 +13,8 @@ from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
 from tests.swarm.backends import Backend
-from tests.swarm.examples import arrays_in, same
-from tests.swarm.ticks import QUICK, acts, as_documented, batches, read, senses, written
+from tests.swarm.examples import arrays_in, read, same, written
+from tests.swarm.ticks import QUICK, acts, as_documented, batches, senses
 
 pytestmark = pytest.mark.usefixtures("backend")  # all of this holds for every form
 

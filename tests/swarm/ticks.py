@@ -8,8 +8,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from meanflock.kernels.wire import ACT, DTYPES, SENSE
-from meanflock.swarm.wire import tick
+from meanflock.kernels.wire import DTYPES, SENSE
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
 QUICK = settings(
@@ -67,15 +66,6 @@ def acts(draw: st.DrawFn) -> Act:
         memory=draw(st.binary(max_size=40)),
         outbox=draw(few),
     )
-
-
-def written(message: Sense | Act) -> bytes:
-    return tick.write_sense(message) if isinstance(message, Sense) else tick.write_act(message)
-
-
-def read(raw: bytes) -> Sense | Act:
-    """Whichever it says it is, as both receivers would take it."""
-    return tick.read_act(raw) if raw[1:2] == bytes([ACT]) else tick.read_sense(raw)
 
 
 def array_of(dtype: str, raw: bytes, *shape: int) -> np.ndarray:

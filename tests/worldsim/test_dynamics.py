@@ -57,34 +57,3 @@ def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[s
         assert (error < 4).all(), (name, error)
     across = np.corrcoef(end[:, state.VX], end[:, state.VY])[0, 1]
     assert abs(across) < 4 / math.sqrt(ROWS)
-
-
-def test_the_integrator_converges_strongly_with_order_one() -> None:
-    """Against the exact solution on the same Wiener path; the noise is additive, so Euler–Maruyama has order one."""
-    c, sigma, mean, total, rows = 0.5, 0.8, np.array([1.0, -1.0]), 4.0, 400
-    finest = 2**9
-    h = total / finest
-    draw = np.random.default_rng(4)
-    # (ΔW, ∫e^{−c(h−u)}dW) over a fine step are jointly Gaussian.
-    decay = math.exp(-c * h)
-    covariance = np.array([[h, (1 - decay) / c], [(1 - decay) / c, (1 - decay**2) / (2 * c)]])
-    path = draw.standard_normal((finest, rows, 2, 2)) @ np.linalg.cholesky(covariance).T
-    increments, filtered = path[..., 0], path[..., 1]
-    exact = np.tile([0.0, 0.0, 3.0, 2.0], (rows, 1))
-    for k in range(finest):
-        velocity = exact[:, state.VELOCITY]
-        drift = mean * h + (velocity - mean) * (1 - decay) / c
-        exact[:, state.POSITION] += drift + sigma * (increments[k] - filtered[k]) / c
-        exact[:, state.VELOCITY] = mean + decay * (velocity - mean) + sigma * filtered[k]
-    steps = 2 ** np.arange(3, 8)
-    errors = []
-    for n in steps:
-        dt = total / n
-        flown = scenario(dt=dt, sigma=sigma, drag=c, mean=(1.0, -1.0))
-        coarse = increments.reshape(n, finest // n, rows, 2).sum(axis=1)
-        states = np.tile([0.0, 0.0, 3.0, 2.0], (rows, 1))
-        for k in range(n):
-            states = moved_by(flown, states, np.zeros((rows, 2)), coarse[k] / math.sqrt(dt))
-        errors.append(np.sqrt(((states - exact) ** 2).mean(axis=0)))
-    orders = -np.polyfit(np.log(steps), np.log(np.array(errors)), 1)[0]
-    assert (np.abs(orders - 1) < 0.12).all(), orders

@@ -60,22 +60,6 @@ def test_by_default_some_slow_replies_lose_no_node() -> None:
     assert summary["trajectory_sha256"] == fly(lambda tick, node: PROMPT_S)["trajectory_sha256"]
 
 
-@pytest.mark.parametrize(
-    "delay_s",
-    [
-        lambda tick, node: JUST_IN_TIME_S,
-        lambda tick, node: JUST_IN_TIME_S if node == "agent-1" else JUST_IN_TIME_S / 9,
-        lambda tick, node: 1.9 if node == "agent-1" else PROMPT_S,
-        lambda tick, node: JUST_IN_TIME_S if node == f"agent-{tick % 3}" and tick < 15 else PROMPT_S,
-    ],
-    ids=["all are slow", "not so many times slower", "below the threshold", "in turns"],
-)
-def test_a_node_that_is_slow_with_others_or_seldom_is_not_lost(delay_s: Callable[[int, str], float]) -> None:
-    summary = fly(delay_s, *SHORT)
-    assert summary["nodes_lost"] == 0
-    assert [kind for _, kind, _ in summary["told"]] in ([], ["slow"] * 3)
-
-
 @pytest.mark.parametrize(("stands_still_s", "lost"), [(60.0, 0), (0.0, 1)])
 def test_time_in_which_the_machine_stood_still_does_not_count_as_silence(stands_still_s: float, lost: int) -> None:
     flight = Flight(None, [ANY])
@@ -93,47 +77,52 @@ def test_time_in_which_the_machine_stood_still_does_not_count_as_silence(stands_
     assert flight.fly(silent)["nodes_lost"] == lost
 
 
-SIX = (1,) * 6
-ROUNDS = ("method=mfgfl-h", "federation.period=2", "pace.slow_ticks=1")
+def late(delay_s: float, other_s: float = PROMPT_S, *, node: str = "agent-1") -> Callable[[int, str], float]:
+    """One node is late in every tick."""
+    return lambda _, who: delay_s if who == node else other_s
 
 
-DELAYS: dict[str, tuple[Callable[[int, str], float], list[str]]] = {  # and the agents that are lost
-    "1.9 s": (lambda _, node: 1.9 if node == "agent-1" else PROMPT_S, ["agent-1"]),
-    "0.5 s": (lambda _, node: 0.5 if node == "agent-1" else PROMPT_S, ["agent-1"]),
+THREE, SIX = (1,) * 3, (1,) * 6
+MINUTE = ("duration=6",)
+ROUNDS = ("duration=6", "method=mfgfl-h", "federation.period=2")
+# When the nodes answer, the UAVs of each agent, settings, and the agents that are lost.
+DELAYS: dict[str, tuple[Callable[[int, str], float], Sequence[int], Sequence[str], list[str]]] = {
+    "all are slow": (lambda *_: JUST_IN_TIME_S, THREE, SHORT, []),
+    "not so many times slower": (late(JUST_IN_TIME_S, JUST_IN_TIME_S / 9), THREE, SHORT, []),
+    "below the threshold": (late(1.9), THREE, SHORT, []),
+    "slow in turns": (
+        lambda tick, node: JUST_IN_TIME_S if node == f"agent-{tick % 3}" and tick < 15 else PROMPT_S,
+        THREE,
+        SHORT,
+        [],
+    ),
+    "1.9 s": (late(1.9), SIX, MINUTE, ["agent-1"]),
+    "0.5 s": (late(0.5), SIX, MINUTE, ["agent-1"]),
     "two in turns": (
         lambda tick, node: 1.9 if node in ("agent-1", "agent-4") and tick % 2 == int(node[-1]) % 2 else PROMPT_S,
+        SIX,
+        MINUTE,
         ["agent-4", "agent-1"],
     ),
-    "12 s in a minute": (lambda _, node: 0.2 if node == "agent-1" else PROMPT_S, []),
-    "a hiccup": (lambda tick, node: JUST_IN_TIME_S if node == "agent-1" and tick == 9 else PROMPT_S, []),
-    "all in turns": (lambda tick, node: 1.9 if node == f"agent-{tick % 6}" else PROMPT_S, []),
-    "half as quick": (lambda _, node: 1.9 if node == "agent-1" else 1.0, []),
+    "12 s in a minute": (late(0.2), SIX, MINUTE, []),
+    "a hiccup": (lambda tick, node: late(JUST_IN_TIME_S)(tick, node) if tick == 9 else PROMPT_S, SIX, MINUTE, []),
+    "all in turns": (lambda tick, node: 1.9 if node == f"agent-{tick % 6}" else PROMPT_S, SIX, MINUTE, []),
+    "half as quick": (late(1.9, 1.0), SIX, MINUTE, []),
+    "the only agent": (late(5.0, 0.25, node="agent-0"), (6,), (*ROUNDS, "pace.slow_ticks=1"), []),
+    "five of six UAVs": (late(0.8, 0.04, node="agent-0"), (5, 1), MINUTE, []),
+    "the leader": (late(0.8, 0.04, node="leader"), THREE, ROUNDS, []),
 }
 
 
 @pytest.mark.parametrize("name", DELAYS)
 def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(name: str) -> None:
-    delay_s, lost = DELAYS[name]
-    summary = fly(delay_s, "duration=6", rows=SIX)
+    delay_s, rows, settings, lost = DELAYS[name]
+    summary = fly(delay_s, *settings, rows=rows)
     assert [text.partition(":")[0] for _, kind, text in summary["told"] if kind == "lost"] == lost
     if len(lost) == 1:
         assert summary["wall_time_s"] < 12.0 + 1.9 + 60 * 2 * PROMPT_S
         assert "s of the last 60 s for it alone" in summary["told"][-1][2]
-    assert summary["ticks"] == 60
-
-
-@pytest.mark.parametrize(
-    ("rows", "settings", "slow"),
-    [((6,), ROUNDS, ["agent-0"]), ((5, 1), (), ["agent-0"]), ((1, 1, 1), ROUNDS[:2], ["leader"])],
-    ids=["the only agent", "five of six UAVs", "the leader"],
-)
-def test_a_node_that_alone_has_the_work_of_a_swarm_is_not_lost(
-    rows: Sequence[int], settings: Sequence[str], slow: list[str]
-) -> None:
-    delay_s = 5.0 if rows == (6,) else 0.8
-    summary = fly(lambda tick, node: delay_s if node in slow else delay_s / 20, "duration=6", *settings, rows=rows)
-    assert summary["nodes_lost"] == 0
-    assert summary["wall_time_s"] > 25 * delay_s
+    assert summary["ticks"] == (20 if settings is SHORT else 60)
 
 
 class Nobody:

@@ -76,13 +76,13 @@ def stepping(states: Any = lambda states: states, hidden: Any = lambda hidden: h
             stepping(hidden=lambda hidden: hidden | {"thrust": hidden["thrust"] / 0}),
             r"thrust'\] of UAV 0: .* not finite",
         ),
-        (stepping(lambda states: states + [[0], [0], [np.nan], [0]]), "states of UAV 2"),
+        (stepping(lambda states: states * np.array([[1], [1], [np.nan], [1]])), "states of UAV 2"),
         (stepping(lambda states: states[:3]), r"states: float64 \(3, 4\)"),
         (changed(Glider, "step", lambda _, answer, *__: answer[0]), "`step` returns a ndarray"),
         (stepping(hidden=lambda hidden: {"thrust": hidden["thrust"]}), r"hidden has \['thrust'\]"),
         (writing(Glider, "step", 0), "ValueError: .*read-only"),
         (failing(Glider, "step", SystemExit(3)), r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
-        (changed(Glider, "power", lambda _, answer, *__: answer[:, None]), r"power: float64 \(4, 1\)"),
+        (changed(Glider, "power", lambda _, answer, *__: answer[:, None]), r"power: float64 \(120, 1\)"),
     ],
 )
 def test_a_wrong_vehicle_ends_the_run_with_its_mistake(vehicle: type, said: str) -> None:

@@ -51,14 +51,6 @@ def test_the_field_has_no_divergence() -> None:
         assert (right[0] - left[0] + up[1] - down[1]) / (2 * h) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_uav_is_carried_by_the_wind_where_it_is() -> None:
-    flown = load(None, [*FIELD, "wind.sigma=0", "wind.drag=1.9"])
-    vehicle, wind = PointMass(PointMass.Options(), flown), MeanWind(flown)
-    states = np.concatenate([np.random.default_rng(1).uniform(-200, 200, (5, 2)), np.ones((5, 2))], axis=-1)
-    moved, _ = vehicle.step(states, {}, np.zeros((5, 2)), np.zeros((5, 2)))
-    np.testing.assert_allclose(moved[:, 2:], 1.0 - 0.1 * 1.9 * (1.0 - wind(states)), rtol=1e-12)
-
-
 def test_power_by_airspeed_is_that_of_the_speed_through_the_air() -> None:
     flown = load(None, [*FIELD, 'vehicle.power_speed="air"'])
     wind, states = MeanWind(flown), np.array([[10.0, 20.0, 3.0, -1.0], [-40.0, 5.0, 0.0, 0.0]])
