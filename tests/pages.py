@@ -5,6 +5,10 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import click
+
+from meanflock.groundstation.cli.command import cli
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -15,6 +19,18 @@ def script_of(page: str) -> ModuleType:
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
+
+
+def commands(command: click.Command = cli, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], click.Command]:
+    """All commands and groups of commands, by the words that call them."""
+    found = {path: command}
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            found |= commands(below, (*path, name))
+    return found
 
 
 def modules_of(page: Path) -> dict[str, str]:

@@ -3,17 +3,15 @@
 import json
 import re
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import page, peers, profile, scaling, store
+from benchmarks import page, profile, scaling, store
 from benchmarks.__main__ import PAGE
 from benchmarks.peer import environment
-from benchmarks.processes import BenchmarkFailed
 from tests.commands import printed
 
 ROOT = Path(__file__).parents[1]
@@ -79,19 +77,6 @@ def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
         assert 0.0 < peer.measure(10) < 1000.0
     assert peer._process.poll() is not None
     assert not Path(peer._folder.name).exists()
-
-
-def test_a_peer_that_cannot_be_timed_says_why(tmp_path: Path) -> None:
-    for race in peers.RACES:
-        assert any(pin.startswith(f"{race.peer}==") for pin in environment.pins(race.peer))
-        assert (environment.SCRIPTS / f"{race.script}.py").is_file()
-    with pytest.raises(BenchmarkFailed, match="--setup pyrvo"):
-        environment.Environment("pyrvo", tmp_path).start("pyrvo_orca", 5)
-    fails = "print('ERROR: no wheel'); raise SystemExit(1)"
-    with pytest.raises(BenchmarkFailed, match="ERROR: no wheel"):
-        environment.install([sys.executable, "-c", fails], tmp_path / "log", time.monotonic() + 60.0)
-    with pytest.raises(BenchmarkFailed, match="it ended: no wings"):
-        environment.Peer([sys.executable, "-c", "raise SystemExit('no wings')"], "peer 1")
 
 
 # -- scaling ------------------------------------------------------------------------------------------------------

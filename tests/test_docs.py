@@ -12,12 +12,12 @@ import click
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import cli, main
+from meanflock.groundstation.cli.command import main
 from meanflock.studies import communication, published, robustness
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.commands import printed
-from tests.pages import script_of
+from tests.pages import commands, script_of
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -28,11 +28,14 @@ PRIVATE = (
 )
 
 
-def commands(text: str) -> list[str]:
+VERBS = {" ".join(path): command for path, command in commands().items() if not isinstance(command, click.Group)}
+
+
+def lines(text: str) -> list[str]:
     """Lines that call meanflock, in boxes marked sh."""
     boxes = re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S)
-    lines = [line.split("#")[0].strip() for box in boxes for line in box.splitlines()]
-    return [line.removeprefix(".venv/bin/") for line in lines if re.match(r"(\.venv/bin/)?meanflock ", line)]
+    found = [line.split("#")[0].strip() for box in boxes for line in box.splitlines()]
+    return [line.removeprefix(".venv/bin/") for line in found if re.match(r"(\.venv/bin/)?meanflock ", line)]
 
 
 def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
@@ -58,19 +61,6 @@ def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
     return printed(sys.executable, "page.py", cwd=folder, env=env), "".join(f"{line}\n" for line in expected)
 
 
-def verbs(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
-    found: dict[str, click.Command] = {}
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            found |= verbs(command, f"{prefix}{name} ")
-        else:
-            found[prefix + name] = command
-    return found
-
-
 def test_every_controller_of_ours_is_described() -> None:
     text = (
         (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8").replace("`-f`, `-hf`", "`mfgfl-f`, `mfgfl-hf`")
@@ -80,7 +70,7 @@ def test_every_controller_of_ours_is_described() -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("line", commands(CLI))
+@pytest.mark.parametrize("line", lines(CLI))
 def test_every_command_of_the_reference_works(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(shlex.split(line)[1:]) == 0
@@ -98,15 +88,15 @@ def test_every_block_of_code_of_a_page_runs_and_prints_what_the_page_says(name: 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.stem not in EXECUTED], ids=lambda page: page.name)
 def test_every_command_of_every_other_page_is_one_that_exists(page: Path) -> None:
-    for line in commands(page.read_text(encoding="utf-8")):
+    for line in lines(page.read_text(encoding="utf-8")):
         words = shlex.split(line.replace("<id>", "id").split(">")[0].split("|")[0])[1:]
-        verb = next(v for v in sorted(verbs(cli), key=len, reverse=True) if words[: len(v.split())] == v.split())
+        verb = next(v for v in sorted(VERBS, key=len, reverse=True) if words[: len(v.split())] == v.split())
         arguments = words[len(verb.split()) :]
-        verbs(cli)[verb].make_context(verb, arguments, resilient_parsing=False)
+        VERBS[verb].make_context(verb, arguments, resilient_parsing=False)
 
 
 def test_every_verb_and_every_option_is_in_the_reference() -> None:
-    for verb, command in verbs(cli).items():
+    for verb, command in VERBS.items():
         assert f"meanflock {verb}" in CLI or f"`{verb}`" in CLI, verb
         for option in command.params:
             if isinstance(option, click.Option):

@@ -1,10 +1,8 @@
 """How the tests run: a test of processes that fails in a standstill is repeated, and groups stay together."""
 
-from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from xdist.scheduler import LoadGroupScheduling
 
 from tests.standstill import LOOK_S, NOTABLE_S, Standstill
 
@@ -48,21 +46,3 @@ def test_only_a_test_of_processes_in_a_standstill_is_repeated(pytester, monkeypa
     pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text())
     ran = pytester.runpytest_subprocess(pytester.makepyfile(FAIL_ONCE))
     assert ran.parseoutcomes() == {"passed": 1, "rerun": 1, "failed": 2}
-
-
-def test_the_scheduler_knows_every_group(request: pytest.FixtureRequest) -> None:
-    if not request.config.getoption("loadgroup", False):
-        pytest.skip("these tests are not spread over workers by group")
-    scopes: dict[str, set[str]] = defaultdict(set)
-    alone: list[str] = []
-    for item in request.session.items:
-        scope = LoadGroupScheduling._split_scope(None, item.nodeid)  # by the name alone
-        if (group := item.get_closest_marker("xdist_group")) is not None:
-            scopes[group.args[0]].add(scope)
-        elif item.get_closest_marker("processes") is None:
-            scopes[str(item.path)].add(scope)
-        else:
-            alone.append(scope)
-    assert [group for group, found in scopes.items() if len(found) > 1] == []
-    assert len(set.union(*scopes.values())) == len(scopes)
-    assert len({*alone}.union(*scopes.values())) == len(alone) + len(scopes)

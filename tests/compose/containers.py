@@ -125,10 +125,8 @@ class Compose:
         return lost
 
 
-LONG = "seed=7 duration=400 stop=duration"
-# These controllers never diverge, so only the test loses UAVs.
+# This controller never diverges, so only the test loses UAVs.
 ENDLESS = "seed=7 duration=100000 stop=duration method=fed-lspi"
-ENDLESS_ALONE = "seed=7 duration=100000 stop=duration method=plan"  # without a leader
 SHORT = ["seed=7", "duration=30", "federation.period=50"]
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.resume import Back
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.scenario import Scenario
 
@@ -19,10 +20,13 @@ class Died(Exception):
     """What ends a flight in the middle of these tests."""
 
 
-def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | None = None) -> dict[str, Any]:
-    """A run into a folder; where it dies, only what is on the disk is left."""
-    folder = RunFolder(out, "run", flown)
-    engine = Engine(flown, "run", sinks=[folder], uavs_per_node=rows)
+def flight(
+    out: Path, flown: Scenario, dies_at: int | None = None, rows: int | None = None, kept: Back | None = None
+) -> dict[str, Any]:
+    """A run into a folder, or on from what is `kept` in it; where it dies, only what is on the disk is left."""
+    past, start = (kept.past, kept.start) if kept is not None else (None, None)
+    folder = RunFolder(out, "run", flown, past)
+    engine = Engine(flown, "run", sinks=[folder], uavs_per_node=rows, resume=start)
     for tick in engine.fly():
         if tick == dies_at:
             folder._background.wait()  # a checkpoint is written beside the flight
@@ -35,9 +39,9 @@ def flight(out: Path, flown: Scenario, dies_at: int | None = None, rows: int | N
     return json.loads((folder.path / "summary.json").read_text())
 
 
-def dead(out: Path, flown: Scenario, at: int, rows: int | None = None) -> Path:
+def dead(out: Path, flown: Scenario, at: int, rows: int | None = None, kept: Back | None = None) -> Path:
     with pytest.raises(Died):
-        flight(out, flown, at, rows)
+        flight(out, flown, at, rows, kept)
     return out / "run"
 
 

@@ -40,15 +40,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
     flown = scenario(LATER)
     folder = dead(tmp_path / "dead", flown, 130)
     for dies_at in (240, 330):
-        going_on = back(folder)
-        again = RunFolder(folder.parent, "run", flown, going_on.past)
-        engine = Engine(flown, "run", sinks=[again], resume=going_on.start)
-        for tick in engine.fly():
-            if tick == dies_at:
-                break
-        again._background.wait()
-        again._spool = None  # type: ignore[assignment]
-        again._events.close()
+        dead(folder.parent, flown, dies_at, kept=back(folder))
     assert back(folder).start.tick == 301
     assert steady(resumed(folder)) == steady(undisturbed)
     assert pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist() == list(range(351))
@@ -63,8 +55,10 @@ def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undist
     os.truncate(spool, spool.stat().st_size - 1000)
     with (folder / "events.jsonl").open("a") as file:
         file.write('{"tick": 2')
+    (folder / f".{CHECKPOINT}.part").write_bytes((folder / CHECKPOINT).read_bytes()[:99])  # the next one
     assert resumed(folder)["trajectory_sha256"] == undisturbed["trajectory_sha256"]
     assert all(event["tick"] <= 350 for event in events(folder))
+    assert not list(folder.glob(".*"))
 
 
 def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[str, Any], tmp_path: Path) -> None:

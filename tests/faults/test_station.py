@@ -9,15 +9,15 @@ import pytest
 
 from meanflock import worldsim
 from meanflock.groundstation.__main__ import LATEST, _folder
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Station
-from meanflock.groundstation.results.run_folder import SUMMARY, RunFolder
+from meanflock.groundstation.results.run_folder import SUMMARY
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join, Welcome
 from tests.faults.conftest import RUN, Lab, scenario
+from tests.faults.dying import dead
 from tests.telemetry import Record
 
 OF_RUN = "compose"
@@ -127,25 +127,14 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
 # -- the folder of a station ----------------------------------------------------------------------------------------
 
 
-def killed(out: Path, name: str, at: int, seed: int = 3) -> Path:
-    flown = scenario("duration=35", f"seed={seed}")
-    folder = RunFolder(out, name, flown)
-    for tick in Engine(flown, "any", sinks=[folder]).fly():
-        if tick == at:
-            folder._background.wait()
-            folder._events.close()
-            break
-    return out / name
-
-
 def test_a_station_goes_on_in_no_folder_that_is_finished_or_of_another_scenario_or_empty(tmp_path: Path) -> None:
-    finished = killed(tmp_path, "compose-20260101-000000", 250)
+    finished = dead(tmp_path, LONG, 250).rename(tmp_path / "compose-20260101-000000")
     folder, so_far = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)
     assert (folder, so_far is None) == (finished, False)
     assert _folder(LATEST, tmp_path, OF_RUN, LONG, 50)[1] is None  # of a flight that has not come so far
     (finished / SUMMARY).write_text("{}")
     assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
-    killed(tmp_path, "compose-20260102-000000", 250, seed=4)
+    dead(tmp_path, scenario("duration=35", "seed=4"), 250).rename(tmp_path / "compose-20260102-000000")
     assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
     (tmp_path / "compose-20260103-000000").mkdir()
     assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None

@@ -1,7 +1,6 @@
 """Completion in a shell: what is offered for each kind of word, and that nothing that flies is imported for it."""
 
 import os
-import subprocess
 import sys
 
 import pytest
@@ -9,7 +8,7 @@ from click.shell_completion import BashComplete
 
 from meanflock.groundstation.cli.command import cli
 from meanflock.groundstation.cli.completion import VARIABLE
-from tests.polling import DEADLINE_S
+from tests.commands import ended
 
 HEAVY = {"numpy", "msgspec", "rich", "pyarrow", "psutil", "matplotlib", "zenoh", "meanflock.agent.controllers"}
 COMPLETED = f"""
@@ -57,7 +56,5 @@ def test_words_are_completed(line: str, offered: set[str], tmp_path, monkeypatch
 @pytest.mark.parametrize("line", ["meanflock run --method plan", "meanflock sweep uavs", "meanflock show r"])
 def test_a_completion_imports_nothing_that_flies(line: str, tmp_path) -> None:
     env = os.environ | {VARIABLE: "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
-    done = subprocess.run(
-        [sys.executable, "-c", COMPLETED], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=DEADLINE_S
-    )
+    done = ended(sys.executable, "-c", COMPLETED, cwd=tmp_path, env=env)
     assert (done.returncode, done.stderr, done.stdout.count("\n")) == (0, "\n", 1)

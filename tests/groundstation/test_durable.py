@@ -1,15 +1,11 @@
 """After any crash a file is the old or the new one, and no checkpoint is ahead of its rows."""
 
 import os
-import sys
 import threading
 from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import (
     CHECKPOINT,
     EVENTS,
@@ -18,7 +14,6 @@ from meanflock.groundstation.results.run_folder import (
     BackgroundWorker,
 )
 from meanflock.swarm import scenario as scenarios
-from tests.commands import printed
 from tests.faults.dying import flight
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
@@ -54,51 +49,6 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
         *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
         *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled
     ]
-
-
-KILLED = """
-import os, signal, sys
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.cli.command import main
-
-engine._CHECKPOINT_TICKS_AT_MOST = 100  # as in a swarm of processes
-
-def kill_at(last):
-    calls = 0
-    def counted(call):
-        def one(*arguments):
-            nonlocal calls
-            calls += 1
-            if calls == last:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return call(*arguments)
-        return one
-    os.fsync, os.replace = counted(os.fsync), counted(os.replace)
-
-for number, out in enumerate(sys.argv[1].split(":")):
-    if (child := os.fork()) == 0:
-        kill_at(int(sys.argv[2]) + number)
-        settings = [word for setting in sys.argv[3:] for word in ("--set", setting)]
-        main(["run", "--in-process", "--no-record", "--quiet", "--json", "--out", out, *settings])
-        os._exit(3)
-    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
-"""
-
-
-@pytest.mark.processes
-def test_a_run_killed_at_any_step_of_replacing_its_checkpoint_resumes_to_the_same_end(tmp_path: Path) -> None:
-    expected = Engine(scenarios.load(None, SETTINGS), "whole").complete()["trajectory_sha256"]
-    # Six calls make the folder and five the first checkpoint: these are all of the second's, and the next.
-    outs = [tmp_path / str(number) for number in range(6)]
-    printed(sys.executable, "-c", KILLED, ":".join(map(str, outs)), "12", *SETTINGS)
-    starts = []
-    for out in outs:
-        (folder,) = out.iterdir()
-        starts.append(back(folder).start.tick)
-        assert main(["resume", str(folder), "--in-process", "--no-record", "--quiet", "--json"]) == 0
-        assert f'"trajectory_sha256": "{expected}"' in (folder / SUMMARY).read_text()
-        assert sorted(path.name for path in folder.iterdir()) == [EVENTS, SCENARIO, SUMMARY, "timeseries.parquet"]
-    assert starts == [1, 1, 1, 1, 101, 101]
 
 
 @pytest.mark.parametrize("call", ["do", "wait", "close", "look"])

@@ -3,31 +3,20 @@
 import json
 import re
 import sys
-from collections.abc import Iterator
 
 import click
 import pytest
 
-from meanflock.groundstation.cli.command import cli
 from meanflock.swarm.errors import EXIT_DONE, MeanflockError
 from meanflock.swarm.toml import shipped
 from tests.commands import ended
 from tests.groundstation.conftest import QUICK
+from tests.pages import commands
 
 _COLUMNS = 80
 
 
-def _commands(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    yield path, command
-    if isinstance(command, click.Group):
-        context = click.Context(command)
-        for name in command.list_commands(context):
-            below = command.get_command(context, name)
-            assert below is not None
-            yield from _commands(below, (*path, name))
-
-
-COMMANDS = dict(_commands(cli))
+COMMANDS = commands()
 
 
 @pytest.fixture
@@ -68,9 +57,8 @@ def test_help_names_every_scenario_and_every_exit_code(told) -> None:
 def test_commands_are_listed_in_the_order_of_their_use_with_the_first_line_of_their_help(told) -> None:
     lines = re.findall(r"^  ([a-z]+)  +(.+)$", told(()).partition("Commands:\n")[2], re.MULTILINE)
     assert [name for name, _ in lines][:3] == ["run", "resume", "view"]
-    context = click.Context(cli)
-    commands = [(name, cli.get_command(context, name)) for name in cli.list_commands(context)]
-    assert lines == [(name, command and command.get_short_help_str(_COLUMNS)) for name, command in commands]
+    first = [(path[0], command) for path, command in COMMANDS.items() if len(path) == 1]
+    assert lines == [(name, command.get_short_help_str(_COLUMNS)) for name, command in first]
 
 
 LOADED = """

@@ -13,8 +13,8 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Event, Join, Refusal
+from tests.faults.conftest import RUN, scenario
 from tests.golden.flights import steady
-from tests.groundstation.flights import RUN, fly, scenario
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ from tests.groundstation.flights import RUN, fly, scenario
 )
 def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged) -> None:
     kept = Kept()
-    engine = Engine(scenario("mfg", "duration=3"), RUN, sinks=[kept], uavs_per_node=2)
+    engine = Engine(scenario("duration=3", method="mfg"), RUN, sinks=[kept], uavs_per_node=2)
     for tick in engine.fly():
         message = b"\xc1" if kind == "dropped" else control.encode(Event(tick, "failed", "again"))
         for _ in range(20):
@@ -41,21 +41,13 @@ JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Joi
 
 @pytest.mark.parametrize("join", [*JOINS, Join("leader", 0), Join("pirate", 1)])
 def test_a_join_without_a_free_place_is_refused_with_a_reason(join: Join) -> None:
-    engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
+    engine, replies = Engine(scenario("duration=2", method="mfg"), RUN), []
     key = keys.join(RUN, keys.requested_name(join.role, join.uav))
     engine.world.handle(Delivery("question", key, control.encode(join), replies.append))
     (answer,) = (control.decode(raw) for raw in replies)
     assert isinstance(answer, Refusal)
     assert answer.reason
     assert answer.for_now == ("its agent already" in answer.reason)  # that agent may be lost later
-
-
-def test_a_join_under_the_name_of_another_node_is_dropped_without_an_answer() -> None:
-    engine, replies = Engine(scenario("mfg", "duration=2"), RUN), []
-    for name, join in (("agent-1", Join("agent", 1, 2)), ("agent", Join("leader", 0)), ("x", Join("agent", 1))):
-        engine.world.handle(Delivery("question", keys.join(RUN, name), control.encode(join), replies.append))
-    assert not replies
-    assert engine.world.counters.drops == {"wrong-name": 3}
 
 
 SUFFIXES = (
@@ -68,8 +60,8 @@ HOSTILE_KEYS += [f"{keys.ROOT}/{RUN}{suffix}" for suffix in SUFFIXES]
 
 
 def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    flown = scenario("mfg", "duration=2")
-    honest, kept = fly(flown), Kept()
+    flown = scenario("duration=2", method="mfg")
+    honest, kept = Engine(flown, RUN).complete(), Kept()
     engine, replies = Engine(flown, RUN, sinks=[kept]), []
     question = control.encode(Join("agent", 1))
     for tick in engine.fly():

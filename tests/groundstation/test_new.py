@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import get_args
@@ -11,41 +10,32 @@ import pytest
 
 from meanflock.groundstation import scaffold
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 
 @pytest.fixture(scope="module")
 def backend(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the build backend, so that packages are built without an environment each."""
     folder = tmp_path_factory.mktemp("backend")
-    call([sys.executable, "-m", "pip", "install", "-q", "--target", folder, "setuptools>=77"], folder, folder)
+    printed(sys.executable, "-m", "pip", "install", "-q", "--target", folder, "setuptools>=77", cwd=folder)
     return folder
-
-
-def call(line: list[str | Path], cwd: Path, path: Path) -> str:
-    """Standard output of a command that must end well, with `path` as PYTHONPATH."""
-    env = os.environ | {"PYTHONPATH": str(path), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
-    ended = subprocess.run(list(map(str, line)), cwd=cwd, env=env, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    return ended.stdout
 
 
 @pytest.mark.processes
 @pytest.mark.xdist_group("packaging")
 @pytest.mark.parametrize("kind", get_args(scaffold.Kind))
-def test_a_new_package_installs_conforms_and_flies(kind: scaffold.Kind, run, tmp_path: Path, backend: Path) -> None:
+def test_a_new_package_installs_conforms_and_flies(kind: scaffold.Kind, run, tmp_path, backend, monkeypatch) -> None:
     code, out, _ = run("new", kind, "swirl_2")
     assert (code, "Next: pip install -e ./swirl_2" in out) == (EXIT_DONE, True)
     assert [line for line in out.splitlines() if line.startswith("swirl_2/") and not (tmp_path / line).is_file()] == []
     site = tmp_path / "site"
-    install = ["-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", site, "./swirl_2"]
-    call([sys.executable, *install], tmp_path, backend)
-    assert "2 passed" in call(
-        [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "swirl_2"], tmp_path, site
-    )
-    flight = scaffold.flight(kind, "swirl_2").split()
-    line = [Path(sys.executable).parent / flight[0], *flight[1:], "--json", "--quiet", "--no-record"]
-    summary = json.loads(call([*line, "--uavs", "4", "--duration", "25"], tmp_path, site))
+    install = ("-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", site, "./swirl_2")
+    printed(sys.executable, *install, env=os.environ | {"PYTHONPATH": str(backend)})
+    monkeypatch.setenv("PYTHONPATH", str(site))
+    assert "2 passed" in printed(sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "swirl_2")
+    command, *flight = scaffold.flight(kind, "swirl_2").split()
+    short = ("--json", "--quiet", "--no-record", "--uavs", "4", "--duration", "25")
+    summary = json.loads(printed(Path(sys.executable).with_name(command), *flight, *short))
     assert (summary["uavs"], summary["lost"], summary["collisions_all"] >= 0) == (4, 0, True)
 
 

@@ -11,7 +11,7 @@ import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.studies import study
 from meanflock.studies.swept import Swept
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
 from reproduction import experiments
@@ -41,35 +41,6 @@ def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags
     assert column in out
     (label,) = [name for name in rows(tmp_path / "out/sweep.csv")[0] if name.startswith(column)][:1]
     assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
-        (("sweep", "seed=1,2", "--seeds", "2"), "leave out --seeds"),
-        (("sweep", "seed=1,2", "--seed", "2"), "leave out --seed"),
-        (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
-        (("sweep", "uavs=4,9", "--uavs", "2"), "leave out --uavs"),
-        (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
-        (("sweep", "wind.sigma=0.1,0.10"), "there twice"),
-        (("sweep", "wind.sigma=0.1"), "two values or more"),
-        (("sweep", "wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
-        (("sweep", "wind.sigma=0.1,0.2", "--out", "file"), "--out file"),
-        (("compare", "hjb", "--set", "method=mfg"), "leave out this --set"),
-        (("paper", "--out", "file"), "--out file"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else " ".join(value),
-)
-def test_wrong_arguments_are_rejected_before_anything_flies(run, tmp_path, monkeypatch, arguments, says) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setattr(study, "fly_all", lambda *_: pytest.fail("flown in vain"))
-    code, out, err = run(*arguments)
-    assert (code, out) == (EXIT_BAD_INPUT, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert says in err
-    assert not list(tmp_path.glob("out/*"))
 
 
 def test_values_are_words_numbers_lists_or_tables() -> None:

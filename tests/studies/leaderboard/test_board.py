@@ -10,11 +10,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import board, missions, rows
 from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE
+from tests.pages import script_of
 from tests.studies.leaderboard.conftest import QUICK, SMALL
 
 
@@ -84,3 +86,18 @@ def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_i
 def _file(folder: Path) -> Path:
     (folder / "near.toml").write_text(SMALL)
     return folder / "near.toml"
+
+
+def test_the_published_page_is_that_of_its_results_and_its_verdicts_follow_from_intervals() -> None:
+    script = script_of("leaderboard")
+    page = script.page(board.read(script.RESULTS))
+    assert script.PAGE.read_text(encoding="utf-8") == page, "run `python docs/leaderboard.py`"
+    ends = {
+        (0.02, 0.03): "confirmed",
+        (-0.03, -0.02): "refuted",
+        (-0.02, 0.02): "undecided",
+        (0.1, np.inf): "undecided",
+    }
+    assert {pair: script._verdict(Estimate(0.0, *pair, 9)) for pair in ends} == ends
+    gains = {(0.02, 0.03): "refuted", (-0.03, 0.005): "confirmed", (-0.02, 0.02): "undecided"}
+    assert {pair: script._no_gain([Estimate(0.0, *pair, 9)]) for pair in gains} == gains

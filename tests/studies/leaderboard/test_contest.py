@@ -1,6 +1,5 @@
 """Flights, means, failed flights and wrong arguments of leaderboards."""
 
-import os
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from meanflock.studies import study
 from meanflock.studies.leaderboard import board, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.errors import EXIT_DONE
 from tests.studies.leaderboard.conftest import QUICK
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -132,28 +131,6 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
     for text in (out, (tmp_path / "out/leaderboard.md").read_text()):
         for said in ("no more ideas", "not today", "broadcast_numbers"):
             assert said in text
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--missions", "mars"), "--missions mars: no such mission; there are paper"),
-        (("--controllers", "magic"), "--controllers magic: no such row or controller; rows are"),
-        (("--controllers", "cruise", "--missions"), "--missions: name one or more, or all"),
-        (("--policies", "shout"), "--policies shout: no such policy; there are tick, event, event-4, or all"),
-        (("--seeds", "0"), "--seeds"),
-        (("--backend", "ray"), "ray"),
-        (("--missions", "near.toml", "--controllers", "cruise", "--scheduler", "tcp://127.0.0.1:1"), "--backend dask"),
-        (("--plugin", "nobody.py"), "nobody.py: No such file"),
-        (("--missions", "near.toml", "--controllers", "cruise", "--out", "near.toml/out"), "--out near.toml/out"),
-    ],
-)
-def test_wrong_arguments_are_rejected_in_one_line(run, tmp_path, small, flags, says) -> None:
-    code, out, err = run("leaderboard", "--quiet", *flags)
-    assert (code, out, err.strip().count("\n")) == (EXIT_BAD_INPUT, "", 0)
-    assert err.startswith("error: ")
-    assert says in err
-    assert sorted(os.listdir(tmp_path)) == sorted(small)
 
 
 @pytest.mark.processes
