@@ -257,8 +257,15 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
     def raw(at: Floats) -> Floats:
         sums = np.empty(len(at))
         for start in range(0, len(at), rows):
-            z = (at[start : start + rows, None, :] - centres[None, :, :]) / bandwidth
-            sums[start : start + rows] = np.exp(-0.5 * (z * z).sum(axis=-1)).sum(axis=-1)
+            block = at[start : start + rows]
+            squared = np.zeros((len(block), len(centres)))
+            for axis, width in enumerate(bandwidth):  # one at a time: a sum over the last axis is slow
+                z = block[:, axis, None] - centres[:, axis]
+                z /= width
+                z *= z
+                squared += z
+            squared *= -0.5
+            sums[start : start + rows] = np.exp(squared, out=squared).sum(axis=-1)
         return sums
 
     return raw(points) / raw(centres).max()
