@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench peers fuzz soak robustness picture images up test-compose judges constraints clean stale
+.PHONY: help run test check format bench peers fuzz soak robustness picture docs images up test-compose judges constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -65,6 +65,9 @@ robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/rob
 picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python -m meanflock.studies.pictures
 
+docs: .docs/.ready ## Build the documentation as a web site, site/index.html, and check its links
+	@.docs/bin/python docs/website.py
+
 images: ## Build the container images (BASE_IMAGE=... for another Python image)
 	$(COMPOSE) build
 
@@ -91,7 +94,7 @@ constraints: ## Pin the newest versions within the ranges of pyproject.toml in c
 	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
 
 clean: ## Remove the environment, caches and build leftovers; runs/ stays
-	rm -rf $(VENV) .bench build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .bench .docs site build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # ---- set-up -----------------------------------------------------------------------------------------------------------
@@ -141,6 +144,12 @@ echo "$$(pwd -P)/$(VENV)/checkout" > "$$($(BIN)/python -c 'import sysconfig; pri
 $(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlink -f {} +); \
 pwd -P > $(VENV)/.home
 endef
+
+# What builds the site, at the version that the dependency group `docs` pins.
+.docs/.ready: pyproject.toml
+	@set -eu; $(find_python); $(call make_venv,.docs); \
+	.docs/bin/python -m pip install -qq $$(sed -n 's/^docs = \["\(zensical==[0-9.]*\)"\].*/\1/p' pyproject.toml)
+	@touch $@
 
 $(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch] */*/*.[ch]) $(STALE)
 	$(call install,ground)

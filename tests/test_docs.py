@@ -21,7 +21,14 @@ from tests.pages import commands, script_of
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-EXECUTED = ["first-flight", "your-controller", "your-aggregation", "flower"]  # whole, each in a folder of its own
+EXECUTED = [
+    "first-flight",
+    "your-controller",
+    "your-aggregation",
+    "your-channel",
+    "flower",
+    "containers",
+]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PRIVATE = (
     r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
@@ -121,6 +128,18 @@ def test_the_controller_on_the_first_page_conforms() -> None:
     assert len(code.splitlines()) <= 20
 
 
+def test_every_message_that_troubleshooting_quotes_is_one_that_the_code_has() -> None:
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = {
+        text for cell in re.findall(r"^\| ([^|]*`[^|]*) \|", page, flags=re.M) for text in re.findall("`([^`]+)`", cell)
+    }
+    rooms = [path for path in (ROOT / "meanflock").iterdir() if path.is_dir()]
+    sources = [ROOT / "Makefile", *(path for room in rooms for path in room.resolve().rglob("*.py"))]
+    code = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    assert len(quoted) > 25
+    assert [text for text in quoted if text not in code] == []
+
+
 def anchors(page: Path) -> set[str]:
     """What a link may name on a page: its headings in small letters, with hyphens for spaces and without signs."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
@@ -144,6 +163,30 @@ def test_every_link_and_every_file_that_a_page_names_exists(page: Path) -> None:
         assert page.name == "CHANGELOG.md" or (ROOT / name).exists(), f"{page.name}: {name}"
     if page.name != "performance.md":  # names of parts come from the record of the benchmarks
         assert not re.findall(PRIVATE, text, flags=re.I)
+
+
+def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
+    website = script_of("website")
+    site = tomllib.loads((ROOT / "docs" / "theme" / "zensical.toml").read_text(encoding="utf-8"))["project"]
+    entries = [entry for group in site["nav"] for entry in group.values()]
+    placed = [path for entry in entries for path in ([entry] if isinstance(entry, str) else map(dict.popitem, entry))]
+    paths = [path if isinstance(path, str) else path[1] for path in placed]
+    assert sorted(paths) == sorted(str(page.relative_to(ROOT)) for page in website.pages())
+
+
+def test_a_link_to_nowhere_and_a_file_of_another_host_are_found_in_the_site(tmp_path: Path) -> None:
+    website = script_of("website")
+    for page in website.pages():
+        file = tmp_path / page.relative_to(ROOT).with_suffix(".html")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("<h1 id='a'>A</h1>", encoding="utf-8")
+    wrong = ["README.html#b", "nowhere.html", "docs"]
+    loaded = ["<script src='//host/x.js'></script>", "<style>@import 'https://host/x.css'</style>"]
+    links = "".join(f"<a href='{link}'></a>" for link in ["README.html#a", "#", "https://host/", *wrong])
+    (tmp_path / "index.html").write_text(links + "".join(loaded), encoding="utf-8")
+    (tmp_path / "x.css").write_text("a { background: url(https://host/x.png) }", encoding="utf-8")
+    found = website.problems(tmp_path)
+    assert len(found) == len(wrong) + len(loaded) + 1, found
 
 
 @pytest.mark.parametrize("name", ["api", "keys", "rooms"])
