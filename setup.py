@@ -9,7 +9,7 @@ from setuptools.command.build_ext import build_ext
 # Top-level folders that are imported as meanflock.<name>; the links in meanflock/ do not enter a build.
 ROOMS = ("agent", "channel", "federation", "groundstation", "kernels", "leader", "studies", "swarm", "worldsim")
 
-packages = ["meanflock", "meanflock.testing"]
+packages = ["meanflock", "meanflock.env", "meanflock.testing"]
 for room in ROOMS:
     packages += [f"meanflock.{room}", *(f"meanflock.{room}.{name}" for name in find_packages(room))]
 

@@ -47,11 +47,13 @@ class External(Controller):
         broadcast_numbers: Annotated[
             int, Meta(ge=0, le=MAX_BROADCAST_NUMBERS, description="most numbers that a UAV broadcasts in a tick")
         ] = 64
+        shares: Annotated[bool, Meta(description="whether states are broadcast by `[sharing]`")] = False
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.parameters = options.parameters
         self.broadcast_numbers = options.broadcast_numbers
+        self.shares = options.shares
         self.command: Command | None = None
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:

@@ -24,9 +24,11 @@ from meanflock.swarm.state import AXES, States
 DEFAULT_METHOD = Scenario.__struct_defaults__[Scenario.__struct_fields__.index("method")]
 
 
-def _loaded(source: str | Path) -> Scenario:
+def source_of(scenario: str | Path | Scenario | None) -> Scenario:
     """The scenario of a file, or a shipped one, which is read once: reading takes as long as all else of a take-off."""
-    return Scenario.load(source) if Path(source).suffix else _shipped(str(source))
+    if scenario is None or isinstance(scenario, Scenario):
+        return scenario or Scenario()
+    return Scenario.load(scenario) if Path(scenario).suffix else _shipped(str(scenario))
 
 
 @cache
@@ -83,13 +85,16 @@ class Stepped:
         options = {"parameters": parameters, "broadcast_numbers": broadcast_numbers}
         keys = {key: value for key, value in settings.items() if key.partition(".")[0] != "controller"}
         keys["controller"] = options
-        source = scenario if isinstance(scenario, Scenario) or scenario is None else _loaded(scenario)
-        ignored = method or (source.method if source is not None else DEFAULT_METHOD)
+        source = source_of(scenario)
+        ignored = method or source.method
         if method is not None or ignored not in (DEFAULT_METHOD, External.name):
             name = ignored if isinstance(ignored, str) else getattr(ignored, "__name__", ignored)
             warnings.warn(f"method {name!r} is ignored: `step` commands a stepped flight", stacklevel=2)
         self.scenario = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
         self._progress = progress
+        self._take_off(out, record)
+
+    def _take_off(self, out: str | Path | None, record: bool) -> None:
         self._run: Run | None = None
         with ExitStack() as stack:
             self._flight = prepared(self.scenario, out, record, stack, stepped=True)

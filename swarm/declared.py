@@ -1,5 +1,7 @@
 """Declarations of a controller: all that the swarm knows about it."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -28,6 +30,7 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: whether a UAV has memory for each other UAV; memory then grows with N².
     shares: whether the UAVs broadcast their states by the scenario's `[sharing]`.
     weighted: whether each model is sent with a weight.
+    recorded: options that the controller fills in, by name: hashes of the files that it flies.
     """
 
     parameters: int
@@ -39,6 +42,7 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: bool
     shares: bool
     weighted: bool
+    recorded: Mapping[str, str] = MappingProxyType({})
 
     @property
     def is_federated(self) -> bool:
@@ -108,6 +112,7 @@ def _checked(made: Any, name: str) -> Declared:
         pairwise=bool(made.pairwise),
         shares=bool(made.shares),
         weighted=bool(made.weighted),
+        recorded=dict(getattr(made, "recorded", {})),
     )
 
 

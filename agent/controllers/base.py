@@ -6,7 +6,8 @@ store it. Random numbers come from `swarm.seeds`, by the number of the UAV.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 import msgspec
@@ -95,6 +96,7 @@ class Controller:
     broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
     pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
+    recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with a weight, 32 bits more, that `samples` returns
 
     def __init__(self, options: Any, scenario: Scenario) -> None:

@@ -356,7 +356,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             payload=self.upload_payload,
             broadcast_payload=self.broadcast_payload,
         )
-        return msgspec.structs.replace(self, federation=federation)
+        options = self.controller | dict(self.declared.recorded)
+        return msgspec.structs.replace(self, federation=federation, controller=options)
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""

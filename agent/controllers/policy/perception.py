@@ -1,0 +1,85 @@
+"""What a policy observes: its own state relative to the goal, and the nearest UAVs as the radio brought them.
+
+A row of observations is, in m, m/s and s:
+
+- x, y, vx, vy of the UAV, minus those of its goal at rest;
+- for each of the K nearest UAVs, the nearest first: x, y, vx, vy of the other minus those of the UAV; the age of the
+  last state that was received; 1; and the last message that was received, W numbers, 0 before the first one.
+
+UAVs broadcast their states by the scenario's `[sharing]`. The other's state is predicted from the last one received, at
+constant velocity. Before the first one it is the start, which all UAVs know. The columns of a UAV that is missing or
+forgotten are 0, and so is the mask, the number after the age.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Broadcast, Memory, Received, of_kind
+from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import SIZE, Floats, States, X, Y
+
+AGE, MASK, MESSAGE = SIZE, SIZE + 1, SIZE + 2  # columns of another UAV; its message begins at the last
+_STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
+
+
+def width(neighbours: int, message: int) -> int:
+    """Numbers of an observation of so many neighbours, with messages of so many numbers."""
+    return SIZE + neighbours * (MESSAGE + message)
+
+
+class Perception:
+    """The observations of rows, and the broadcasts that others observe. Rows do not depend on each other."""
+
+    def __init__(self, scenario: Scenario, neighbours: int, message: int) -> None:
+        """`neighbours`: K. `message`: W, numbers of a message; 0: no messages."""
+        self.neighbours = neighbours
+        self.message = message
+        self.broadcast_numbers = Neighbours.numbers + message
+        self._others = Neighbours(scenario)
+        self._goals = mission.goal_states(scenario)
+        self._dt = scenario.dt
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """The memory of rows with numbers (M,) at take-off."""
+        memory = self._others.init(uavs, plan)
+        return memory | {"message": np.zeros((len(uavs), len(plan), self.message))} if self.message else memory
+
+    def receive(self, memory: Memory, tick: int, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
+        """The memory after the frames of a tick, and the senders of states that cannot be."""
+        memory, refused = self._others.receive(memory, tick, received, _STATE_NUMBER)
+        for frames in of_kind(received, self.message, np.float64, _MESSAGE_NUMBER) if self.message else ():
+            sent, row = frames.links.T
+            messages = memory["message"].copy()
+            messages[row, frames.source[sent]] = frames.payload[sent]
+            memory = memory | {"message": messages}
+        return memory, refused
+
+    def observe(self, memory: Memory, tick: int, own: States) -> Floats:
+        """The observations of rows (M, 4), (M, 4 + K (6 + W))."""
+        uavs, rows = memory["neighbour_uav"], np.arange(len(own))[:, None]
+        others = self._others.states(memory, tick)
+        x, y = others[:, :, X] - own[:, X, None], others[:, :, Y] - own[:, Y, None]
+        squared = x * x + y * y
+        squared[rows[:, 0], uavs] = np.inf
+        count = min(self.neighbours, others.shape[1] - 1)
+        which = np.argsort(squared, axis=1, kind="stable")[:, :count]
+        seen = np.zeros((len(own), self.neighbours, MESSAGE + self.message))
+        near = seen[:, :count]
+        near[..., :SIZE] = others[rows, which] - own[:, None]
+        near[..., AGE] = (tick - memory["neighbour_tick"][rows, which]) * self._dt
+        near[..., MASK] = 1.0
+        if self.message:
+            near[..., MESSAGE:] = memory["message"][rows, which]
+        near[squared[rows, which] > 0.25 * FAR_M * FAR_M] = 0.0
+        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), -1)], axis=1)
+
+    def send(
+        self, memory: Memory, tick: int, own: States, messages: Floats | None
+    ) -> tuple[Memory, tuple[Broadcast, ...]]:
+        """The memory after the broadcasts of a tick, and the broadcasts: states, then messages (M, W), if any."""
+        memory, states = self._others.broadcast_states(memory, tick, own)
+        return memory, (states,) if messages is None else (states, Broadcast(messages))

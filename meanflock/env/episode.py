@@ -1,0 +1,120 @@
+"""One flight of an environment: a stepped flight, what its UAVs observe, and their rewards."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meanflock.agent.controllers.base import Memory
+from meanflock.agent.controllers.policy.network import MAX_MESSAGE, MAX_NEIGHBOURS
+from meanflock.agent.controllers.policy.perception import Perception, width
+from meanflock.agent.stepped import External
+from meanflock.env.rewards import Terms, weights_of
+from meanflock.settings import scenario_of
+from meanflock.stepped import Stepped, source_of
+from meanflock.swarm import mission as missions
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import AXES, Floats, Mask, Rows
+from meanflock.worldsim.flight import ARRIVED, LOST
+
+
+class Form:
+    """What the flights of an environment have in common.
+
+    scenario: what is flown; each flight has its own seed. inputs, outputs: numbers of an observation and an action.
+    acceleration: bound of the action space. weights: of the terms of the reward.
+    """
+
+    def __init__(
+        self,
+        mission: str | Path | Scenario,
+        neighbours: int,
+        message: int,
+        acceleration: float,
+        reward: Mapping[str, float] | None,
+        keys: Mapping[str, Any],
+    ) -> None:
+        """Raises BadInput if an argument cannot be used."""
+        for name, value, least, most in (
+            ("neighbours", neighbours, 1, MAX_NEIGHBOURS),
+            ("message", message, 0, MAX_MESSAGE),
+        ):
+            if not isinstance(value, int) or not least <= value <= most:
+                raise BadInput(f"{name}: {value!r}; expected {least} … {most}")
+        if not (isinstance(acceleration, int | float) and 0.0 < acceleration < np.inf):
+            raise BadInput(f"acceleration: {acceleration!r}; expected a number greater than 0, m/s²")
+        self.weights = weights_of(reward)
+        self.neighbours = neighbours
+        self.message = message
+        self.acceleration = float(acceleration)
+        self.inputs = width(neighbours, message)
+        self.outputs = AXES + message
+        numbers = Perception(source_of(mission), neighbours, message).broadcast_numbers
+        settings = {key: value for key, value in keys.items() if key.partition(".")[0] not in ("controller", "method")}
+        settings["controller"] = {"broadcast_numbers": numbers, "shares": True}
+        self.scenario = scenario_of(source_of(mission), settings, method=External)
+
+    def bounds(self) -> Rows:
+        """Largest numbers of an action."""
+        return np.array([self.acceleration] * AXES + [1.0] * self.message)
+
+
+class Outcome(NamedTuple):
+    """Results of a tick, a row for each UAV.
+
+    rewards: (N,). terms: (N, T), see `rewards.WEIGHTS`. ended: (N,) UAVs that are lost, and when
+    the flight is over also those that have arrived.
+    """
+
+    rewards: Rows
+    terms: Floats
+    ended: Mask
+
+
+class Episode(Stepped):
+    """A flight of an environment."""
+
+    def __init__(self, form: Form, seed: int) -> None:
+        self.scenario = form.scenario.replace(seed=seed)
+        self._progress = None
+        self._form = form
+        self._terms = Terms(self.scenario)
+        self._perception = Perception(self.scenario, form.neighbours, form.message)
+        everyone = np.arange(self.scenario.uavs)
+        self._memory: Memory = self._perception.init(everyone, missions.starts(self.scenario))
+        self._take_off(None, False)
+        self.observations = self._observe()
+
+    @property
+    def lost(self) -> Mask:
+        """(N,), UAVs that are lost."""
+        return self._world.flight.status == LOST
+
+    @property
+    def arrived(self) -> Mask:
+        """(N,), UAVs that have arrived."""
+        return self._world.flight.status == ARRIVED
+
+    def act(self, actions: Floats) -> Outcome:
+        """Fly one tick with actions (N, 2 + W); afterwards `observations` (N, width) are those of the next tick."""
+        flight = self._world.flight
+        on_way, before = flight.on_way.copy(), flight.status.copy()
+        command, messages = actions[:, :AXES], actions[:, AXES:] if self._form.message else None
+        memory, broadcasts = self._perception.send(self._memory, self.tick, self.states, messages)
+        self.step(command, broadcasts)
+        self._memory = memory
+        self.observations = self._observe()
+        arrived, lost = self.arrived, self.lost
+        new_lost = lost & (before != LOST)
+        new_arrived = arrived & (before != ARRIVED)
+        terms = self._terms.after(self.states, command, on_way, new_arrived, new_lost, flight.encounters.collided)
+        rewards = np.zeros(len(terms))
+        for column, weight in enumerate(self._form.weights.tolist()):
+            rewards += np.where(np.isfinite(terms[:, column]), weight * terms[:, column], 0.0)
+        return Outcome(rewards, terms, lost | arrived if self.over else lost)
+
+    def _observe(self) -> Floats:
+        self._memory, _ = self._perception.receive(self._memory, self.tick, self.received)
+        return self._perception.observe(self._memory, self.tick, self.states)
