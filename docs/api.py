@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import meanflock as mf
-from meanflock import testing
+from meanflock import env, testing
 
 PAGE = Path(__file__).with_suffix(".md")
 WIDTH = 100  # of a signature in one line
@@ -52,12 +52,16 @@ def page() -> str:
         "",
         "`python docs/api.py` writes this page from signatures and docstrings; a test compares it with the code.",
         "Everything here is a name of `meanflock`, imported as `import meanflock as mf` and loaded when first used.",
-        "Import `meanflock.testing` separately. In shapes N is the number of UAVs, M of rows of a node, T of ticks.",
+        "Import `meanflock.env` and `meanflock.testing` separately.",
+        "In shapes N is the number of UAVs, M of rows of a node, T of ticks.",
     ]
     for title, (about, names) in SECTIONS.items():
         lines += ["", f"## {title}", *(["", about] if about else [])]
         for name in names:
             lines += _entry(f"mf.{name}", getattr(mf, name), MEMBERS.get(name))
+    lines += ["", "## meanflock.env", "", *_prose(inspect.getdoc(env) or "")]
+    for name in ("parallel_env", "vector_env", "policy", "save_policy", "Policy"):
+        lines += _entry(f"env.{name}", getattr(env, name), None)
     lines += ["", "## meanflock.testing", "", *_prose(inspect.getdoc(testing) or "")]
     for name in sorted(testing.__all__, key=lambda name: (name[0].isupper(), name)):
         lines += _entry(f"testing.{name}", getattr(testing, name), None)

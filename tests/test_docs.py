@@ -26,6 +26,7 @@ EXECUTED = [
     "your-controller",
     "your-aggregation",
     "your-channel",
+    "train-a-policy",
     "flower",
     "containers",
 ]  # whole, each in a folder of its own

@@ -130,6 +130,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
         ),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),
+        (("gymnasium", "pettingzoo"), ("meanflock/env/",)),
     ],
     ids=lambda names: names[0],
 )

@@ -17,6 +17,7 @@ from meanflock.swarm import mission as missions
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, Floats, Mask, Rows
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.worldsim.flight import ARRIVED, LOST
 
 
@@ -83,7 +84,8 @@ class Episode(Stepped):
         self._terms = Terms(self.scenario)
         self._perception = Perception(self.scenario, form.neighbours, form.message)
         everyone = np.arange(self.scenario.uavs)
-        self._memory: Memory = self._perception.init(everyone, missions.starts(self.scenario))
+        plan = missions.starts(self.scenario).astype(FLOAT_OF_BITS[self.scenario.radio.bits_per_float])  # as by radio
+        self._memory: Memory = self._perception.init(everyone, plan.astype(np.float64))
         self._take_off(None, False)
         self.observations = self._observe()
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.policy.network import read
+from meanflock.agent.controllers.policy.network import Network, default, read
 from meanflock.agent.controllers.policy.perception import Perception
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -19,7 +19,8 @@ from meanflock.swarm.state import States
 class Policy(Controller):
     """Flies a policy that was trained in `meanflock.env` and saved to a file.
 
-    The scenario records the SHA-256 of the file. A node whose file has another one is refused.
+    The scenario records the SHA-256 of the file. A node whose file has another one is refused. Without a file it flies
+    the policy that `examples/train.py` finds.
     """
 
     name = "policy"
@@ -29,22 +30,26 @@ class Policy(Controller):
     class Options(base.Options, frozen=True):
         """The options of `policy`."""
 
-        file: Annotated[str, Meta(description="the file, on every host that flies it")] = ""
+        file: Annotated[
+            str, Meta(description="the saved policy, on every host that flies it; unset: that of examples/train.py")
+        ] = ""
         sha256: Annotated[str, Meta(description="SHA-256 of the file, 64 hexadecimal digits; filled in if unset")] = ""
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        if not options.file:
-            raise BadInput("controller 'policy' needs a file: set controller.file to that of a saved policy")
-        self._network, sha256 = read(options.file)
+        self._network = self._read(options) if options.file else default()
+        self._perception = Perception(scenario, self._network.neighbours, self._network.message)
+        self.broadcast_numbers = self._perception.broadcast_numbers
+
+    def _read(self, options: Any) -> Network:
+        network, sha256 = read(options.file)
         if options.sha256 not in ("", sha256):
             raise BadInput(
                 f"policy {options.file} has the SHA-256 {sha256} here, and the scenario wants {options.sha256}; "
                 "copy the same file to every host"
             )
         self.recorded = {"sha256": sha256}
-        self._perception = Perception(scenario, self._network.neighbours, self._network.message)
-        self.broadcast_numbers = self._perception.broadcast_numbers
+        return network
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._perception.init(uavs, plan)

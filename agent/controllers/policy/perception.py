@@ -75,7 +75,9 @@ class Perception:
         if self.message:
             near[..., MESSAGE:] = memory["message"][rows, which]
         near[squared[rows, which] > 0.25 * FAR_M * FAR_M] = 0.0
-        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), -1)], axis=1)
+        return np.concatenate(
+            [own - self._goals[uavs], seen.reshape(len(own), self.neighbours * (MESSAGE + self.message))], axis=1
+        )
 
     def send(
         self, memory: Memory, tick: int, own: States, messages: Floats | None

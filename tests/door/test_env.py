@@ -1,0 +1,240 @@
+"""Environments for reinforcement learning, and the controller that flies what they train."""
+
+import io
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+import meanflock as mf
+from meanflock import env
+from meanflock.agent.controllers.policy.network import default, read, save
+from meanflock.agent.controllers.policy.perception import width
+from meanflock.agent.node import Agent
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm.scenario import encode
+from meanflock.swarm.wire.messages import Welcome
+
+SMALL: dict[str, Any] = {"uavs": 5, "duration": 8.0}
+NEIGHBOURS, MESSAGE = 3, 2
+
+
+@pytest.fixture
+def policy(tmp_path: Path) -> env.Policy:
+    """A policy with a hidden layer and messages, of random numbers."""
+    rng = np.random.default_rng(5)
+    inputs = width(NEIGHBOURS, MESSAGE)
+    shapes = ((inputs, 7), (7, 2 + MESSAGE))
+    layers = [(0.3 * rng.standard_normal(shape), rng.standard_normal(shape[1])) for shape in shapes]
+    return env.save_policy(
+        tmp_path / "policy.npz", layers, neighbours=NEIGHBOURS, message=MESSAGE, scale=np.full(inputs, 9.0)
+    )
+
+
+def actions_of(policy: Any, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return dict(zip(observations, policy(np.stack([*observations.values()])), strict=True))
+
+
+def test_the_judges_of_pettingzoo_find_nothing() -> None:
+    parallel_api_test(env.parallel_env("paper", message=1, **SMALL), 100)
+    parallel_seed_test(lambda: env.parallel_env("paper", **SMALL))
+
+
+def test_equal_seeds_give_equal_flights_for_500_steps() -> None:
+    def flown(seed: int) -> list[np.ndarray]:
+        flock = env.parallel_env("windy", uavs=5, message=1, stop="duration")
+        observations, _ = flock.reset(seed=seed)
+        rng, seen = np.random.default_rng(1), []
+        for _ in range(500):
+            actions = {agent: rng.uniform(-1, 1, 3) for agent in flock.agents}
+            observations, rewards, *_ = flock.step(actions)
+            seen.append(np.concatenate([*observations.values(), [*rewards.values()]]))
+        return seen
+
+    first, again, other = flown(11), flown(11), flown(12)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_policy_flies_the_same_bits_in_every_environment_and_partition(policy: env.Policy) -> None:
+    flock = env.parallel_env("paper", neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
+    observations, _ = flock.reset()
+    while flock.agents:
+        observations, *_ = flock.step(actions_of(policy, observations))
+    flights = env.vector_env("paper", flights=2, neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
+    rows, _ = flights.reset()
+    assert rows.shape == (flights.num_envs, width(NEIGHBOURS, MESSAGE)) == (10, 28)
+    while not flights.summaries:
+        rows, _, terminated, truncated, infos = flights.step(policy(rows))
+    assert (terminated | truncated).all()
+    np.testing.assert_array_equal(terminated, infos["arrived"])
+
+    scenario = mf.Scenario.load("paper", seed=7, **SMALL, **policy.keys)
+    flown = [Engine(scenario, "run", uavs_per_node=rows).complete() for rows in (None, 2, 1)]
+    summaries = [flock.finish().summary, flights.summaries[0], *flown, mf.fly(scenario).summary]
+    assert len({summary["trajectory_sha256"] for summary in summaries}) == 1
+    assert all(summary["payload_bits"] == summaries[0]["payload_bits"] for summary in summaries)
+    silent = mf.fly("paper", method="policy", seed=7, **SMALL).summary
+    assert sum(silent["payload_bits"].values()) < sum(summaries[0]["payload_bits"].values())
+    rows, rewards, terminated, truncated, _ = flights.step(policy(rows))  # the next flights begin
+    assert not np.concatenate([rewards, terminated, truncated]).any()
+    assert [episode.tick for episode in flights._episodes] == [0, 0]
+
+
+def test_what_a_uav_observes_came_by_radio() -> None:
+    flock = env.parallel_env("paper", neighbours=6, message=1, uavs=3, seed=2)
+    observations, _ = flock.reset()
+    first = observations["uav_0"].reshape(-1)
+    np.testing.assert_allclose(first[:4], mf.mission.starts(mf.Scenario(uavs=3))[0])
+    others = first[4:].reshape(6, 7)
+    np.testing.assert_array_equal(others[:, 5], [1, 1, 0, 0, 0, 0])
+    for tick in range(1, 4):
+        observations, *_ = flock.step({agent: np.array([0, 0, 0.5]) for agent in flock.agents})
+        others = observations["uav_0"][4:].reshape(6, 7)
+        assert (others[:2, 4] <= tick * 0.1 + 1e-9).all()
+        assert not others[2:].any()
+    np.testing.assert_allclose(others[:2, 6], 0.5)  # the messages
+
+
+def test_rewards_are_the_sum_of_their_weighted_terms() -> None:
+    flock = env.parallel_env("paper", reward={"time": 0.0, "loss": -7.0}, **SMALL)
+    flock.reset(seed=1)
+    command = {agent: np.zeros(2) for agent in flock.agents}
+    command["uav_1"] = np.array([np.nan, 0.0])
+    command["uav_2"] = np.array([2.0, 0.0])
+    _, rewards, terminated, _, infos = flock.step(command)
+    weights = env.WEIGHTS | {"time": 0.0, "loss": -7.0}
+    for agent, info in infos.items():
+        expected = np.nansum([weights[name] * term for name, term in zip(env.TERMS, info["terms"], strict=True)])
+        assert rewards[agent] == pytest.approx(expected)
+    assert infos["uav_2"]["terms"][env.TERMS.index("effort")] == pytest.approx(0.4)
+    assert infos["uav_1"]["terms"][env.TERMS.index("loss")] == 1.0
+    assert [agent for agent, ended in terminated.items() if ended] == ["uav_1"]
+    assert infos["uav_1"]["lost"]
+    assert "uav_1" not in flock.agents
+    assert len(flock.agents) == 4
+    _, rewards, *_ = flock.step({agent: np.zeros(2) for agent in flock.agents})
+    assert "uav_1" not in rewards
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda actions: actions.pop("uav_3"), "no action of uav_3"),
+        (lambda actions: actions.update(uav_9=np.zeros(2)), "'uav_9' is no agent"),
+        (lambda actions: actions.update(uav_0=np.zeros(3)), r"uav_0 is float64 \(3,\)"),
+        (lambda actions: actions.update(uav_0=np.array(["a", "b"])), "uav_0 is <U1"),
+    ],
+)
+def test_actions_that_do_not_fit_fly_nothing(change: Any, says: str) -> None:
+    flock = env.parallel_env("paper", **SMALL)
+    with pytest.raises(mf.BadInput, match="call reset first"):
+        flock.step({})
+    flock.reset()
+    actions = {agent: np.zeros(2) for agent in flock.agents}
+    change(actions)
+    with pytest.raises(mf.BadInput, match=says):
+        flock.step(actions)
+    flock.step({agent: np.zeros(2) for agent in flock.agents})
+    summary = flock.finish().summary
+    assert (summary["ticks"], summary["lost"]) == (1, 0)
+
+
+def test_bad_arguments_are_named() -> None:
+    for keys, says in (
+        ({"reward": {"speed": 1.0}}, "no term 'speed'"),
+        ({"neighbours": 0}, "neighbours: 0"),
+        ({"message": 99}, "message: 99"),
+        ({"acceleration": -1.0}, "acceleration: -1.0"),
+        ({"wind.sgima": 1}, "sgima"),
+    ):
+        with pytest.raises(mf.BadInput, match=says):
+            env.vector_env("paper", **keys)
+    flights = env.vector_env("paper", flights=1, **SMALL)
+    flights.reset(seed=3)
+    with pytest.raises(mf.BadInput, match="nothing was flown"):
+        flights.step(np.zeros((4, 2)))
+
+
+def test_without_the_extra_the_error_has_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("meanflock.swarm.errors._is_there", lambda library: False)
+    for module, make in (("parallel", env.parallel_env), ("vector", env.vector_env)):
+        monkeypatch.setitem(__import__("sys").modules, "gymnasium.spaces", None)
+        monkeypatch.delitem(__import__("sys").modules, f"meanflock.env.{module}", raising=False)
+        with pytest.raises(mf.BadInput, match=r"gymnasium is not installed.*pip install 'meanflock\[rl\]'"):
+            make("paper")
+
+
+# -- the file of a policy ----------------------------------------------------------------------------------------------
+
+
+def test_a_row_of_a_policy_has_the_same_bits_in_every_batch(policy: env.Policy) -> None:
+    observations = 40.0 * np.random.default_rng(1).standard_normal((64, width(NEIGHBOURS, MESSAGE)))
+    whole = policy(observations)
+    assert whole.shape == (64, 4)
+    np.testing.assert_array_equal(whole, np.concatenate([policy(observations[row : row + 1]) for row in range(64)]))
+    np.testing.assert_array_equal(whole[3:10], policy(observations[3:10]))
+
+
+def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(
+    policy: env.Policy, tmp_path: Path
+) -> None:
+    scenario = mf.Scenario(method="policy", controller={"file": str(policy.path)}, **SMALL)
+    resolved = scenario.resolved()
+    assert resolved.controller["sha256"] == policy.sha256
+    assert scenario.sha256() == resolved.sha256()
+    plan = mf.mission.starts(scenario).astype(np.float32)
+    Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
+    save(policy.path, default())
+    with pytest.raises(mf.BadInput, match=f"the scenario wants {policy.sha256}; copy the same file"):
+        Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
+    with pytest.raises(mf.BadInput, match="copy the same file"):
+        mf.fly(resolved)
+
+
+def arrays_of(path: Path, **changed: Any) -> bytes:
+    with np.load(path) as arrays:
+        content = {**arrays} | changed
+    file = io.BytesIO()
+    np.savez(file, **{name: array for name, array in content.items() if array is not None})
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"version": 2}, "version 2; this meanflock reads version 1"),
+        ({"version": None}, "version None"),
+        ({"scale": np.ones(3)}, "scale is float64 (3,); expected float64 (28,)"),
+        ({"scale": np.zeros(28)}, "greater than 0"),
+        ({"weights_0": np.ones((28, 7), np.float32)}, "weights_0 is float32"),
+        ({"biases_1": np.full(4, np.nan)}, "biases_1 is not finite"),
+        ({"biases_1": None}, "expected version, neighbours"),
+        ({"extra": np.zeros(1), "more": np.zeros(1)}, "it has biases_0"),
+        ({"weights_0": np.array([[{}]], dtype=object)}, "Object arrays cannot be loaded"),
+        ({"neighbours": 1.0}, "must be integers"),
+    ],
+)
+def test_another_file_is_refused_by_one_line(policy: env.Policy, changed: dict[str, Any], says: str) -> None:
+    policy.path.write_bytes(arrays_of(policy.path, **changed))
+    with pytest.raises(mf.BadInput, match=re.escape(says)) as caught:
+        mf.fly("paper", method="policy", **{"controller.file": str(policy.path)})
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_damaged_large_and_missing_files_are_refused(policy: env.Policy) -> None:
+    whole = policy.path.read_bytes()
+    bomb = io.BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("scale.npy", bytes(2**25))
+    for content in (b"", b"PK", whole[:200], whole[:-30], bomb.getvalue(), np.zeros(3).tobytes()):
+        policy.path.write_bytes(content)
+        with pytest.raises(mf.BadInput, match=r"policy .*policy\.npz: "):
+            read(policy.path)
+    policy.path.unlink()
+    with pytest.raises(mf.BadInput, match="no such file"):
+        env.policy(policy.path)
