@@ -56,8 +56,8 @@ PyObject *radio_fade(PyObject *module, PyObject *args) {
         const double squared = along * along + across * across;
         const int64_t needs = number_at(need, link) - (squared >= float_at(least, bounds == 1 ? 0 : link));
         put(need, link, needs);
+        put(took, link, slot);
         if (needs > 0) put(line, left++, link);
-        else put(took, link, slot);
     }
     return done(&arrays, PyLong_FromSsize_t(left));
 }

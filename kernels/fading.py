@@ -19,12 +19,12 @@ def fade(
     """Send for one slot over B of L links. A slot is good if z² = |ξ + χ(n₁ + jn₂)|² reaches the threshold.
 
     Args:
-        normal: (B, 2), standard normal numbers n₁, n₂ of each busy link.
+        normal: (B, 2), standard normal numbers n₁, n₂ of each busy link; may be overwritten.
         thresholds: of z²; (L,), or (1,) if all links have the same.
         slot: number of this slot.
         busy: (≥ B,), written: the first B are the busy links; then, in the same order, those that still are.
         missing: (L,), written: good slots that the message of a link still needs.
-        slots: (L,), written: `slot` for the links that need no more.
+        slots: (L,), written: `slot` for the links that were busy.
 
     Returns:
         The number of links that are still busy.
@@ -34,18 +34,18 @@ def fade(
     left = missing.take(links)
     left -= good
     missing[links] = left
-    slots[links.compress(left == 0)] = slot
-    still = links.compress(left)
+    slots[links] = slot
+    still = links.take(left.nonzero()[0])
     busy[: len(still)] = still
     return len(still)
 
 
 def _squared_amplitude(normal: Floats, xi: float, chi: float) -> Floats:
-    """z² = |ξ + χ(n₁ + jn₂)|² of standard normal numbers (K, 2), one pair a slot; (K,)."""
-    scattered = normal * chi
-    scattered[:, 0] += xi
-    scattered *= scattered
-    return scattered[:, 0] + scattered[:, 1]
+    """z² = |ξ + χ(n₁ + jn₂)|² of standard normal numbers (K, 2), which are overwritten; (K,)."""
+    normal *= chi
+    normal[:, 0] += xi
+    normal *= normal
+    return normal[:, 0] + normal[:, 1]
 
 
 def poisson(rates: Floats, first: Floats, terms: int, reached: Floats, sums: Floats) -> None:

@@ -34,7 +34,7 @@ class Rice(Channel):
         if bits not in self._needed:
             self._needed[bits] = slots_needed(radio, bits)
         thresholds = squared_threshold(radio, distance_m) if self._alike is None else self._alike
-        slots = np.full(links, radio.latency_threshold_slots)
+        slots = np.empty(links, dtype=np.int64)
         missing = np.full(links, self._needed[bits])
         busy = np.arange(links)
         left = links
