@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Radio
+from meanflock.swarm.state import distinct
 from meanflock.swarm.wire.messages import FrameKind
 
 Indices = NDArray[np.intp]
@@ -72,6 +73,34 @@ class Links:
 
 
 @dataclass
+class Used:
+    """The K links that were used so far, ascending: much fewer than N² where all talk to one.
+
+    pair: (K,), source · N + target. sent, outages: (K,).
+    """
+
+    pair: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    sent: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    outages: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+
+    def rows(self, pairs: Indices) -> Indices:
+        """The row of each of `pairs`; those that have none yet get one, so rows found earlier no longer hold."""
+        rows = self.pair.searchsorted(pairs)
+        there = rows < len(self.pair)
+        if len(self.pair):
+            there &= self.pair.take(rows, mode="clip") == pairs
+        if np.count_nonzero(there) == len(pairs):
+            return rows
+        before, self.pair = self.pair, distinct(np.concatenate([self.pair, pairs]))
+        kept = self.pair.searchsorted(before)
+        for name in ("sent", "outages"):
+            counts = np.zeros(len(self.pair), dtype=np.int32)
+            counts[kept] = getattr(self, name)
+            setattr(self, name, counts)
+        return self.pair.searchsorted(pairs)
+
+
+@dataclass
 class Traffic:
     """Totals of one kind since take-off."""
 
@@ -97,9 +126,9 @@ class Meter:
     traffic: dict[FrameKind, Traffic] = field(default_factory=lambda: {kind: Traffic() for kind in FrameKind})
 
     def __post_init__(self) -> None:
-        self._link_sent = np.zeros((self.uavs, self.uavs), dtype=np.int32)
-        self._link_outages = np.zeros((self.uavs, self.uavs), dtype=np.int32)
-        self._last: Links | None = None  # last batch; its counts are added to the table later
+        self._used = Used()
+        self._last: Links | None = None  # last batch; its counts are added to those of the links later
+        self._rows: Indices = np.zeros(0, dtype=np.intp)  # of its links in `_used`
         self._times = 0
         self.marked: list[int] | None = None  # payload bits by kind, as `mark` found them
         self._figures: tuple[float, ...] | None = None  # cached until a batch is counted
@@ -138,9 +167,10 @@ class Meter:
         if links is not self._last:
             self._enter()
             self._last = links
+            self._rows = self._used.rows(links.pair)
         self._times += 1
         if arrived < copies:
-            _add(self._link_outages, links, links.pair[~delivered], 1)
+            _add(self._used.outages, links, self._rows[~delivered], 1)
 
     def initial(self, payload_bits: int) -> None:
         """Counts the mission plan: one state broadcast of each UAV before take-off, never in outage."""
@@ -163,7 +193,7 @@ class Meter:
 
     def links(self) -> list[list[int]]:
         """Rows [source, target, sent, outages] of all links that were used, ascending."""
-        table: list[list[int]] = self._used().tolist()
+        table: list[list[int]] = self._table().tolist()
         return table
 
     def total(self, name: str) -> float:
@@ -185,7 +215,7 @@ class Meter:
         """The counters so far, for `restore`."""
         return {
             "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
-            "links": self._used(),
+            "links": self._table(),
             "marked": self.marked,
         }
 
@@ -197,27 +227,26 @@ class Meter:
         self._times = 0
         self.marked = snapshot["marked"]
         source, target, sent, outages = snapshot["links"].T
-        self._link_sent[...], self._link_outages[...] = 0, 0
-        self._link_sent[source, target], self._link_outages[source, target] = sent, outages
+        self._used = Used(source.astype(np.intp) * self.uavs + target, sent.astype(np.int32), outages.astype(np.int32))
 
-    def _used(self) -> NDArray[np.int32]:
+    def _table(self) -> NDArray[np.int32]:
         """`links` as an array `(K, 4)`."""
         self._enter()
-        used = np.nonzero(self._link_sent)
-        return np.stack([*used, self._link_sent[used], self._link_outages[used]], axis=-1).astype(np.int32)
+        used = self._used
+        return np.stack([*np.divmod(used.pair, self.uavs), used.sent, used.outages], axis=-1).astype(np.int32)
 
     def _enter(self) -> None:
         if self._last is not None:
-            _add(self._link_sent, self._last, self._last.pair, self._times)
+            _add(self._used.sent, self._last, self._rows, self._times)
             self._times = 0
 
 
-def _add(table: NDArray[np.int32], links: Links, pairs: NDArray[np.intp], times: int) -> None:
-    """Adds to the numbers of some pairs of UAVs, which may come several times where models are cut."""
+def _add(counts: NDArray[np.int32], links: Links, rows: Indices, times: int) -> None:
+    """Adds to the counts of some rows, which may come several times where models are cut."""
     if links.message is not None:
-        table += (times * np.bincount(pairs, minlength=table.size)).astype(table.dtype).reshape(table.shape)
+        counts += (times * np.bincount(rows, minlength=len(counts))).astype(counts.dtype)
     else:
-        table.reshape(-1)[pairs] += times
+        counts[rows] += times
 
 
 def _sum(so_far: Any, more: Any) -> Any:

@@ -19,7 +19,7 @@ from meanflock.worldsim.vehicles.base import Physics
 
 Pair = tuple[int, int]
 
-_ROOM = 64  # pairs that the first array has room for, beyond one for each UAV
+_ROOM = 64  # pairs that there is room for, beyond one for each UAV and those that are expected
 
 
 class Pairs(NamedTuple):
@@ -35,14 +35,14 @@ class Pairs(NamedTuple):
     nearest_m: float
 
 
-def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m: float) -> Pairs:
+def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m: float, expected: int = 0) -> Pairs:
     """Measure a tick in which all UAVs move straight from `before` to `after`, both (N, 4). Exact, over all pairs.
 
     A UAV with NaN in `before` approaches no other; one with NaN in `after` is left out. `nearest_m` bounds the
-    closest approach that is looked for.
+    closest approach that is looked for. More touching pairs than one a UAV beyond those `expected` take twice as long.
     """
     radii = (metrics.hazard_radius, metrics.collision_radius)
-    found = np.empty((_ROOM + len(after), 2), dtype=np.intp)
+    found = np.empty((_ROOM + len(after) + expected, 2), dtype=np.intp)
     near, count, nearest_m = kernels.pairs(before, after, *radii, nearest_m, found)
     if count > len(found):
         found = np.empty((count, 2), dtype=np.intp)
@@ -58,12 +58,14 @@ class Encounters:
         touched: pairs of any UAVs in the air that came within r_coll, arrived and lost UAVs included.
         hit: (N, K), whether a UAV was within a disc.
         nearest_m: least distance of any two UAVs in the air; infinite if there never were two.
+        expected: number of pairs that may touch in the next tick: twice those of the last.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self.collided: set[Pair] = set()
         self.touched: set[Pair] = set()
         self.nearest_m = math.inf
+        self.expected = 0
         self._discs = mission.obstacles(scenario)
         self.hit = np.zeros((scenario.uavs, len(self._discs)), dtype=bool)
 
@@ -79,6 +81,7 @@ class Encounters:
             The pairs on the way that collide for the first time.
         """
         self.nearest_m = seen.nearest_m
+        self.expected = 2 * len(seen.touching)
         new: list[Pair] = []
         for first, second in seen.touching.tolist():
             self.touched.add((first, second))
@@ -382,7 +385,7 @@ class Flight:
         if (waiting := self.waiting) is not None:
             after, aloft = np.where(waiting[:, None], np.nan, after), after[~waiting]
         self.speed_difference_sum += kernels.alignment(aloft)
-        seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m)
+        seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
         for first, second in self.encounters.meet(seen, on_way):
             self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))

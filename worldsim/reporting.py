@@ -31,7 +31,8 @@ STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick: telemetry has al
 MAX_WAITING_BYTES = 64 * 2**20
 WINDOW_BLOCKS = 8
 
-_BLOCK_ROWS = 20  # rows of a block of telemetry at least
+_BLOCK_ROWS = 20  # rows of a block of telemetry at least, of a swarm that is not too large for it
+_BLOCK_BYTES = 16 * 2**20  # no block has more rows than fit, so that a few blocks may wait
 _BLOCK_STATES = 2500  # a block has more rows as long as it has fewer states than this
 _BLOCK_ROWS_REALTIME = 2
 _ARRIVED = bytes([Status.ARRIVED])
@@ -135,7 +136,8 @@ class Reporter:
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
-        self._rows = rows
+        self._rows = max(1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(len(self._declared.diagnostics)))))
+        rows = self._rows
         self._columns: dict[str, Any] = {  # as `Telemetry` has them
             "states": np.zeros((rows, uavs, state.SIZE)),
             "accelerations": np.zeros((rows, uavs, state.AXES), dtype=np.float32),
@@ -284,6 +286,11 @@ class Reporter:
     def repeat(self, finished: Finished) -> None:
         """Send the summary again, ahead of all unacknowledged blocks."""
         self._bus.put(keys.telemetry(self._run), control.encode(finished))
+
+
+def _row_bytes(diagnostics: int) -> int:
+    """Bytes of a UAV's row: states, and in single precision acceleration, diagnostics and energy; status."""
+    return 8 * state.SIZE + 4 * (state.AXES + diagnostics + 1) + 1
 
 
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:

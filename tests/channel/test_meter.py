@@ -1,11 +1,13 @@
 """The meter: the bill of a flight counts its frames and links."""
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 
 from meanflock.channel.medium import Medium
+from meanflock.channel.meter import Links, Meter
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
@@ -78,3 +80,28 @@ def test_the_bill_is_that_of_the_links_that_were_used() -> None:
     assert bill.airtime_s == pytest.approx(airtime)
     used = zip(*np.nonzero(sent), strict=True)
     assert medium.meter.links() == [[s, t, sent[s, t], outages[s, t]] for s, t in used]
+
+
+def test_a_large_swarm_takes_memory_for_links_that_are_used_only() -> None:
+    """Of 10⁴ UAVs a table of all pairs would take 400 MB, and a checkpoint would look through it."""
+    uavs, leader = 10_000, 7
+    meter = Meter(scenario().radio, uavs)
+    senders = np.setdiff1d(np.arange(uavs), [leader])
+    tracemalloc.start()
+    try:
+        for sources in (senders[::2], senders, senders[:5]):
+            rows, to = np.arange(len(sources)), np.full(len(sources), leader)
+            links = Links.between(FrameKind.UPLOAD, sources, rows, to, uavs)
+            for _ in range(2):
+                meter.count(FrameKind.UPLOAD, 1, links, np.ones(len(sources), dtype=int), sources != 2, None)
+        snapshot = meter.snapshot()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 16 * 2**20
+    times = np.isin(senders, senders[::2]) * 2 + 2 + (senders < senders[5]) * 2
+    assert snapshot["links"].tolist() == [[s, leader, n, n * (s == 2)] for s, n in zip(senders, times, strict=True)]
+    again = Meter(scenario().radio, uavs)
+    again.restore(snapshot)
+    again.count(FrameKind.UPLOAD, 1, links, np.ones(5, dtype=int), np.ones(5, dtype=bool), None)
+    assert again.links()[0] == [0, leader, 7, 0]

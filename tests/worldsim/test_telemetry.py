@@ -8,8 +8,9 @@ import pytest
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import load
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind
-from meanflock.worldsim.reporting import STATE_LINKS_EVERY_TICKS
+from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
 
 
 @pytest.mark.parametrize(
@@ -40,3 +41,15 @@ def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str
     np.testing.assert_array_equal(np.concatenate([block.links for block in kept.blocks]), expected)
     assert sampled.any()
     assert (links[:, 4] < 0).any() == ("radio.target_snr_db=60" not in changes)
+
+
+@pytest.mark.parametrize("uavs", [9_000, 60_000])
+def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait(uavs: int) -> None:
+    flown = load(None, [f"uavs={uavs}", "duration=3"], method="cruise")
+    engine = Engine(flown, "blocks", sinks=[kept := Kept()])
+    for _ in engine.fly():
+        pass
+    engine.world.finish()
+    sizes = [len(control.encode(block)) for block in kept.blocks]
+    assert sum(len(block.states) for block in kept.blocks) == 31
+    assert max(sizes) < min(control.MAX_BYTES, MAX_WAITING_BYTES) // 3
