@@ -19,7 +19,7 @@ ABOUT = {
     "groundstation": "launch, results, recording, plots",
     "studies": "many flights: compare, leaderboard",
     "meanflock": "the Python API",
-    "reproduction": "the paper, claim by claim; not packaged",
+    "reproduction": "the claims of the paper; not packaged",
     "commands": "the command line",
 }
 _WIDTH, _HEIGHT = 236, 54  # of a room

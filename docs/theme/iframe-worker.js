@@ -10,7 +10,7 @@ if (location.protocol === "file:") {
       this.frame.hidden = true
       document.body.append(this.frame)
       const inside = this.frame.contentWindow
-      inside.postMessage = data => setTimeout(() => this.onmessage?.({ data }))
+      inside.postMessage = message => this.deliver(message, data => this.onmessage?.({ data }))
       this.started = new Promise((resolve, reject) => {
         const script = inside.document.createElement("script")
         script.src = new URL(url, location)
@@ -21,8 +21,13 @@ if (location.protocol === "file:") {
       this.started.catch(event => this.onerror?.(event))
     }
 
-    postMessage(data) {
-      this.started.then(inside => inside.onmessage({ data }), () => {})
+    postMessage(message) {
+      this.started.then(inside => this.deliver(message, data => inside.onmessage({ data })), () => {})
+    }
+
+    deliver(message, receive) {
+      const data = structuredClone(message) // as between threads: no side sees what the other changes
+      setTimeout(() => receive(data))
     }
 
     terminate() {
