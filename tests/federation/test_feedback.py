@@ -45,9 +45,6 @@ def test_a_model_that_is_not_sent_leaves_its_residual() -> None:
     np.testing.assert_array_equal(feedback.residuals[1:], before[1:])
 
 
-# -- in the node --------------------------------------------------------------------------------------------------
-
-
 def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
     """What an agent learned by each round's tick, and what it sent then."""
     sent, seen = [], models(agent.act(sense(0)))

@@ -1,4 +1,4 @@
-"""Models that are too long for one message: how they are cut, billed, lost, put together, and resumed in mid-round."""
+"""Models that are too long for one message: how they are cut, billed, lost and put together."""
 
 import math
 import re
@@ -18,7 +18,7 @@ from meanflock.federation.memory import GlobalModels
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.federation.long_model import Long
@@ -87,24 +87,10 @@ def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
     assert after[1] + of.hops[1].coding.ticks - 1 + of.hop_ticks <= 6  # ticks of a round
 
 
-TOPOLOGIES = ("leader", "clusters=2", "neighbours")
-
-
-def of_topology(topology: str, *keys: str) -> Scenario:
-    where = "federation.clusters=2" if "clusters" in topology else f"federation.topology={topology}"
-    return flown(where, *keys)
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("topology", ["topology=leader", "clusters=2", "topology=neighbours"])
 def test_without_losses_a_round_in_fragments_is_the_mean(topology: str) -> None:
-    sure = (
-        "controller.decay=1.0",
-        "radio.rice_xi=1e4",
-        "radio.bits_per_float=64",
-        "federation.fragment=4",
-        "duration=2.6",
-    )
-    of = of_topology(topology, *sure)
+    sure = ("controller.decay=1.0", "radio.rice_xi=1e4", "radio.bits_per_float=64", "duration=2.6")
+    of = flown(f"federation.{topology}", "federation.fragment=4", *sure)
     assert of.hops[0].coding.count > 3
     engine = Engine(of, "mean")
     assert engine.complete()["radio"]["traffic"]["uplink"]["outages"] == 0
@@ -126,9 +112,6 @@ def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_
 
         def take(self, rows: np.ndarray, models: np.ndarray) -> None:
             self.models[rows] = models
-
-        def silent(self) -> np.ndarray:
-            return np.zeros(2, dtype=bool)
 
     def arrive(model: list[float], *links: tuple[int, int]) -> None:
         rows = way.on_air(np.array([model]))[0]
@@ -189,20 +172,6 @@ def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
     assert sent == bill["broadcast"]["transmissions"]
     assert (whole, part, nothing) == (0, 1, 0)
     assert 0 < bill["broadcast"]["delivered"] < sent
-
-
-REFUSED = {
-    "period": (("federation.period=3",), "take at least 4"),
-    "no room": (("federation.fragment=1", "radio.bandwidth_hz=1000"), "federation.fragment"),
-    "krum": (("federation.aggregation=krum", f"controller.length={LENGTH}"), "krum"),
-}
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_fly_in_fragments_is_refused(what: str) -> None:
-    keys, text = REFUSED[what]
-    with pytest.raises(BadInput, match=text):
-        Engine(flown(*keys, length=LENGTH if what != "no room" else 3000), "refused")
 
 
 def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_size_of_fragments() -> None:

@@ -9,14 +9,12 @@ import meanflock as mf
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.federation.momentum import Momentum
 from tests.telemetry import fly
 
 DOUBLES = ("radio.bits_per_float=64", "federation.topology=neighbours")
-SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=5", "radio.target_snr_db=76")
 
 
 def scenario(uavs: int, *settings: str, method: str = "mfgfl-h") -> Scenario:
@@ -178,23 +176,3 @@ def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
     moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
     assert trigger.due(rows, moved).tolist() == [True, False, True]
     assert trigger.due(rows, np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])).tolist() == [False, True, False]
-
-
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        (("federation.upload_threshold=0.1", "federation.aggregation=median"), "false uploads could be a majority"),
-        (("federation.upload_threshold=-1",), "upload_threshold"),
-        (("federation.clusters=2",), "`federation.clusters` is 2, but `federation.topology` is neighbours"),
-        (("federation.period=1",), "take at least 2"),
-        (("federation.period=5", *SLOW), "no room for uploads of up to 5 ticks; take at least 6"),
-    ],
-)
-def test_a_scenario_that_cannot_do_so_is_refused(settings: tuple[str, ...], expected: str) -> None:
-    with pytest.raises(BadInput, match=expected):
-        scenario(6, *settings)
-
-
-def test_a_method_without_rounds_has_no_neighbours() -> None:
-    with pytest.raises(BadInput, match="`method` plan has no rounds"):
-        scenario(6, method="plan")

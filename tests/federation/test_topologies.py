@@ -106,10 +106,3 @@ def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_
     assert traffic["uplink"]["transmissions"] == traffic["uplink"]["delivered"] == 17 * UAVS
     assert traffic["relay"]["payload_bits"] == 17 * UAVS * (108 + 1) * 32
     assert traffic["broadcast"]["sent"] == 0
-
-
-def test_a_scenario_without_room_for_its_topology_is_refused() -> None:
-    with pytest.raises(mf.BadInput, match="a ring has three or more"):
-        scenario("uavs=2")
-    with pytest.raises(mf.BadInput, match="did you mean"):
-        scenario("federation.topology=test-rink")

@@ -81,9 +81,6 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
     check()
 
 
-# -- the bill -----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("leader", "bits"), [(0, 32), (5, 64), (7, 16)])
 def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int) -> None:
     """8 UAVs, 3 clusters {0 1 2}, {3 4 5}, {6 7}; all upload; five rounds."""

@@ -44,9 +44,6 @@ def flown(kept: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(kept, tmp_path / "flown"))
 
 
-# -- the grid ----------------------------------------------------------------------------------------------------------
-
-
 def test_the_grid_flies_every_experiment_and_method_of_the_claims() -> None:
     points = list(grid.points())
     assert {point.experiment for point in points} == set(grid.EXPERIMENTS)
@@ -72,9 +69,6 @@ def test_experiments_share_runs_and_the_longest_run_flies_first() -> None:
     assert max(map(max, seeds.values())) < 6000
 
 
-# -- tables ------------------------------------------------------------------------------------------------------------
-
-
 def test_the_tables_have_the_documented_columns(kept: Path) -> None:
     results = tables.load(kept)
     runs = results.runs.to_pylist()
@@ -97,9 +91,6 @@ def test_the_tables_have_the_documented_columns(kept: Path) -> None:
     traced = {(row["experiment"], row["method"], row["seed"]) for row in results.trajectories.to_pylist()}
     assert traced == {("s0", "mfgfl-hf", 1), ("s0", "hjb", 1), ("offline", "offline", 1), ("trained", "mfgfl-hf", 1)}
     assert len(results.weights["model"][0].as_py()) == 246
-
-
-# -- a run flies once --------------------------------------------------------------------------------------------------
 
 
 def test_a_finished_run_never_flies_again(tmp_path: Path, executed: Counter[str]) -> None:
@@ -145,9 +136,6 @@ def test_the_version_depends_on_the_code_and_not_on_its_docstrings(
     assert version('def f() -> int:\n    """Two words."""\n    # why\n    return 1\n') == before
     assert version('def f() -> int:\n    """One."""\n    return 2\n') != before
     assert version('def f() -> int:\n    """One."""\n    return 1\n', other="a = 1") != before
-
-
-# -- errors ------------------------------------------------------------------------------------------------------------
 
 
 def test_bad_options_are_rejected_before_a_folder_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,9 +95,6 @@ def test_every_axis_has_a_unit(name: str, tables: Results) -> None:
         assert "(" in label or label in methods or "N$" in label or "n_0" in label, label
 
 
-# -- numbers -----------------------------------------------------------------------------------------------------------
-
-
 def test_the_report_has_every_claim_figure_and_reading(tables: Results, tmp_path: Path) -> None:
     (tmp_path / "figures").mkdir()
     for name in figures.FIGURES:

@@ -35,9 +35,6 @@ def gradients(width: int) -> np.ndarray:
     return theory.fpk_gradients(scenario(), states, np.zeros((4000, 2)), np.zeros(4000))[:, :width]
 
 
-# -- the density learner as an LMS filter ------------------------------------------------------------------------------
-
-
 def test_the_closed_form_of_the_deviation_holds_for_small_steps_only() -> None:
     g = gradients(12) * 3
     r, start = theory.correlation(g), np.full(12, 0.2)
@@ -60,9 +57,6 @@ def test_the_moments_of_spread_states_meet_proposition_3() -> None:
     assert 0 < found["learnable"] < 138
 
 
-# -- the value learner on a line ---------------------------------------------------------------------------------------
-
-
 def test_the_value_learner_flies_the_exact_solution_on_a_line() -> None:
     """On the positive x axis v·r/‖r‖ is v, so without φ_G the problem is linear-quadratic: ψ = q v² + p v + rate·t."""
     line = scenario("wind.mean=[1.0, 0.0]", "learner.mu_h=1e-12")
@@ -83,9 +77,6 @@ def test_the_value_learner_flies_the_exact_solution_on_a_line() -> None:
     found = hjb.step(t, weights.reshape(40, -1), states, features.powers(t, states), np.zeros(40))
     assert found.residual == pytest.approx(np.full(40, noise - rate), abs=1e-9)  # the y axis has the noise alone
     assert found.action_before[:, 0] == pytest.approx(-(2 * q * states[:, state.VX] + p) / (2 * c3))
-
-
-# -- boundedness -------------------------------------------------------------------------------------------------------
 
 
 def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:
@@ -118,9 +109,6 @@ def test_measured_numbers_are_kept_while_code_seeds_and_length_fit(
     (tmp_path / "data" / measure.MEASURED).write_text("{")
     with pytest.raises(BadInput, match=measure.MEASURED):
         measure.load_measured(tmp_path)
-
-
-# -- the optimal flight ------------------------------------------------------------------------------------------------
 
 
 def flown(plain: Scenario, commands: np.ndarray) -> np.ndarray:
