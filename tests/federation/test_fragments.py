@@ -113,6 +113,9 @@ def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_
         def take(self, rows: np.ndarray, models: np.ndarray) -> None:
             self.models[rows] = models
 
+        def silent(self) -> np.ndarray:
+            return np.zeros(2, dtype=bool)
+
     def arrive(model: list[float], *links: tuple[int, int]) -> None:
         rows = way.on_air(np.array([model]))[0]
         sent, row = np.array(links).T

@@ -70,33 +70,6 @@ def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, spa
     assert "error: interrupted" in err
 
 
-FAILS = """
-import meanflock as mf
-
-
-class Fails(mf.Controller):
-    name = "fails"
-
-    def step(self, memory, tick, own, received):
-        raise KeyError("weights")
-"""
-
-
-def test_processes_started_by_hand_report_that_every_uav_was_lost(tmp_path: Path, spawn: Spawn) -> None:
-    (tmp_path / "fails.py").write_text(FAILS)
-    base = ("--endpoint", free_endpoint(), "--run", "fails", "--plugin", str(tmp_path / "fails.py"))
-    settings = ("--set", "method=fails", "--set", "uavs=2", "--set", "duration=1")
-    world = spawn("meanflock.worldsim", *base, *settings, "--stations", "1")
-    agent = spawn("meanflock.agent", *base, "--rows", "2")
-    station = spawn("meanflock.groundstation", *base, "--out", str(tmp_path / "runs"), "--rerun", "")
-    endings = [(process, *process.communicate(timeout=DEADLINE_S)) for process in (agent, world, station)]
-    assert [process.returncode for process, _, _ in endings] == [0, 1, 1]
-    for _, printed, told in endings[1:]:
-        assert json.loads(printed)["lost"] == 2
-        assert told.splitlines()[-1].startswith("error: every UAV was lost")
-    assert "KeyError: 'weights' (fails.py, line 9); all events are in " in endings[2][2]
-
-
 def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(
     command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -92,10 +92,9 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
     [
         ("controller", "hjb", "controller 'hjb' is "),
         ("filter", "ecbf", "filter 'ecbf' is "),
-        ("controller", "none of it", "controller 'hjb-of-nobody' is not installed here; install its package, "),
     ],
 )
-def test_a_node_with_another_version_of_a_plugin_or_without_it_is_refused_with_its_host(
+def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
     kind: str, name: str, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Elsewhere:
@@ -103,7 +102,7 @@ def test_a_node_with_another_version_of_a_plugin_or_without_it_is_refused_with_i
 
         @staticmethod
         def find(asked: Any, wanted: str) -> Plugin:
-            found = plugins.find(asked, wanted + "-of-nobody" if name == "none of it" else wanted)
+            found = plugins.find(asked, wanted)
             is_other = (asked, wanted) == (kind, name)
             return found._replace(fingerprint="sha256 of another file") if is_other else found
 

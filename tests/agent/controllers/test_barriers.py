@@ -113,25 +113,6 @@ def test_a_command_passes_to_the_bit_if_no_uav_is_near() -> None:
         assert not infeasible.any()
 
 
-def test_a_motion_beyond_the_limit_is_limited_and_keeps_its_direction() -> None:
-    scenario = Scenario(uavs=1, wind=AIR, filter=Filter(kind="ecbf"))
-    own, wanted = np.array([[50.0, 0.0, 1.0, 1.0]]), np.array([[30.0, -40.0]])
-    acceleration, infeasible = admit(filtered(scenario), own, wanted)
-    air = AIR.drag * (own[:, 2:] - AIR.mean)
-    motion = wanted - air
-    np.testing.assert_allclose(acceleration - air, 3.0 * motion / np.linalg.norm(motion), rtol=1e-12)
-    assert infeasible.tolist() == [[0.0]]
-
-
-def test_a_uav_that_cannot_keep_all_conditions_violates_them_least() -> None:
-    """Between two UAVs that close in from both sides it stays in the middle."""
-    own = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, -4.0, 0.0], [-0.5, 0.0, 4.0, 0.0]])
-    made = filtered(Scenario(uavs=3, wind=Wind(drag=0.0)))
-    acceleration, infeasible = admit(made, own, np.array([[2.0, 0.5], [0.0, 0.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(acceleration[0], [0.0, 0.5], atol=1e-6)
-    assert infeasible[0, 0] == 1.0
-
-
 def test_a_start_that_already_collides_is_flown_apart_and_counted() -> None:
     run = mf.fly("paper", method="cruise", uavs=9, duration=10, **{"start.spacing": 0.05, "filter.kind": "ecbf"})
     assert run.summary["diagnostics"]["infeasible"] > 0

@@ -67,22 +67,3 @@ def test_the_ground_and_a_pause_teach_nothing(method: str, seen: tuple[str, int]
     learned = np.diff(np.array(numbers), axis=0) != 0.0
     assert learned[:, :5].all(axis=1).tolist() == [True, True, False, True]
     assert not learned[:, 5:].any()
-
-
-def test_shared_data_are_the_mean_of_all_measurements() -> None:
-    options = (True, 4), ("gains", 4), ("data", 231), (False, 0)
-    for share, parameters in options:
-        assert plugins.create("controller", "fed-lspi", {"share": share}, mf.Scenario()).parameters == parameters
-    controller: Any = plugins.create("controller", "fed-lspi", {"share": "data"}, mf.Scenario(uavs=3))
-    assert (controller.parameters, controller.parts) == (231, (105, 126))
-    draw = np.random.default_rng(1)
-    memory = controller.init(np.arange(3), np.zeros((3, 4)))
-    squares = draw.normal(size=(3, 14, 14))
-    memory |= {"squares": squares + squares.transpose(0, 2, 1), "steps": draw.normal(size=(3, 14, 9))}
-    mean = controller.get(memory).mean(axis=0)
-    after = controller.set(memory, np.array([0, 2]), np.stack([mean, mean]))
-    np.testing.assert_allclose(after["squares"][2], memory["squares"].mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(after["steps"][0], memory["steps"].mean(axis=0), rtol=1e-12)
-    for name in ("squares", "steps"):
-        assert after[name][1].tobytes() == memory[name][1].tobytes()
-    assert after["gains"].tobytes() == memory["gains"].tobytes()
