@@ -7,7 +7,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from tests.federation.long_model import Long
-from tests.federation.test_topologies import SLOW, Ring
+from tests.federation.ring import SLOW, Ring
 
 TWO, NEIGHBOURS, RING = "federation.clusters=2", "federation.topology=neighbours", f"federation.topology={Ring.name}"
 MEDIAN, LONG, FRAGMENT = "federation.aggregation=median", "controller.length=100000", "federation.fragment=1"
