@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.channel.link import slots_needed
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.scenario import Radio
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.methods import FEDERATED, PARTS
@@ -112,19 +110,3 @@ def test_a_payload_is_steps_times_scales_and_is_rejected_if_one_is_beyond_its_bo
     else:
         with pytest.raises(MessageRejected, match=r"^non-finite"):
             coding.check(np.arange(1), row)
-
-
-# Bits of a model and slots it takes: weights times bits, and 32 for each scale; at 75 dB a slot carries 2491.4 bits.
-BITS = {
-    "mfgfl-h": {"float64": (6912, 3), "float32": (3456, 2), "float16": (1728, 1), "int8": (928, 1)},
-    "mfgfl-f": {"float64": (8832, 4), "float32": (4416, 2), "float16": (2208, 1), "int8": (1168, 1)},
-    "mfgfl-hf": {"float64": (15744, 7), "float32": (7872, 4), "float16": (3936, 2), "int8": (2096, 1)},
-}
-
-
-@pytest.mark.parametrize("method", BITS)
-def test_a_transmission_pays_for_every_weight_and_every_scale_and_slots_follow(method: str) -> None:
-    for name, (bits, slots) in BITS[method].items():
-        coding = Coding(name, PARTS[method])  # type: ignore[arg-type]
-        assert coding.bits == 8 * coding.encode(np.ones((1, coding.floats))).nbytes == bits
-        assert slots_needed(Radio(), coding.bits) == slots

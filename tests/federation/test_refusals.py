@@ -44,3 +44,15 @@ def test_rounds_that_cannot_work_are_bad_input(method: str, settings: tuple[str,
     assert len(str(caught.value).splitlines()) == 1
     for part in parts:
         assert part in str(caught.value)
+
+
+def test_clusters_at_the_bounds_are_accepted_and_one_leaves_no_trace_in_the_hash() -> None:
+    def flown(*settings: str) -> str:
+        return load(None, settings, method="mfgfl-h").sha256()
+
+    flown("uavs=4", "federation.clusters=4")
+    flown(TWO, "federation.period=9", "radio.coherence_time_s=0.05")
+    flown(TWO, "uavs=4096", "radio.bits_per_float=16")
+    flown(TWO, "uavs=100000")
+    assert load(None, [MEDIAN, "federation.clusters=1"], method="hjb").federation.clusters == 1
+    assert flown("federation.clusters=1") == flown() != flown(TWO)

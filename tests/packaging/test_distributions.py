@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.commands import ended, printed
-from tests.integration.hostile_folder import LIBRARIES, PACKAGES, hostile
+from tests.packaging.hostile_folder import LIBRARIES, PACKAGES, hostile
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
 from tests.sources import ROOMS, ROOT
@@ -96,7 +96,7 @@ def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path,
 
 
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
-    """A plug-in on processes with TLS and in one, and a method that learns and federates."""
+    """A plug-in on processes with TLS and in one, a method that learns and federates, and a study with workers."""
     find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
     assert printed(python, "-c", find, *PACKAGES, cwd=tmp_path).split() == ["meanflock"]
     working, ran = hostile(tmp_path)
@@ -112,6 +112,8 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
             ["--in-process", "--uavs", "4", "--duration", "25"],
         )
     )
+    sweep = ["sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2", "--quiet"]
+    printed(meanflock, *sweep, "--out", tmp_path / "sweep", cwd=working)
     assert not ran.exists(), ran.read_text()
     assert (each["mode"], alone["mode"]) == ("processes", "in-process")
     assert (each["method"], each["ticks"], each["lost"], each["dropped_messages"]) == ("spring", 100, 0, {})

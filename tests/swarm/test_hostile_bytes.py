@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock import kernels
 from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control, tick
@@ -127,12 +126,6 @@ def test_a_message_of_another_type_is_rejected() -> None:
         assert RAW[name][1:2] not in tick.TYPES
         rejects("malformed", tick.read_sense, RAW[name])
         rejects("malformed", tick.read_act, RAW[name])
-
-
-@pytest.mark.parametrize(("rows", "table"), [(2, np.zeros((2, 4))), (0, b"")])
-def test_models_that_no_number_of_rows_divides_are_rejected(rows: int, table: Any) -> None:
-    raw = kernels.write(ACT, 1, 2, 0, rows, 4, table, (b"", b"", bytes(8 * 3), b""))
-    rejects("wrong-shape", tick.read_act, raw)
 
 
 # -- the forms of the reader --------------------------------------------------------------------------------------

@@ -1,7 +1,4 @@
-"""The replies of a tick: read at the barrier, merged into commands and frames, and joined into memories.
-
-Replies that are rejected: tests/faults/test_hostile_input.py.
-"""
+"""The replies of a tick: read at the barrier, merged into commands and frames, and joined into memories."""
 
 from typing import Any
 

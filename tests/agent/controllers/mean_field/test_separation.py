@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.mean_field.methods import Separation
+from meanflock.agent.controllers.mean_field.methods import MfgflHf, Separation
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
@@ -27,6 +27,19 @@ def test_states_are_paid_for_only_where_they_are_shared() -> None:
     assert bits == [25 * 4 * 32, 100 * 25 * 4 * 32]  # before take-off; and then in each tick but the first
     hjb = [flown("duration=10", *more, method="hjb")["payload_bits"] for more in ((), ("cost.separation=5",))]
     assert hjb[0] == hjb[1]  # what it shares already is enough
+
+
+def test_believed_states_fly_on_while_nothing_is_heard() -> None:
+    scenario = load(None, ["uavs=2", "cost.separation=5", "start.spacing=100"], method="mfgfl-hf")
+    controller = MfgflHf(MfgflHf.Options(), scenario)
+    plan = np.array([[0.0, 0.0, 1.0, 0.0], [0.3, 0.0, 0.0, 2.0]])
+    memory = controller.init(np.array([0]), plan)
+    for tick in range(3):
+        step = controller.step(memory, tick, plan[:1], ())
+        memory = step.memory
+        assert len(step.broadcasts) == (tick > 0)
+    np.testing.assert_allclose(memory["believed"][0, 1], [0.3, 0.4, 0.0, 2.0])  # two ticks of 0.1 s at 2 m/s
+    np.testing.assert_array_equal(memory["believed"][0, 0], plan[0])
 
 
 def test_two_ways_of_sharing_states_at_once_are_refused() -> None:

@@ -4,24 +4,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.sharing.bvc import BufferedVoronoi
-from meanflock.agent.controllers.sharing.nearby import stopping_slope, stopping_speed
 from meanflock.swarm.scenario import load
-
-
-@pytest.mark.parametrize(("deceleration", "delay"), [(2.0, 0.1), (6.0, 0.35), (0.5, 1.0)])
-def test_the_stopping_speed_solves_its_equation_and_its_slope_is_the_derivative(
-    deceleration: float, delay: float
-) -> None:
-    distance = np.linspace(0.01, 20.0, 200)
-    speed = stopping_speed(distance, deceleration, delay)
-    np.testing.assert_allclose(speed * delay + speed**2 / (2.0 * deceleration), distance, rtol=1e-12)
-    quotient = np.gradient(stopping_speed(distance, deceleration, delay), distance)
-    np.testing.assert_allclose(stopping_slope(distance, deceleration, delay)[5:-1], quotient[5:-1], rtol=0.02)
-    inside = np.array([-0.5, 0.0])
-    np.testing.assert_allclose(stopping_speed(inside, deceleration, delay), inside / delay)
-    np.testing.assert_allclose(stopping_slope(inside, deceleration, delay), 1.0 / delay)
-    assert stopping_speed(np.array([0.0, 1.0, 9.0]), 0.0, delay).tolist() == [0.0, 0.0, 0.0]  # without a brake
-    assert stopping_slope(np.array([-1.0, 1.0]), 0.0, delay).tolist() == [1.0 / delay, 0.0]
 
 
 @pytest.mark.parametrize("speed", [2.25, 4.0])

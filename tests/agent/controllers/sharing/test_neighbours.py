@@ -68,20 +68,6 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     assert again["neighbour_remembered"].tobytes() == after["neighbour_remembered"].tobytes()
 
 
-@pytest.mark.parametrize("repeats", [1, 2, 5])
-def test_a_repeated_state_is_the_current_one(repeats: int) -> None:
-    table = neighbours(Sharing(policy="event", repeats=repeats))
-    memory, now = table.init(UAVS[:1], plan()), plan()[:1] + 1.0
-    now[:, 2:] = 0.1, 0.0
-    said = []
-    for tick in range(1, 9):
-        now = now + np.array([0.01, 0.0, 0.0, 0.0])
-        memory, broadcast = table.broadcast_states(memory, tick, now)
-        said.append(broadcast.payload[:, 0].tolist())
-    assert [len(one) for one in said] == [1] * repeats + [0] * (8 - repeats)
-    assert [one[0] - said[0][0] for one in said[:repeats]] == list(range(repeats))
-
-
 def test_sender_and_receivers_predict_the_same_bits() -> None:
     table, other = neighbours(EVENT), neighbours(EVENT)
     mine, theirs = table.init(UAVS[:1], plan()), other.init(UAVS[4:], plan())

@@ -99,13 +99,3 @@ def test_shared_measurements_save_energy() -> None:
         assert summary["arrived"] == 25
         costs[name] = summary["energy_mean_J"] + 0.05 * summary["t_avg_s"]
     assert costs["shared"] < 0.9 * costs["straight"]
-
-
-def test_straight_flies_straight_at_one_speed() -> None:
-    run = mf.fly("windmap", method="straight", seed=3, **{"wind.sigma": 0.0, "wind.field_rms": 0.0})
-    first = run.states[:, 0]
-    goal = mission.goals(run.scenario)[0]
-    way = (first[0, :2] - goal) / np.hypot(*(first[0, :2] - goal))
-    beside = (first[:, :2] - goal) @ np.array([-way[1], way[0]])
-    assert np.abs(beside[:600]).max() < 1e-6
-    assert np.ptp(np.hypot(first[100:500, 2], first[100:500, 3])) < 0.01
