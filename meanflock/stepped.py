@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,25 @@ class Stepped:
     whether the flight has ended.
     """
 
+    @overload
+    def __init__(
+        self,
+        scenario: str | Path | Scenario | None = "paper",
+        *,
+        method: str | type | None = None,
+        uavs: int | None = None,
+        seed: int | None = None,
+        duration: float | None = None,
+        plugin: str | Path | Sequence[str | Path] | None = None,
+        out: str | Path | None = None,
+        record: bool = False,
+        progress: Progress | None = None,
+        parameters: int = 0,
+        broadcast_numbers: int = 64,
+        **settings: Any,
+    ) -> None: ...
+    @overload
+    def __init__(self, *args: Any, **settings: Any) -> None: ...  # as of `settings.WithSettings`
     def __init__(
         self,
         scenario: str | Path | Scenario | None = "paper",

@@ -12,6 +12,7 @@ import numpy as np
 from meanflock.agent.controllers.policy.network import Network, read
 from meanflock.agent.controllers.policy.network import save as _save
 from meanflock.env.rewards import TERMS, WEIGHTS
+from meanflock.settings import with_settings
 from meanflock.swarm.errors import BadInput, lacking
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["TERMS", "WEIGHTS", "Policy", "parallel_env", "policy", "save_policy", "vector_env"]
 
 
+@with_settings
 def parallel_env(
     mission: str | Path | Scenario = "paper",
     *,
@@ -52,6 +54,7 @@ def parallel_env(
     return ParallelFlock(mission, neighbours, message, acceleration, reward, keys)
 
 
+@with_settings
 def vector_env(
     mission: str | Path | Scenario = "paper",
     *,

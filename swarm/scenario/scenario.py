@@ -356,8 +356,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             payload=self.upload_payload,
             broadcast_payload=self.broadcast_payload,
         )
-        options = self.controller | dict(self.declared.recorded)
-        return msgspec.structs.replace(self, federation=federation, controller=options)
+        try:
+            recorded = dict(self.declared.recorded)
+        except BadInput:  # of a run whose plug-in or file is not here; it was resolved when it was flown
+            recorded = {}
+        return msgspec.structs.replace(self, federation=federation, controller=self.controller | recorded)
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""

@@ -104,13 +104,6 @@ def test_a_number_that_is_not_finite_loses_that_uav_only() -> None:
         flight.step(command)
 
 
-def test_states_are_copies() -> None:
-    flight = mf.Stepped(**SMALL)
-    flight.states[:] = 1e6
-    flight.step(np.zeros((4, 2)))
-    assert np.abs(flight.states).max() < 1e3
-
-
 def test_a_method_that_is_given_is_ignored_with_a_warning(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
