@@ -7,6 +7,7 @@ import platform
 import shutil
 import socket
 import subprocess
+from bisect import bisect
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,7 +17,9 @@ import psutil
 
 from meanflock import kernels
 from meanflock.channel.outlook import outlooks, remedies
-from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
+from meanflock.groundstation.disk import free_mb, remedy
+from meanflock.groundstation.disk import needed_mb as needed_on_disk_mb
+from meanflock.groundstation.memory import available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
 from meanflock.swarm.net.access import DEFAULT_ENDPOINT
@@ -54,14 +57,14 @@ def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | No
         _python(),
         *map(_package, PACKAGES),
         compiled(),
-        memory(uavs, -(-uavs // uavs_per_process)),
+        memory(uavs, -(-uavs // uavs_per_process), scenario.declared.pairwise),
         open_files(uavs, uavs_per_process),
         threads(uavs, uavs_per_process),
         _loopback(),
         _port("bus port", _BUS_PORT, "only in the way of processes started by hand: give them another with --endpoint"),
         _port("live viewer port", VIEWER_PORT, "end what listens there, or run without --view"),
         _writable(out),
-        _disk(out),
+        disk(scenario, out),
         *models(scenario),
         *engine(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
@@ -125,6 +128,11 @@ def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
         return Finding("memory", "ok", found)
     crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
     remedy = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
+    if keeps_states and not crowded:
+        each = uavs // processes if processes else uavs
+        most = bisect(range(uavs), available, key=lambda n: needed_mb(n, -(-n // each) if processes else 0, True)) - 1
+        states = "each UAV stores the states of all others, so memory grows with N²"
+        remedy = f"{states}: --uavs {most}, or a --method without it" if most > 0 else f"{states}: another --method"
     return Finding("memory", "fails", found, remedy)
 
 
@@ -205,11 +213,13 @@ def _writable(out: Path) -> Finding:
     return Finding("output folder", "fails", f"{place} cannot be written", "name another with --out")
 
 
-def _disk(out: Path) -> Finding:
-    free = shutil.disk_usage(_existing(out)).free // MEGABYTE
-    if free < 200:
-        return Finding("disk", "warning", f"{free} MB free", "a recorded run of 25 UAVs takes about 20 MB")
-    return Finding("disk", "ok", f"{free} MB free")
+def disk(scenario: Scenario, out: Path, record: bool = True) -> Finding:
+    """Check whether the run folder has room on its disk, if the flight takes as long as it may."""
+    needed, free = needed_on_disk_mb(scenario, record), free_mb(out)
+    found = f"up to {needed} MB for {scenario.uavs} UAVs over {scenario.max_ticks} ticks, {free} MB free"
+    if needed <= free:
+        return Finding("disk", "ok", found)
+    return Finding("disk", "fails", found, remedy(scenario, record, free))
 
 
 def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding]:

@@ -47,6 +47,7 @@ def run(
     with _prints_apart(as_json):
         flown = load_scenario(file, settings, **keys, faults=script)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
+        _refuse_unless_ok(checks.disk(flown, given["out"], record))
     if given["log_format"] != logs.JSON:  # the world reports it
         warn_before_take_off([flown])
     if view and not record:
@@ -145,6 +146,10 @@ def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_pr
     processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
     needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
+    _refuse_unless_ok(*needs)
+
+
+def _refuse_unless_ok(*needs: checks.Finding) -> None:
     for finding in needs:
         if finding.verdict == "fails":
             raise BadInput(f"{finding.what}: {finding.found}; {finding.remedy}")

@@ -5,11 +5,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation.disk import coarseness
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import FlightProgress
 from meanflock.groundstation.launch.station import Sink
 from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder
 from meanflock.groundstation.results.timeseries_file import Past
+from meanflock.swarm import logs
 from meanflock.swarm.scenario import Scenario
 
 
@@ -43,6 +45,8 @@ class Outputs:
                 from meanflock.groundstation.recording.replay import Continued, missing, recorded
 
                 before = opening.enter_context(Continued(self.folder.path / RECORDING))
+                if not options.quiet and (coarse := coarseness(scenario)) is not None:
+                    logs.show(coarse)
                 recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
                 opening.enter_context(recorder)
                 if past is not None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.clusters import Division
+from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.recording import drawing, mission_map, plots
 from meanflock.groundstation.recording.drawing import Part, circle
 from meanflock.groundstation.results.series import Reported
@@ -47,7 +48,6 @@ LANES = "UAVs"
 ROUND = "round"
 EVENTS = "events"
 
-LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its recording costs more than its flight
 ARROW_S = 2.0  # seconds of flight that the arrow of a velocity shows
 TRAIL_S = 30.0  # length of a trail; a third of it for a large swarm
 LINK_S = 1.0  # seconds for which the transmission of a model is shown

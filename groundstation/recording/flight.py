@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.recording import blueprint, drawing, plots
 from meanflock.groundstation.recording.drawing import STRIP_COLORS, STRIPS, Colors, Floats, Sent, Ticks, cut, strips
 from meanflock.groundstation.results.event_log import event_level, event_text
@@ -67,7 +68,7 @@ class Trails:
     def __init__(self, scenario: Scenario) -> None:
         self._ticks = max(1, round(TRAIL_STEP_S / scenario.dt))
         self._steps = np.arange(self._ticks + 1)
-        if scenario.uavs > blueprint.LARGE_SWARM:
+        if scenario.uavs > LARGE_SWARM:
             self._steps = self._steps[[0, -1]]
         self._start: Floats = np.empty((0, scenario.uavs, 2), dtype=np.float32)  # of the next piece
 

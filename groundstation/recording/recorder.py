@@ -16,6 +16,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from meanflock.groundstation.disk import LARGE_SWARM, LARGE_SWARM_STRIDE
 from meanflock.groundstation.recording import blueprint, mission_map
 from meanflock.groundstation.recording.disturbances import Disturbances
 from meanflock.groundstation.recording.drawing import Part, Sent, Ticks
@@ -36,7 +37,6 @@ BATCH_WALL_S = 0.5  # longest delay for a live viewer
 FILE_WALL_S = 2.0  # longest time that is lost in a kill, and replayed
 _LATE_VIEWERS = "256MB"  # memory of the server for viewers; beyond it, the oldest data go
 CLOSE_WALL_S = 10.0  # only the footer is written in this time
-LARGE_SWARM_STRIDE = 5  # ticks between recorded positions of a large swarm
 
 Sink = rr.FileSink | rr.GrpcServerSink
 
@@ -69,7 +69,7 @@ class Writer:
         self._scenario = scenario
         self._part = f"{part}/" if part else ""
         self._maps = maps
-        self._large = scenario.uavs > blueprint.LARGE_SWARM
+        self._large = scenario.uavs > LARGE_SWARM
         self._disturbances = Disturbances(scenario)
         self._trails = Trails(scenario)
         self._rounds = RoundRows(scenario)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.account import Shares, shares
 from meanflock.federation.schedule import drawn
+from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.recording import blueprint, plots
 from meanflock.groundstation.recording.drawing import Colors, Sent, Ticks, cut, scalars
 from meanflock.swarm import faults
@@ -43,7 +44,7 @@ class RoundRows:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        self._is_drawn = scenario.uavs <= blueprint.LARGE_SWARM
+        self._is_drawn = scenario.uavs <= LARGE_SWARM
         self._names = [str(uav) for uav in range(scenario.uavs)]
         self._centre = blueprint.centre(scenario)
         self._links = _NO_LINKS  # of the last round

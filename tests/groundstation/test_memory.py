@@ -72,3 +72,16 @@ def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, p
     assert f"{needed_mb(200, processes)} MB for 200 UAVs" in found.found
     assert f"{left_mb} MB left of this container's limit" in found.found
     assert remedy in found.remedy
+
+
+@pytest.mark.parametrize("processes", [0, 4])
+def test_a_method_whose_memory_grows_with_pairs_is_refused_with_the_largest_swarm_that_fits(
+    monkeypatch: pytest.MonkeyPatch, processes: int
+) -> None:
+    monkeypatch.setattr(doctor, "available_mb", lambda: (8000, "available"))
+    found = doctor.memory(10_000, processes, keeps_states=True)
+    assert (found.verdict, "grows with N²" in found.remedy) == ("fails", True)
+    most = int(found.remedy.split("--uavs ")[1].split(",")[0])
+    assert 1000 < most < 10_000
+    fits = [doctor.memory(uavs, processes and -(-uavs // 2500), keeps_states=True) for uavs in (most, most + 10)]
+    assert [one.verdict for one in fits] == ["ok", "fails"]
