@@ -114,9 +114,6 @@ def test_weights_that_are_none_cost_the_round(weights: Any, expected: str) -> No
     assert any("wrong" in text for text in sink.texts)
 
 
-# -- flights --------------------------------------------------------------------------------------------------------
-
-
 def test_no_leader_flies_and_its_uav_may_die() -> None:
     engine = Engine(scenario(6, "faults=[{kind='kill', tick=50, uavs=[0]}]"), "neighbours", uavs_per_node=2)
     assert all(member.role == "agent" for member in engine.world.members.present)
@@ -146,9 +143,6 @@ def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_o
     summary = Engine(paused, "neighbours").complete()
     assert summary["rounds_void"] >= 2
     assert summary["lost"] == 0
-
-
-# -- silence --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("topology", ["leader", "neighbours"])

@@ -5,19 +5,10 @@ import pytest
 
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario, load
-from tests.methods import METHODS
 
 
 def scenario(*settings: str) -> Scenario:
     return load(None, settings)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_rounds_open_every_n0_ticks_but_not_at_take_off(method: str) -> None:
-    rounds = Schedule(scenario(f"method={method}"))
-    opened = {tick: rounds.opens(tick) for tick in range(601) if rounds.opens(tick)}
-    period = {"mfgfl-h": 100, "mfgfl-f": 100, "mfgfl-hf": 200}.get(method)
-    assert opened == ({k * period: k for k in range(1, 600 // period + 1)} if period else {})
 
 
 @pytest.mark.parametrize("slots", [1, 3, 8, 40])

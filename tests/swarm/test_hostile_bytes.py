@@ -17,7 +17,7 @@ from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Ready, Sense, Welcome
 from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
 from tests.swarm.damage import damaged
-from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, carrying, read, same, written
+from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, read, same, written
 from tests.swarm.ticks import QUICK, as_documented
 
 pytestmark = pytest.mark.usefixtures("backend")
@@ -87,25 +87,6 @@ def test_a_message_that_is_cut_off_or_followed_by_more_is_malformed(name: str) -
         rejects("malformed" if name in OF_A_TICK else "malformed wrong-shape", read, raw[:end])
     for more in (b"\0", b"\xc0", raw):
         rejects("malformed", read, raw + more)
-
-
-@pytest.mark.parametrize("bad", [np.nan, -np.inf])
-@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8"])
-def test_a_number_that_is_not_finite_is_rejected_wherever_it_is(dtype: str, bad: float) -> None:
-    good, sources = np.zeros((3, 4)), np.arange(3, dtype=np.int32)
-    for where in ((0, 0), (1, 2), (2, 3)):
-        table, payload = np.zeros((3, 4)), np.zeros((3, 4), dtype)
-        table[where] = payload[where] = bad
-        batch = Frames(FrameKind.STATE, 0, sources, payload)
-        for message in (
-            Sense(1, 2, table),
-            Sense(1, 2, good, inbox=(batch,)),
-            Act(1, 2, table),
-            Act(1, 2, good, models=table),
-            Act(1, 2, good, outbox=(batch,)),
-            carrying(payload),
-        ):
-            rejects("non-finite", read, written(message))
 
 
 def test_very_many_rows_of_no_width_are_a_message_or_are_rejected() -> None:

@@ -52,9 +52,6 @@ def test_broadcasts_of_any_width_and_type_of_some_rows_are_accepted() -> None:
     same(readers(STATES).read(member(2, 3, 5), TICK, wire.write_act(act)), act)
 
 
-# -- the barrier ----------------------------------------------------------------------------------------------------
-
-
 def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_waiting_thread() -> None:
     barrier, both = Barrier(MemoryNetwork().endpoint(), NAME, readers(STATES)), (member(1, 4), member(2))
     barrier.open(TICK, reporting=False)
@@ -68,9 +65,6 @@ def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_w
     assert not barrier.silent
     assert barrier.replied.tolist() == [False, True, True, False, True, False, False, False]
     assert barrier.commands[[1, 2, 4], 0].tolist() == [3.0, 2.0, 3.0]
-
-
-# -- frames ---------------------------------------------------------------------------------------------------------
 
 
 class Air:
@@ -117,8 +111,6 @@ def test_uploads_of_other_rounds_and_of_silent_uavs_are_left_out() -> None:
     assert Air(MODELS).merge(upload(MODELS, 1, number=7)) == []
 
 
-# -- commands -------------------------------------------------------------------------------------------------------
-
 UAVS = 5
 EACH = np.ones(UAVS, dtype=bool)
 
@@ -147,8 +139,6 @@ def test_diagnostics_of_uavs_on_the_way_add_up() -> None:
     assert list(summary["diagnostics"].values()) == commands.summed.tolist()
     assert summary["diagnostics_max"] == dict(zip("abc", commands.largest.tolist(), strict=True))
 
-
-# -- memories -------------------------------------------------------------------------------------------------------
 
 ROWS = 100
 

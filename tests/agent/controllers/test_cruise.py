@@ -17,14 +17,6 @@ def test_far_off_it_flies_at_cruise_speed_and_near_the_goal_slower() -> None:
     np.testing.assert_allclose(slow, [[0.0, 3 * 0.55]], rtol=1e-12)
 
 
-def test_a_known_drag_and_wind_change_nothing() -> None:
-    calm = mf.fly("paper", method="cruise", uavs=4, **CALM, **{"wind.drag": 0.0})
-    windy = mf.fly("paper", method="cruise", uavs=4, **CALM, **{"wind.mean": [3.0, -2.0], "wind.drag": 0.3})
-    np.testing.assert_allclose(windy.states, calm.states, atol=1e-9)
-    speed = np.hypot(*calm.states[100:700, 0, 2:].T)
-    np.testing.assert_allclose(speed, 2.25, rtol=1e-4)
-
-
 def test_it_stays_where_it_arrives() -> None:
     run = mf.fly("paper", method="cruise", uavs=1, duration=120, stop="duration", **CALM)
     arrived = np.flatnonzero(np.sqrt((run.states[:, 0] ** 2).sum(axis=-1)) <= 5.0)[0]

@@ -34,16 +34,6 @@ def test_the_force_of_a_pair_is_that_of_the_source() -> None:
     np.testing.assert_allclose(pair(0.9), [[force, 0.0], [-force, 0.0]], rtol=1e-9, atol=1e-10)
 
 
-def test_velocities_come_together_and_the_whole_swarm_is_pushed_nowhere() -> None:
-    draw = np.random.default_rng(1)
-    states = np.concatenate([draw.uniform(-2, 2, (12, 2)), draw.normal(0, 1, (12, 2))], axis=1)
-    forces = accelerations("olfati-saber", states, *ALONE)
-    assert np.abs(forces).max() > 0.5
-    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-9)
-    matched = accelerations("olfati-saber", states, *ALONE, "controller.c1=0")
-    assert (matched * (states[:, 2:] - states[:, 2:].mean(axis=0))).sum() < 0.0
-
-
 def test_an_obstacle_repels_and_slows_a_uav_that_comes_near() -> None:
     far, near = np.array([[20.0, 0.0, -2.0, 0.0]]), np.array([[12.5, 0.0, -2.0, 1.0]])
     np.testing.assert_array_equal(accelerations("olfati-saber", far, DISCS), accelerations("olfati-saber", far))

@@ -22,14 +22,6 @@ def test_from_the_allowed_speed_a_uav_stops_within_the_distance(slope: float, mo
     assert not braking(-ways, slope, most).any()
 
 
-def test_a_close_uav_is_repelled_in_proportion() -> None:
-    apart = np.array([[70.0, 0.0, 0, 0], [70.3, 0.4, 0, 0]])  # 0.5 m
-    push = accelerations("vasarhelyi", apart) - accelerations("cruise", apart) / TAU
-    np.testing.assert_allclose(push, 2.0 * 0.8 / TAU * np.array([[-0.6, -0.8], [0.6, 0.8]]), rtol=1e-9)
-    far = np.array([[70.0, 0.0, 0, 0], [71.31, 0.0, 0, 0]])
-    np.testing.assert_allclose(accelerations("vasarhelyi", far) * TAU, accelerations("cruise", far), atol=1e-12)
-
-
 def test_a_uav_that_closes_in_too_fast_is_slowed() -> None:
     """At 2.5 m the brake allows √(2·0.5·2 − 1/9) = 1.374 m/s; half of the rest is taken off."""
     states = np.array([[70.0, 0.0, 1.0, 0.0], [72.5, 0.0, -1.0, 0.0]])
