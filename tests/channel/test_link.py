@@ -31,7 +31,6 @@ SETTINGS: dict[str, tuple[tuple[str, ...], float, int]] = {  # settings, distanc
     "more slots than the threshold allows": (("latency_threshold_slots=3",), 50.0, 246 * 32),
 }
 
-
 KEYS = {  # of a case of the oracle
     **{"path_loss_exponent": "path_loss_exponent", "rice_chi": "rice_chi", "rice_xi": "rice_xi"},
     **{"target_snr_db": "target_snr_dB", "tx_power_dbm": "tx_power_dBm", "noise_psd_dbm_hz": "noise_psd_dBm_Hz"},

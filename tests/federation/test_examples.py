@@ -34,9 +34,7 @@ def example(name: str) -> ModuleType:
 IDEAL = {"radio.model": "ideal"}
 classifier = example("classifier")
 
-
 fedadam, scaffold, inverse_probability = example("fedadam"), example("scaffold"), example("inverse_probability")
-
 
 RULES = {
     "fedadam": fedadam.FedAdam,
@@ -44,7 +42,6 @@ RULES = {
     "inverse-probability": inverse_probability.InverseProbability,
     "scaffold": scaffold.ScaffoldRule,
 }
-
 
 CONFORMING: dict[str, tuple[Any, ...]] = {
     **{name: (check_aggregator, rule) for name, rule in RULES.items()},
