@@ -14,6 +14,15 @@ def ended(*line: object, **options: Any) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([*map(str, line)], **given)
 
 
+def loaded(code: str, **options: Any) -> set[str]:
+    """The modules and packages that a process has loaded that has run `code`."""
+    tells = "\nimport sys\nprint('modules:', *sys.modules, file=sys.stderr)"
+    done = ended(sys.executable, "-c", code + tells, **options)
+    assert done.returncode == 0, done.stderr
+    names = done.stderr.partition("modules: ")[2].split()
+    return {*names, *(name.split(".")[0] for name in names)}
+
+
 def printed(*line: object, **options: Any) -> str:
     """Standard output of a command that must end well."""
     done = ended(*line, **options)

@@ -40,7 +40,7 @@ QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, 
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     out = tmp_path_factory.mktemp("runs")
     options = Options(out=out, in_process=True, record=False, quiet=True)
-    methods = ("hjb", "mfgfl-hf", "offline")
+    methods = ("hjb", "mfgfl-hf")
     return {method: fly(load(None, method=method, uavs=9, duration=45.0), options).folder for method in methods}
 
 
@@ -105,23 +105,6 @@ def test_the_tables_and_plots_of_a_run_and_of_a_recording_use_the_names(runs: di
     assert plots.ALIGNMENT.title == "alignment φ_A, m/s, lower is better"
     for field, title in CRITERIA:
         assert title == FIELDS[field].remarked
-
-
-@pytest.mark.parametrize(
-    ("method", "reported"),
-    [
-        ("offline", []),
-        ("hjb", ["hjb_residual", "phi_G", "weight_spread"]),
-        ("mfgfl-hf", [*DIAGNOSTICS, "weight_spread"]),
-    ],
-)
-def test_every_reported_quantity_has_a_panel_and_paths_the_colour_of_the_interaction(method, reported, runs) -> None:
-    made = plot_run(runs[method])
-    panels = list(titles(made["curves"]))
-    assert len(panels) == 6 + len(reported)
-    for field, panel in zip(reported, panels[6:], strict=True):
-        assert panel.startswith(FIELDS[field].name)
-    assert len(made["paths"].axes) == 1 + ("phi_G" in reported)  # a colour bar
 
 
 @pytest.fixture

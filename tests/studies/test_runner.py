@@ -1,7 +1,6 @@
 """The runner of all studies: interruption, dead processes, number of processes."""
 
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -12,34 +11,7 @@ from meanflock.studies.store import Store
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import load
-from tests.commands import ended, printed
-
-_START = """
-import signal, sys
-from pathlib import Path
-from meanflock.studies.runner import _signals_deferred, terminable
-from meanflock.swarm.errors import RunFailed
-number = int(sys.argv[1])
-signal.signal(signal.SIGINT, signal.default_int_handler)
-before = signal.getsignal(number)
-try:
-    with terminable(Path("there")), _signals_deferred():
-        signal.raise_signal(number)
-        signal.raise_signal(number)
-        print("finished")
-except RunFailed as error:
-    print(error, signal.getsignal(number) == before)
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_are_deferred_to_the_end_of_a_block(number: signal.Signals) -> None:
-    """In a separate process: a signal to the process of the tests would end more than this one."""
-    assert printed(sys.executable, "-c", _START, int(number)).splitlines() == [
-        "finished",
-        "interrupted; flights that were finished are kept in there/data: repeat the command to go on True",
-    ]
-
+from tests.commands import ended
 
 _ENDED = """
 import time

@@ -5,38 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meanflock.studies.leaderboard.front import Front, Fronts, envelope, front, power
+from meanflock.studies.leaderboard.front import Fronts, front, power
 from meanflock.swarm.scenario import Scenario
 
 PAPER = Scenario()
-WAY = np.array([-150.0, -100.0])
-
-
-@pytest.fixture(scope="module")
-def least() -> Front:
-    return front(PAPER, WAY)
-
-
-def test_an_envelope_is_convex_and_never_above_its_function() -> None:
-    """A rising convex function is its own envelope; between two convex pieces it is the line that touches both."""
-    x = np.linspace(0.0, 3.0, 3001)
-    bump = np.minimum(x**2, 4.0 + (x - 2.0) / 10.0)
-    for function in (x**2 + 1.0, bump):
-        at, y = envelope(x, function)
-        below = np.interp(x, at, y)
-        assert (np.diff(np.diff(y) / np.diff(at)) > -1e-9).all()
-        assert (below <= function + 1e-12).all()
-        assert function is bump or below == pytest.approx(function, abs=1e-12)
-    assert np.interp(2.0, at, y) < 3.0
-
-
-def test_the_least_energy_of_all_is_that_of_the_speed_of_least_energy_a_metre(least: Front) -> None:
-    speeds = np.linspace(0.5, 10.0, 100_000)
-    a_metre = power(PAPER, speeds) / speeds
-    way = np.hypot(*WAY) - PAPER.destination.radius
-    assert least.energies_J[-1] == pytest.approx(way * a_metre.min(), rel=1e-5)
-    assert least.least_J(way / speeds[a_metre.argmin()]) == pytest.approx(least.energies_J[-1], rel=1e-4)
-    assert least.least_J(1e6) == least.energies_J[-1]
 
 
 @settings(max_examples=60, deadline=None)
