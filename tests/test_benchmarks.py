@@ -43,9 +43,6 @@ def test_a_race_leaves_a_record_and_a_page_of_all_its_figures(tmp_path: Path, ca
     assert "--only scale scale_processes" in capsys.readouterr().err
 
 
-# -- what got worse -----------------------------------------------------------------------------------------------
-
-
 def found(*ratios: tuple[str, float, str], effort: str = "full", error: str | None = None) -> dict[str, Any]:
     figures = [{"name": name, "ratio": ratio, "better": better} for name, ratio, better in ratios]
     return {"races": {"race": {"effort": effort, "error": error, "figures": figures}}}
@@ -62,8 +59,6 @@ def test_a_ratio_that_grew_by_more_than_noise_is_named_and_one_that_fell_is_not(
     assert store.worse(few, before) == ["race: size: not measured any more"]
 
 
-# -- peers --------------------------------------------------------------------------------------------------------
-
 PEER = """
 import sys
 sys.path.insert(0, {scripts!r})
@@ -77,9 +72,6 @@ def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
         assert 0.0 < peer.measure(10) < 1000.0
     assert peer._process.poll() is not None
     assert not Path(peer._folder.name).exists()
-
-
-# -- scaling ------------------------------------------------------------------------------------------------------
 
 
 def test_the_fit_recovers_the_costs_a_swarm_was_made_of() -> None:

@@ -1,4 +1,4 @@
-"""Containers fly the trajectory of one process, and can do no more than they must."""
+"""Containers fly the trajectory of one process, go on whatever happens to one, and can do no more than they must."""
 
 import json
 import os
@@ -118,6 +118,26 @@ def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_
     docker("stop", compose.container("worldsim"))
     for container, service in compose.containers().items():
         assert compose.ended(container) == int(service == "worldsim"), docker("logs", container)  # 1: interrupted
+    assert compose.summary()["lost"] == 1
+
+
+def test_an_agent_beyond_the_swarm_stands_by_for_one_that_is_lost_and_fewer_are_a_loss(compose: Compose) -> None:
+    compose.up(ENDLESS)
+    compose.flying()
+
+    def scale(agents: int) -> None:
+        compose("up", "-d", "--no-build", "--pull", "never", "--no-recreate", "--scale", f"agent={agents}", "agent")
+
+    scale(UAVS + 1)
+    assert compose.events("lost") == []
+    docker("rm", "--force", compose.container("agent", 2))
+    until(lambda: compose.events("rejoined") and not compose.lost(), "the one beyond to take over", seen=compose.fates)
+    assert compose.state(compose.container("agent", UAVS + 1))["Running"]
+    scale(UAVS - 1)
+    # A router that stands still while it closes a dead link may cost others a loss, too; they come back.
+    until(lambda: len(compose.lost()) == 1, "the loss", seen=compose.fates)
+    docker("stop", compose.container("worldsim"))
+    assert compose.ended(compose.container("groundstation")) == 0
     assert compose.summary()["lost"] == 1
 
 

@@ -136,9 +136,6 @@ def test_progress_is_reported() -> None:
     assert seen == [(100, 250), (200, 250)]
 
 
-# -- the folder of a run -----------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def left(tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
     """A run that left a folder."""
@@ -207,15 +204,14 @@ def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Pa
     with pytest.raises(mf.BadInput, match="no run"):
         mf.open(tmp_path)
     folder = Path(shutil.copytree(left.folder, tmp_path / "run"))
-    (folder / "events.jsonl").write_bytes(b"junk\n")
-    with pytest.raises(mf.BadInput, match=r"events\.jsonl: damaged"):
-        _ = mf.open(folder).events
-    (folder / "events.jsonl").unlink()
-    with pytest.raises(mf.BadInput, match=r"events\.jsonl: No such file"):
-        _ = mf.open(folder).events
-    (folder / "summary.json").write_text("{")
-    with pytest.raises(mf.BadInput, match="not JSON"):
-        mf.open(folder)
-    (folder / "summary.json").unlink()
-    with pytest.raises(mf.BadInput, match="has not finished"):
-        mf.open(folder)
+    for name, junk, says in (
+        ("events.jsonl", b"junk\n", r"events\.jsonl: damaged"),
+        ("events.jsonl", b"", r"events\.jsonl: No such file"),
+        ("summary.json", b"{", "not JSON"),
+        ("summary.json", b"", "has not finished"),
+    ):
+        (folder / name).write_bytes(junk)
+        if not junk:
+            (folder / name).unlink()
+        with pytest.raises(mf.BadInput, match=says):
+            _ = mf.open(folder).events

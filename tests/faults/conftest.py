@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any
 
-import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
@@ -19,7 +18,7 @@ from meanflock.swarm.net.bus import MemoryBus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, Frames, Join
-from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
+from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.faults.by_hand import Processes
 from tests.swarm.examples import read, written
 from tests.telemetry import Record
@@ -75,16 +74,6 @@ class Lab:
             return send(tick, frames, *rest)
 
         self.world.air.send = tell  # type: ignore[method-assign, assignment]
-
-    def resumptions(self) -> dict[int, Resumption]:
-        """By tick, what a run goes on from that died after a checkpoint of this flight."""
-        found = {}
-        states = np.concatenate([block.states for block in self.record.blocks])
-        for block in self.record.blocks:
-            if block.checkpoint:
-                past = Resumption.decode(block.checkpoint, states[: block.first_tick + len(block.states)])
-                found[past.tick] = past
-        return found
 
     def kill(self, name: str) -> None:
         """The node is gone, and its token with it."""

@@ -128,7 +128,8 @@ def test_a_run_that_is_killed_in_any_phase_of_a_round_is_resumed_to_the_end_it_w
     lab = Lab(flown(clusters), uavs_per_node=4)
     lab.world._checkpoint_every = 1
     lab.fly()
-    checkpoints, expected = lab.resumptions(), undisturbed(clusters)
+    checkpoints = {past.tick: past for past in lab.record.checkpoints}
+    expected = undisturbed(clusters)
     for tick in PHASES.values():
         resumed = Lab(flown(clusters), uavs_per_node=2, resume=checkpoints[tick]).fly()
         for name in ("trajectory_sha256", "rounds", "payload_bits", "lost", "uploads_refused"):

@@ -133,7 +133,6 @@ BAD = {
     "an endless gust": ('[[faults]]\nkind = "gust"\ntick = 1\nduration_s = 1.0\nacceleration = [inf, 0.0]', "finite"),
     "no area": ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\nuavs = [1]', "two or more"),
     "more than faults": ('seed = 3\n[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1', "nothing else"),
-    "no TOML": ("[[faults", "TOML"),
 }
 
 

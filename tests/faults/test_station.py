@@ -124,9 +124,6 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
     assert (sum(len(block.states) for block in slow.blocks) == 121) is all_of_it
 
 
-# -- the folder of a station ----------------------------------------------------------------------------------------
-
-
 def test_a_station_goes_on_in_no_folder_that_is_finished_or_of_another_scenario_or_empty(tmp_path: Path) -> None:
     finished = dead(tmp_path, LONG, 250).rename(tmp_path / "compose-20260101-000000")
     folder, so_far = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)

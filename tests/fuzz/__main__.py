@@ -10,10 +10,6 @@ FLAT = 1.25  # times the memory after a fifth of the messages
 MAD = ("agent-0", "leader")
 
 
-def tell(thrown: int) -> None:
-    print(f"\r{thrown:,} messages", end="", file=sys.stderr, flush=True)
-
-
 def main() -> int:
     """Returns 1 if a promise was broken, else 0."""
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
@@ -22,7 +18,7 @@ def main() -> int:
     given = options.parse_args()
     logging.disable(logging.WARNING)  # every drop would be a line until they are too many
     broken: list[str] = []
-    siege = Siege(given.count, given.seed, tell)
+    siege = Siege(given.count, given.seed)
     insiders = {who: Insider(given.count // 20, given.seed, who) for who in MAD}
     try:
         summary = siege.fly()
@@ -30,7 +26,7 @@ def main() -> int:
             if insider.fly()["ticks"] != summary["ticks"]:
                 broken.append(f"the flight with a mad {who} ended early")
     except Broken as error:
-        print(f"\nbroken: {error}")
+        print(f"broken: {error}")
         return 1
     if summary["trajectory_sha256"] != siege.expected["trajectory_sha256"]:
         broken.append("the trajectory is not that of the flight in peace")
@@ -41,7 +37,7 @@ def main() -> int:
     counts |= dict(sorted(siege.outcome.items()))
     counts |= {f"world: {reason}": number for reason, number in sorted(summary["dropped_messages"].items())}
     counts |= {f"mad {who}: ticks in which a mutation was let in": one.let_in for who, one in insiders.items()}
-    print(f"\n{siege.thrown['codec']:,} mutated messages, seed {given.seed}; memory {first:.0f} to {last:.0f} MiB")
+    print(f"{siege.thrown['codec']:,} mutated messages, seed {given.seed}; memory {first:.0f} to {last:.0f} MiB")
     for what, number in counts.items():
         print(f"{what}: {number:,}")
     for sentence in broken:

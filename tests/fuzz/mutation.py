@@ -73,29 +73,22 @@ class Mutator:
         return raw
 
     def _within(self, value: Any) -> Any:
+        """The value with one change, somewhere within."""
         draw = self._draw
         if draw.random() < 0.1:
             return draw.choice(_TELLING_VALUES)
         match value:
             case list() if value:
-                changed, at = list(value), draw.randrange(len(value))
-                match draw.randrange(16):
-                    case 0:
-                        del changed[at]
-                    case 1:
-                        changed.insert(at, draw.choice(value))
-                    case 2:
-                        changed[at] = draw.choice(draw.choice(self._trees))
-                    case _:
-                        changed[at] = self._within(changed[at])
-                return changed
+                at, how = draw.randrange(len(value)), draw.randrange(16)
+                other = draw.choice(draw.choice(self._trees)) if how == 0 else value[at]
+                changes = {0: [other], 1: [], 2: [value[at], value[at]]}
+                middle = changes[how] if how in changes else [self._within(value[at])]
+                return [*value[:at], *middle, *value[at + 1 :]]
             case bytes() if len(value) >= 8 and draw.random() < 0.5:  # other numbers in a table of as many
                 at = 8 * draw.randrange(len(value) // 8)
                 return value[:at] + draw.choice(_TELLING_FLOATS) + value[at + 8 :]
             case bytes() if value:
                 return self._damaged(value)
-            case bool():
-                return not value
             case int():
                 near = max(-(2**63), min(2**64 - 1, value + draw.choice((-2, -1, 1, 2, 20, 256))))
                 return draw.choice((near, near, *_TELLING_INTS))
@@ -105,26 +98,20 @@ class Mutator:
                 return draw.choice(_TELLING_VALUES)
 
     def _damaged(self, raw: bytes) -> bytes:
-        """The bytes with one change: a byte, or a span cut, inserted or repeated, or spliced with another message."""
-        draw = self._draw
+        """The bytes with one change: a span cut, inserted or repeated, spliced with another message, or a byte."""
+        draw, other = self._draw, self._draw.choice(self._corpus)
         start = draw.randint(0, len(raw))
         end = min(len(raw), start + draw.randint(0, 16))
-        match draw.randrange(7):
-            case 0:
-                return raw[:start] + raw[end:]
-            case 1:
-                return raw[:start] + draw.randbytes(draw.randint(1, 16)) + raw[start:]
-            case 2:
-                return raw[:end] + raw[start:]
-            case 3:
-                return raw[:start]
-            case 4:
-                other = draw.choice(self._corpus)
-                return raw[:start] + other[draw.randint(0, len(other)) :]
-            case _ if raw:
-                # The first bytes say what follows: half of the changes are there.
-                at = draw.randrange(min(len(raw), 48) if draw.random() < 0.5 else len(raw))
-                byte = draw.choice((raw[at] ^ (1 << draw.randrange(8)), draw.choice(_TELLING_BYTES)))
-                return raw[:at] + bytes([byte]) + raw[at + 1 :]
-            case _:
-                return raw
+        spans = (
+            raw[end:],
+            draw.randbytes(16) + raw[start:],
+            raw[max(0, start - 16) :],
+            b"",
+            other[draw.randint(0, len(other)) :],
+        )
+        if not raw or draw.randrange(7) < len(spans):
+            return raw[:start] + draw.choice(spans)
+        # The first bytes say what follows: half of the changes are there.
+        at = draw.randrange(min(len(raw), 48) if draw.random() < 0.5 else len(raw))
+        byte = draw.choice((raw[at] ^ (1 << draw.randrange(8)), draw.choice(_TELLING_BYTES)))
+        return raw[:at] + bytes([byte]) + raw[at + 1 :]

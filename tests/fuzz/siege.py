@@ -3,7 +3,7 @@
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -61,9 +61,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
 
 
 class Siege:
-    def __init__(
-        self, count: int, seed: int, told: Callable[[int], None] = lambda thrown: None, clusters: int = 1
-    ) -> None:
+    def __init__(self, count: int, seed: int, clusters: int = 1) -> None:
         self.thrown: Counter[str] = Counter()  # by receiver
         self.outcome: Counter[str] = Counter()  # by reason of the drop, or what else became of it
         self.rss: list[int] = []  # bytes, after each tick
@@ -71,7 +69,6 @@ class Siege:
         corpus, self.expected = recorded(self._flown)
         self._next = Mutator(corpus, seed)
         self._a_tick = -(-count // TICKS)
-        self._told = told
         self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
         self._world = self._engine.world
         handlers = [getattr(bus.handler, "__self__", None) for bus in self._engine.network.endpoints]
@@ -95,7 +92,6 @@ class Siege:
             for _ in self._engine.fly():
                 self._assault(self._a_tick - self._a_tick // 2)
                 self.rss.append(process.memory_info().rss)
-                self._told(sum(self.thrown.values()))
             summary = self._world.finish()
             self.rss.append(process.memory_info().rss)
         return summary
@@ -124,9 +120,7 @@ class Siege:
                 message = self._decoded(raw)
                 receivers[self._turn % len(receivers)](raw, message)
             except Exception as error:
-                raise Broken(
-                    f"{type(error).__name__}: {error}; after {sum(self.thrown.values())}: {raw.hex()}"
-                ) from error
+                raise Broken(f"{type(error).__name__}: {error}: {raw.hex()}") from error
 
     def _decoded(self, raw: bytes) -> Any:
         self.thrown["codec"] += 1

@@ -1,8 +1,6 @@
-"""`view`, `plot` and `picture` of finished and flying runs, and Rerun's program: live viewers, pictures, repairs."""
+"""`view`, `plot` and `picture` of finished and flying runs; displays, pictures and repairs."""
 
-import shutil
 import socket
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,6 @@ from matplotlib.image import imread
 
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import recorded, repair, verify
@@ -20,9 +17,7 @@ from meanflock.groundstation.recording.viewer import MISSING_GRAPHICS, screensho
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
-from meanflock.swarm.scenario import Scenario
-from tests.groundstation.recordings import column, flight, record
-from tests.polling import DEADLINE_S, until
+from tests.groundstation.recordings import flight, record
 
 VERBS = (("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",), ("export", "--mcap", "r"))
 pytestmark = pytest.mark.usefixtures("strict")
@@ -102,46 +97,7 @@ def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown) -> None
     ):
         code, _, err = run("picture", str(flown), *flags)
         assert (code, err.count("\n"), says in err) == (EXIT_BAD_INPUT, 1, True)
-    code, _, err = run("view", str(tmp_path))
-    assert (code, "recording" in err) == (EXIT_BAD_INPUT, True)
     assert not list(tmp_path.rglob("*.png"))
-
-
-def test_a_late_viewer_gets_the_history(tmp_path: Path) -> None:
-    blocks = flight(uavs=4, ticks=60)
-    late = tmp_path / "late.rrd"
-    with Recorder(Scenario(uavs=4), "test", tmp_path / "own.rrd", serve=("localhost", 0)) as recorder:
-        assert recorder.live_url is not None
-        assert "://127.0.0.1:" in recorder.live_url or "://[::1]:" in recorder.live_url
-        for block in blocks:
-            recorder.write(block)
-        recorder.flush()
-        listener = save_live(recorder.live_url, late)
-        try:
-            until(
-                lambda: listener.poll() is not None or len(ticks_so_far(late)) == 60, "the history at the late viewer"
-            )
-            assert listener.poll() is None, "it ended by itself"
-        finally:
-            listener.terminate()
-            listener.wait(DEADLINE_S)
-    assert verify(tmp_path / "own.rrd") is None
-    np.testing.assert_array_equal(ticks_so_far(late), np.arange(60))
-
-
-def ticks_so_far(growing: Path) -> np.ndarray:
-    """The ticks in a recording that another process may still write."""
-    if not growing.exists():
-        return np.array([])
-    read = growing.with_name(f"read.{growing.name}")
-    shutil.copyfile(growing, read)
-    try:
-        repair(read)
-        return column(read, look.UAVS, "Points2D:positions")[0]
-    except (RunFailed, ValueError):  # not yet a recording, or only the blueprint has come
-        return np.array([])
-    finally:
-        read.unlink()
 
 
 def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -> None:
@@ -180,10 +136,3 @@ def test_a_picture_shows_the_given_second_or_the_last_without_a_display(run, tmp
     assert code == EXIT_BAD_INPUT
     assert "of 0 to 19.9 s" in err
     assert not (tmp_path / "beyond.png").exists()
-
-
-def save_live(url: str, path: Path) -> "subprocess.Popen[bytes]":
-    """A process that connects like a viewer and writes the recording to a file."""
-    return subprocess.Popen(
-        [*viewer._program(), url, "--save", str(path)], env=viewer._environment(), stderr=subprocess.DEVNULL
-    )

@@ -36,6 +36,8 @@ OF_A_RUN = [
 ]
 ADDRESSES = ["127.0.0.1:7556", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"]
 OTHERS = [
+    (("plot", "."), "name the folder of a run"),
+    (("view", "."), "recording"),
     *((("run", "--endpoint", address), f"{address}: write it as tcp/HOST:PORT") for address in ADDRESSES),
     (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
     (("sweep", "seed=1,2", "--seeds", "2"), "leave out --seeds"),

@@ -15,6 +15,7 @@ from matplotlib.image import imread
 
 from meanflock.groundstation import doctor
 from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.recording.web import WebPage
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_DONE
@@ -71,8 +72,9 @@ def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> N
         recorder.flush()
         assert recorder.live_url is not None
         page.recording = recorder.live_url
-        until(shows_a_map, "the map in the browser")
+        until(shows_a_map, "the map in the browser, which comes late")
     assert asked - OWN == {"127.0.0.1"}
+    assert verify(tmp_path / "recording.rrd") is None
 
 
 @pytest.mark.processes

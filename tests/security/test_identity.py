@@ -25,9 +25,6 @@ def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undis
     assert open_flight.land()["trajectory_sha256"] != undisturbed
 
 
-# -- attacks --------------------------------------------------------------------------------------------------------
-
-
 def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
     """A client that believes the world's certificate and shows none."""
     settings = {

@@ -8,10 +8,6 @@ from pathlib import Path
 from tests.soak.soak import Soak
 
 
-def tell(tick: int, mishaps: int) -> None:
-    print(f"\rtick {tick:,}, {mishaps} mishaps", end="", file=sys.stderr, flush=True)
-
-
 def main() -> int:
     """Returns 1 if a promise was broken, else 0."""
     options = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
@@ -23,8 +19,8 @@ def main() -> int:
     if given.ticks < 300 or given.uavs < 5 or given.every < 1:
         options.error("a soak needs --ticks of 300 or more, --uavs of 5 or more and --every of 1 or more")
     with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out:
-        report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out), tell).run()
-    print(f"\nsoak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s")
+        report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out)).run()
+    print(f"soak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s")
     dropped = report.summary.get("dropped_messages", {})
     for what, counts in (("mishap", report.mishaps), ("event", report.events), ("dropped", dropped)):
         for name, count in sorted(counts.items()):

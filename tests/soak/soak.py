@@ -8,7 +8,6 @@ import subprocess
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,17 +64,9 @@ def settings(uavs: int, ticks: int, seed: int) -> tuple[str, ...]:
 class Soak:
     """One flight. It ends when it has flown so many ticks with as many mishaps as belong to them."""
 
-    def __init__(
-        self,
-        uavs: int,
-        ticks: int,
-        every: int,
-        seed: int,
-        out: Path,
-        tell: Callable[[int, int], None] = lambda tick, mishaps: None,
-    ) -> None:
-        """`every`: ticks between two mishaps, on average. `tell`: called with the tick and the number of mishaps."""
-        self._ticks, self._every, self._tell = ticks, every, tell
+    def __init__(self, uavs: int, ticks: int, every: int, seed: int, out: Path) -> None:
+        """`every`: ticks between two mishaps, on average."""
+        self._ticks, self._every = ticks, every
         self._runs, scratch, certificates = out / "runs", out / "scratch", out / "certs"
         certs.init(certificates, uavs)
         self._settings = settings(uavs, ticks, seed)
@@ -139,7 +130,6 @@ class Soak:
             tick, mishaps = self._tick, self._mishaps.happened.total()
             if min(tick, mishaps * self._every) >= self._ticks:
                 self._over.set()
-            self._tell(tick, mishaps)
             assert self._flight.world.poll() is None, f"the world ended in tick {tick} of {self._open}"
             if time.monotonic() - sampled > SAMPLE_EVERY_S:
                 sampled = time.monotonic()

@@ -67,13 +67,8 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, column
     console_for(by_kind).print(by_kind)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= max(80, columns)
-    assert [word in shown for word in ("uplink", "relay", "state", "(Mbit)", "87.65")] == [
-        True,
-        False,
-        True,
-        True,
-        True,
-    ]
+    assert "relay" not in shown
+    assert all(word in shown for word in ("uplink", "state", "(Mbit)", "87.65"))
     table = means_table(means, "sweep: 25 UAVs", [300.0])
     console_for(table).print(table)
     shown = capsys.readouterr().out

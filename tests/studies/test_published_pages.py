@@ -61,8 +61,6 @@ def test_the_findings_have_the_numbers_of_the_flights() -> None:
     assert total("uavs", *near) - total("arrived", *near) == 28
 
 
-# -- flights behind the filter ----------------------------------------------------------------------------------------
-
 ROWS = published.read_rows(free_flights.RESULTS)
 
 
@@ -88,8 +86,6 @@ def test_repeated_flights_have_the_published_numbers() -> None:
         (row,) = (one for one in rows if all(one[name] == again[name] for name in names))
         assert again == pytest.approx(row)
 
-
-# -- what is sent -----------------------------------------------------------------------------------------------------
 
 COMMUNICATION = communication.PAGE.read_text(encoding="utf-8")
 

@@ -2,9 +2,11 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 import meanflock as mf
@@ -15,7 +17,8 @@ from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
 from reproduction import experiments
-from tests.studies.studies import QUICK, flown, interrupted, rows
+from tests.polling import DEADLINE_S, until
+from tests.studies.studies import QUICK, flown, rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -57,9 +60,6 @@ def test_values_are_words_numbers_lists_or_tables() -> None:
         Swept.parse("wind.sigma")
 
 
-# -- repetition --------------------------------------------------------------------------------------------------------
-
-
 HELD = """
 import time
 from pathlib import Path
@@ -84,8 +84,14 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "sweep"]
     command += ["wind.sigma=0.1,0.2,0.3", "--methods", "held", "--plugin", str(plugin), "--uavs", "2"]
     command += ["--duration", "2", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(out)]
-    code, printed, said = interrupted(command, out)
-    assert (code, printed) == (EXIT_RUN_FAILED, b"")
+    pipe = subprocess.PIPE
+    flying = subprocess.Popen(command, stderr=pipe, stdout=pipe, start_new_session=True)
+    until(lambda: list(out.glob("data/jobs/*.job")) or flying.poll() is not None, "a finished flight")
+    family = psutil.Process(flying.pid).children(recursive=True)
+    os.killpg(flying.pid, signal.SIGINT)
+    printed, said = flying.communicate(timeout=DEADLINE_S)
+    assert not psutil.wait_procs(family, timeout=DEADLINE_S)[1]
+    assert (flying.returncode, printed) == (EXIT_RUN_FAILED, b"")
     assert b"error: interrupted; " in said
     assert b" of 9 runs are kept in" in said
     assert b"Traceback" not in said
@@ -98,9 +104,6 @@ def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "_fly", lambda *_, **__: pytest.fail("flown again"))
         assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE
-
-
-# -- plug-ins and signals ----------------------------------------------------------------------------------------------
 
 
 MINE = """
@@ -145,7 +148,7 @@ PLAN = ("--controllers", "plan", "--seeds", "1", "--first-seed", "1", "--jobs", 
         (("paper",), "reproduction.measure.measured"),
     ],
 )
-def test_sigterm_after_the_last_flight_ends_a_study_that_can_go_on(command, last, run, tmp_path, monkeypatch) -> None:
+def test_sigterm_after_the_last_flight_ends_a_flyingthat_can_go_on(command, last, run, tmp_path, monkeypatch) -> None:
     caught: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, _: caught.append(number))
     monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
