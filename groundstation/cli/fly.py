@@ -19,7 +19,6 @@ from meanflock.groundstation.cli.arguments import (
     tls_option,
     uavs_per_process_option,
 )
-from meanflock.swarm.forks import SAFE
 
 if TYPE_CHECKING:
     from meanflock.groundstation.launch.forking import Forker
@@ -114,10 +113,14 @@ def resume(folder: Path, as_json: bool, in_process: bool, **given: Any) -> None:
 @contextmanager
 def _forker(in_process: bool) -> "Iterator[Forker | None]":
     """Context of the process that forks the others; None where there are none, or where a fork is not safe."""
-    if in_process or not SAFE:
+    if in_process:
         yield None
         return
     from meanflock.groundstation.launch.forking import Forker
+    from meanflock.swarm.forks import SAFE
 
+    if not SAFE:
+        yield None
+        return
     with Forker() as forker:
         yield forker
