@@ -91,8 +91,8 @@ while True:
     except queue.Empty:
         continue
     if raw[1] not in (SENSE, ACT):
-        tag, run, reason, *more = msgpack.unpackb(raw)  # `lost`, where it is
-        assert (tag, run, more) == ("stop", FINGERPRINT, [])
+        tag, run, reason, lost = msgpack.unpackb(raw)
+        assert (tag, run, lost) == ("stop", FINGERPRINT, False)
         break
     tick = struct.unpack_from(">I", raw, 8)[0]
     if tick > last:

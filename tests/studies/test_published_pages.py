@@ -84,7 +84,7 @@ def test_repeated_flights_have_the_published_numbers() -> None:
     for again, rows in ((shared, FLIGHTS), (filtered, ROWS)):
         names = [name for name in ("table", "where", "way", "method", "uavs", "sigma", "seed") if name in again]
         (row,) = (one for one in rows if all(one[name] == again[name] for name in names))
-        assert again == pytest.approx(row)
+        assert {name: again[name] for name in row} == pytest.approx(row)  # later flights have bits by kind as well
 
 
 COMMUNICATION = communication.PAGE.read_text(encoding="utf-8")
