@@ -48,10 +48,11 @@ def parallel_env(
         BadInput: an argument cannot be used, or the extra `rl` is not installed.
     """
     try:
+        from meanflock.env.episode import Form
         from meanflock.env.parallel import ParallelFlock
     except ModuleNotFoundError as error:
         raise _missing(error, "meanflock.env.parallel_env") from error
-    return ParallelFlock(mission, neighbours, message, acceleration, reward, keys)
+    return ParallelFlock(Form(mission, neighbours, message, acceleration, reward, keys))
 
 
 @with_settings
@@ -77,10 +78,11 @@ def vector_env(
         BadInput: an argument cannot be used, or the extra `rl` is not installed.
     """
     try:
+        from meanflock.env.episode import Form
         from meanflock.env.vector import VectorFlock
     except ModuleNotFoundError as error:
         raise _missing(error, "meanflock.env.vector_env") from error
-    return VectorFlock(mission, flights, neighbours, message, acceleration, reward, keys)
+    return VectorFlock(Form(mission, neighbours, message, acceleration, reward, keys), flights)
 
 
 def _missing(error: ModuleNotFoundError, by: str) -> Exception:

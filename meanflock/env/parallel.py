@@ -1,7 +1,6 @@
 """The environment of PettingZoo: each UAV is an agent."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from pettingzoo import ParallelEnv
 from meanflock.env.episode import Episode, Form
 from meanflock.runs import Run
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
 
@@ -28,16 +26,8 @@ class ParallelFlock(ParallelEnv[str, Floats, Floats]):
     metadata: dict[str, Any] = {"name": "meanflock_v0", "render_modes": []}  # noqa: RUF012  # PettingZoo reads it
     render_mode = None
 
-    def __init__(
-        self,
-        mission: str | Path | Scenario,
-        neighbours: int,
-        message: int,
-        acceleration: float,
-        reward: Mapping[str, float] | None,
-        keys: Mapping[str, Any],
-    ) -> None:
-        self._form = form = Form(mission, neighbours, message, acceleration, reward, keys)
+    def __init__(self, form: Form) -> None:
+        self._form = form
         self.possible_agents = [f"uav_{uav}" for uav in range(form.scenario.uavs)]
         self.agents: list[str] = []
         self._row = {agent: uav for uav, agent in enumerate(self.possible_agents)}

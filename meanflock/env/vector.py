@@ -1,7 +1,5 @@
 """The vector environment of Gymnasium: one policy, whose rows are flights × UAVs."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,6 @@ from meanflock.env.episode import Episode, Form
 from meanflock.runs import Run
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins.guard import as_floats
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, Rows
 
 
@@ -27,19 +24,10 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
     `meanflock.env.TERMS`. summaries: summaries of the flights that have ended, in order.
     """
 
-    def __init__(
-        self,
-        mission: str | Path | Scenario,
-        flights: int,
-        neighbours: int,
-        message: int,
-        acceleration: float,
-        reward: Mapping[str, float] | None,
-        keys: Mapping[str, Any],
-    ) -> None:
+    def __init__(self, form: Form, flights: int) -> None:
         if not isinstance(flights, int) or flights < 1:
             raise BadInput(f"flights: {flights!r}; expected a number of at least 1")
-        self._form = form = Form(mission, neighbours, message, acceleration, reward, keys)
+        self._form = form
         self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
         self.flights = flights
         self.num_envs = flights * form.scenario.uavs
