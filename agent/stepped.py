@@ -24,7 +24,7 @@ _PREPARED = np.zeros((0, 2), dtype=np.intp)  # links of a batch that was receive
 
 
 class Command(msgspec.Struct, frozen=True, eq=False):
-    """What the UAVs do in a tick.
+    """The command of a tick for all UAVs.
 
     acceleration: (N, 2), m/s². broadcasts: the frames to send. models: (N, W), the models after the tick; None: as they
     are.
@@ -141,7 +141,7 @@ class SteppedClient(NodeClient):
 
     @property
     def is_asked(self) -> bool:
-        """Whether a request waits for a command."""
+        """Says whether a request waits for a command."""
         return self._held is not None
 
     @property

@@ -92,10 +92,10 @@ class Used:
         if np.count_nonzero(there) == len(pairs):
             return rows
         before, self.pair = self.pair, distinct(np.concatenate([self.pair, pairs]))
-        kept = self.pair.searchsorted(before)
+        old_rows = self.pair.searchsorted(before)
         for name in ("sent", "outages"):
             counts = np.zeros(len(self.pair), dtype=np.int32)
-            counts[kept] = getattr(self, name)
+            counts[old_rows] = getattr(self, name)
             setattr(self, name, counts)
         return self.pair.searchsorted(pairs)
 

@@ -35,14 +35,14 @@ def free_mb(folder: Path) -> int:
 
 
 def remedy(scenario: Scenario, record: bool, free: int) -> str:
-    """What to do if a run folder does not fit into so many megabytes."""
+    """Says how to make a run folder fit into so many free megabytes."""
     if record and needed_mb(scenario, False) <= free:
         return "fly without the recording: --no-record"
     return "a shorter flight: --duration S; or a disk with more room: --out DIR"
 
 
 def coarseness(scenario: Scenario) -> str | None:
-    """What the recording of a large swarm leaves out; None if it leaves nothing out."""
+    """Says which data the recording of a large swarm leaves out; None if it has all."""
     if scenario.uavs <= LARGE_SWARM:
         return None
     return (

@@ -71,7 +71,7 @@ class Family:
 
 
 class Process(Protocol):
-    """What a launcher needs of a process, started or forked."""
+    """A process that a launcher has started or had forked."""
 
     @property
     def returncode(self) -> int | None:

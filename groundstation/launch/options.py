@@ -27,6 +27,4 @@ class Options:
     watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
     metrics: Address | None = None  # where Prometheus can read the run
     forker: "Forker | None" = None  # from which processes are forked; None: they are started one by one
-    log_format: str | None = (
-        None  # form in which the output of all processes goes to standard error; None: warnings only
-    )
+    log_format: str | None = None  # form of all processes' output on standard error; None: warnings only

@@ -89,7 +89,7 @@ def offsets(spread: mean_field.Density) -> Floats:
 
 
 def keys(scenario: Scenario) -> Keys:
-    """What the tables of a scenario depend on."""
+    """Returns the parts of a scenario that its tables depend on."""
     return Keys(scenario.learner, scenario.cost, scenario.wind, scenario.density, scenario.destination.radius)
 
 

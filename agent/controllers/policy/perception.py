@@ -1,4 +1,4 @@
-"""What a policy observes: its own state relative to the goal, and the nearest UAVs as the radio brought them.
+"""Observations of a policy: its own state relative to the goal, and the nearest UAVs as the radio brought them.
 
 A row of observations is, in m, m/s and s:
 
