@@ -6,6 +6,7 @@ import numpy as np
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
+from meanflock.groundstation.results import event_log
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event
 from meanflock.worldsim.checkpoint import Resumption
@@ -16,7 +17,9 @@ class Record(Kept):
 
     @property
     def events(self) -> list[Event]:
-        return [event for block in self.blocks for event in block.events]
+        events = [event for block in self.blocks for event in block.events]
+        assert {event.kind for event in events} <= event_log.KINDS.keys()  # docs/data.md describes these
+        return events
 
     @property
     def texts(self) -> list[str]:

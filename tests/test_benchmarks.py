@@ -6,9 +6,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pytest
-
 from benchmarks import page, profile, scaling, store
 from benchmarks.__main__ import PAGE
 from benchmarks.peer import environment
@@ -72,17 +69,6 @@ def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
         assert 0.0 < peer.measure(10) < 1000.0
     assert peer._process.poll() is not None
     assert not Path(peer._folder.name).exists()
-
-
-def test_the_fit_recovers_the_costs_a_swarm_was_made_of() -> None:
-    costs = np.array([0.5, 4e-3, 2e-6, 1.5e-4, 0.8, 0.3])
-    places = [(n, 0, 0) for n in (25, 100, 1000, 4000)] + [(n, 0, n * (n - 1)) for n in (25, 100)]
-    places += [(n, n, 0) for n in (25, 50, 200)] + [(1000, 4, 0)]
-    samples = [[*place, scaling.Fit(costs, np.empty(0), np.empty(0)).ms(*place)] for place in places]
-    fitted = scaling.fit(np.array(samples))
-    np.testing.assert_allclose(fitted.coefficients, costs, rtol=1e-6)
-    np.testing.assert_allclose(fitted.relative, 0.0, atol=1e-9)
-    assert fitted.ms(64, 64) == pytest.approx(0.5 + 64 * 4e-3 + 64**2 * 2e-6 + 0.8 + 64 * 0.3)
 
 
 def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: Path) -> None:

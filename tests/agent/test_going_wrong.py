@@ -1,37 +1,154 @@
-"""A controller that goes wrong in flight is the loss of its own UAVs and of no others."""
+"""Controllers of strangers that go wrong: before take-off, in flight, or with the checkpoint of another."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from meanflock.agent.controllers.base import Broadcast, Memory, Received, Step
-from meanflock.groundstation.launch import engine as engines
+from meanflock.agent import node
+from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.groundstation.launch import engine
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins import registry
+from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Status
-from tests.agent.strangers import BAD, QUIET, UAVS, Honest, changed, flown, returns, spoiled, wrong
 from tests.telemetry import fly
+from tests.testing.good import GoodController
+
+BAD, WHEN = 2, 7  # the UAV whose controller goes wrong, and the tick it does in
+UAVS = 5
 
 
-def raises(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-    if self.is_time(memory):
-        raise ZeroDivisionError("nothing to divide by")
-    return Honest.step(self, memory, tick, own, received)
+class Honest(GoodController):
+    """Flies to the destination, learns two numbers, and broadcasts its state; the base of the wrong controllers."""
+
+    name: ClassVar[str] = "stranger"
+    parameters = 2
+    weights = 3
+    diagnostics = ("speed",)
+    period_ticks = 5
+
+    def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+        rows = len(uavs)
+        memory = {"uav": uavs.astype(np.int32), "model": np.zeros((rows, 2)), "ticks": np.zeros(rows, np.int64)}
+        return memory | {"aside": np.ones((rows, 2, 3))}
+
+    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        push = -0.02 * own[:, :2] - 0.3 * own[:, 2:] + 0.01 * memory["model"]
+        for frames in received:
+            np.add.at(push, frames.links[:, 1], 1e-6 * frames.payload[frames.links[:, 0], :2])
+        after = memory | {"ticks": memory["ticks"] + 1, "model": memory["model"] + 1e-3 * own[:, :2]}
+        return Step(after, push, np.abs(own[:, 2:]).sum(axis=1, keepdims=True), (Broadcast(own),))
+
+    def report(self, memory: Memory) -> np.ndarray:
+        return np.concatenate([memory["model"], memory["ticks"][:, None]], axis=1)
+
+    def is_time(self, memory: Memory) -> bool:
+        return bool(((memory["uav"] == BAD) & (memory["ticks"] >= WHEN)).any())
+
+
+def flown(made: type[Controller], *settings: str) -> Scenario:
+    plugins.register(made)
+    return load(None, [f"uavs={UAVS}", "duration=3", 'stop="duration"', *settings], method=made.name)
+
+
+def wrong(**methods: Any) -> type[Controller]:
+    return type("Wrong", (Honest,), methods)
+
+
+def changed(**fields: Any) -> Any:
+    """A step with other fields, of the bad UAV from some tick on."""
+
+    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+        good = Honest.step(self, memory, tick, own, received)
+        if not self.is_time(memory):
+            return good
+        parts = {name: getattr(good, name) for name in good.__struct_fields__}
+        return Step(**parts | {name: make(good, memory["uav"] == BAD) for name, make in fields.items()})
+
+    return step
+
+
+def spoiled(array: np.ndarray, bad: np.ndarray, number: float) -> np.ndarray:
+    array = array.copy()
+    array[bad] = number
+    return array
+
+
+def returns(name: str, spoil: Any) -> Any:
+    def method(self: Honest, memory: Memory, *more: Any) -> Any:
+        good = getattr(Honest, name)(self, memory, *more)
+        return spoil(good) if self.is_time(memory) else good
+
+    return method
+
+
+QUIET = ["radio.target_snr_db=60"]  # nothing is lost on the way
+
+
+def explodes(*_: Any) -> Any:
+    raise OSError("no such table")
+
+
+def fails_with_two(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+    if (uavs % 2).any():
+        raise ValueError("an odd one")
+    return Honest.init(self, uavs, plan)
+
+
+BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "raises when it is made": ({"__init__": explodes}, r"be made: OSError: no such table \(test_going_wrong.py, line"),
+    "raises in init": ({"init": explodes}, r"failed in `init` with UAV 0: OSError: no such table"),
+    "raises in the init of two": (
+        {"init": fails_with_two},
+        r"`init` with UAV 1, 3: ValueError: .* \(test_going_wrong.py",
+    ),
+    "names an array by a number": (
+        {"init": lambda self, *given: Honest.init(self, *given) | {1: given[0]}},
+        r"memory\[1\]: its name must be a text",
+    ),
+    "remembers no dict": ({"init": lambda *_: [1, 2]}, r"memory is a list; expected a dict of arrays"),
+    "remembers other rows": ({"init": lambda *_: {"model": np.zeros((3, 2))}}, r"a leading axis of 5 rows"),
+    "remembers complex numbers": ({"init": lambda *_: {"model": np.zeros((5, 2), "c16")}}, r"keeps arrays of bool,"),
+    "remembers large integers": ({"init": lambda *_: {"n": np.zeros(5, np.uint64)}}, r"memory\['n'\] is uint64 "),
+    "declares a truth": ({"parameters": True}, r"`parameters` is True"),
+    "declares too much": ({"parameters": 10**9}, r"`parameters` is 1000000000; expected 0 … 1000000"),
+    "declares parts that do not add up": ({"parts": (1, 2)}, r"`parts` \(1, 2\) do not add up to its 2"),
+    "declares no parts": ({"parts": 3}, r"a declaration cannot be read"),
+    "declares weights without end": ({"weights": 10**9}, r"`weights`"),
+    "declares no period": ({"period_ticks": 0}, r"`period_ticks` is 0"),
+    "declares a text of diagnostics": ({"diagnostics": "speed"}, r"is a text; write \('speed',\)"),
+    "declares a diagnostic twice": ({"diagnostics": ("a", "a")}, r"different names"),
+    "declares a diagnostic with a space": ({"diagnostics": ("a b",)}, r"different names"),
+    "has a model of another size": (
+        {"get": lambda _, memory: memory["model"][:, :1]},
+        r"`get` returns shape \(1, 1\); expected \(1, 2\)",
+    ),
+    "has no model": ({"get": Controller.get}, r"declares `parameters` must override `get`"),
+    "takes no model": ({"set": Controller.set}, r"declares `parameters` must override `set`"),
+    "fails to declare": ({"parameters": property(explodes)}, r"a declaration cannot be read: OSError"),
+}
+
+
+@pytest.mark.parametrize("what", BEGINS_WRONG)
+def test_a_controller_that_cannot_begin_is_bad_input_of_one_line(what: str) -> None:
+    attributes, text = BEGINS_WRONG[what]
+    with pytest.raises(BadInput, match=text) as caught:
+        Engine(flown(wrong(**attributes)), "strangers")
+    assert "'stranger'" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def fails(*_: Any) -> Any:
     raise KeyError("weights")
 
 
-def leaves(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-    if self.is_time(memory):
-        raise SystemExit(3)
-    return Honest.step(self, memory, tick, own, received)
-
-
-def said(payload: Any, rows: Any = None) -> dict[str, Any]:
-    """A step with another broadcast; `payload` and `rows` are functions of the number of rows."""
-    return stepping(broadcasts=lambda _, bad: (Broadcast(payload(len(bad)), None if rows is None else rows(len(bad))),))
+def said(payload: Any) -> dict[str, Any]:
+    """A step with another broadcast; `payload` is a function of the number of rows."""
+    return stepping(broadcasts=lambda _, bad: (Broadcast(payload(len(bad))),))
 
 
 def stepping(**fields: Any) -> dict[str, Any]:
@@ -40,17 +157,9 @@ def stepping(**fields: Any) -> dict[str, Any]:
 
 # What goes wrong: the methods of the controller, and a part of the text of the event.
 GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "raises": ({"step": raises}, "ZeroDivisionError: nothing to divide by"),
-    "exits": ({"step": leaves}, "SystemExit: 3 (test_going_wrong.py, line"),
+    "raises": ({"step": returns("step", lambda _: 1 / 0)}, "ZeroDivisionError: division by zero"),
+    "exits": ({"step": returns("step", lambda _: exit(3))}, "SystemExit: 3 (test_going_wrong.py, line"),
     "returns nothing": ({"step": returns("step", lambda _: None)}, "`step` returns a NoneType; expected mf.Step("),
-    "an acceleration of three axes": (
-        stepping(acceleration=lambda _, bad: np.zeros((len(bad), 3))),
-        "acceleration has shape",
-    ),
-    "complex accelerations": (
-        stepping(acceleration=lambda good, bad: good.acceleration + (1j if bad.any() else 0)),
-        "Cannot cast array data from dtype('complex128')",
-    ),
     "an acceleration that is no number": (
         stepping(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.nan)),
         "its acceleration along x is nan",
@@ -61,16 +170,12 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "its speed is inf",
     ),
     "a memory without an array": (stepping(memory=lambda good, _: {"uav": good.memory["uav"]}), "memory"),
-    "a memory that changes its type": (
-        stepping(memory=lambda good, _: good.memory | {"ticks": good.memory["ticks"] * 1.0}),
-        "memory['ticks']",
+    "a memory that is not finite": (
+        stepping(memory=lambda good, bad: good.memory | {"aside": spoiled(good.memory["aside"], bad, np.nan)}),
+        "ValueError: memory['aside'] has numbers that are not finite",
     ),
     "a broadcast of nothing": (said(lambda rows: np.zeros((rows, 0))), "0)"),
     "a broadcast too wide": (said(lambda rows: np.zeros((rows, 5000))), "5000"),
-    "a broadcast of rows that are not there": (
-        said(lambda _: np.zeros((1, 4)), lambda rows: np.array([rows])),
-        "ascending",
-    ),
     "a broadcast of texts": (said(lambda rows: np.full((rows, 1), "x")), "a broadcast of"),
     "a broadcast of lists": (said(lambda rows: [[1.0]] * rows), "a broadcast of a list"),
     "too many broadcasts": (stepping(broadcasts=lambda good, _: good.broadcasts * 17), "17 broadcasts"),
@@ -80,10 +185,6 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
     "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "result of `get` has shape"),
     "set raises": ({"set": returns("set", fails)}, "KeyError: 'weights'"),
-    "set of another shape": (
-        {"set": returns("set", lambda good: good | {"model": good["model"][:, :1]})},
-        "memory['model']",
-    ),
     "report that is no number": ({"report": returns("report", lambda good: good + np.inf)}, "not finite"),
 }
 
@@ -97,6 +198,7 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         assert summary["ticks"] == 30
         assert summary["dropped_messages"] == {}
         assert summary["nodes_lost"] == 0
+        assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
         last = sink.blocks[-1].status[-1]
         assert (last == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
         (lost,) = [event.text for event in sink.events if event.kind == "diverged"]
@@ -136,26 +238,6 @@ def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_ini
     assert hashes == {fly(flown(Honest, *QUIET))[0]["trajectory_sha256"]}
 
 
-def test_a_memory_that_is_not_finite_costs_its_own_uav_and_not_the_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engines, "_checkpoint_every", lambda *_: 10)
-
-    def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
-        return Honest.init(self, uavs, plan) | {"aside": np.ones((len(uavs), 2, 3))}
-
-    forgets = changed(memory=lambda good, bad: good.memory | {"aside": spoiled(good.memory["aside"], bad, np.nan)})
-    of = flown(wrong(init=init, step=forgets), *QUIET)
-    hashes = set()
-    for rows in (None, 1):
-        summary, sink = fly(of, rows)
-        hashes.add(summary["trajectory_sha256"])
-        assert summary["dropped_messages"] == {}
-        assert (sink.blocks[-1].status[-1] == Status.LOST).tolist() == [uav == BAD for uav in range(UAVS)]
-        (named,) = [line for line in sink.texts if "failed with UAV" in line]
-        assert f"UAV {BAD}: ValueError: memory['aside'] has numbers that are not finite" in named
-        assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
-    assert len(hashes) == 1
-
-
 def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_no_uav() -> None:
     def in_company(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
         if len(own) > 1:
@@ -165,3 +247,35 @@ def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_
     strange, honest = fly(flown(wrong(step=in_company))), fly(flown(Honest))
     assert strange[0]["trajectory_sha256"] == honest[0]["trajectory_sha256"]
     assert strange[0]["lost"] == 0
+
+
+@pytest.fixture(autouse=True)
+def _often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "_checkpoint_every", lambda *_: 10)
+
+
+def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
+    of = flown(Honest, "duration=3")
+    past = fly(of)[1].checkpoints[-1]
+    plugin, made = registry.registered["controller", "stranger"]
+    registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), made
+    with pytest.raises(BadInput, match=r"controller 'stranger' of this process; here it is of sha256 of another"):
+        Engine(of, "strangers", resume=past)
+
+
+def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_the_uavs() -> None:
+    past = fly(flown(Honest, "duration=3"))[1].checkpoints[-1]
+    other = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"more": np.zeros(len(uavs))})
+    with pytest.raises(BadInput, match=r"UAV 0, 1, 2, 3, 4.* does not fit this controller: .*'more'"):
+        Engine(flown(other, "duration=3"), "strangers", resume=past)
+
+
+def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(node, "MAX_MEMORY_BYTES", 2**20)
+    large = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"map": np.zeros((len(uavs), 100_000))})
+    for rows in (None, 1):
+        summary, sink = fly(flown(large, "duration=1"), rows=rows)
+        assert not any(block.checkpoint for block in sink.blocks)
+        assert (summary["ticks"], summary["lost"], summary["dropped_messages"]) == (10, 0, {})

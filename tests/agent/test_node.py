@@ -4,37 +4,10 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.swarm import plugins, state
+from meanflock.swarm import state
 from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.messages import Act, FrameKind
-from tests.agent.nodes import flown, frames, models, sense, states_at, welcome
-
-
-@pytest.mark.parametrize("method", ["mfgfl-h", "mfgfl-f", "mfgfl-hf"])
-def test_a_global_model_overwrites_only_the_rows_it_was_sent_to_and_only_what_is_shared(method: str) -> None:
-    of = flown(method=method)
-    quiet, told = Agent(welcome(of)), Agent(welcome(of))
-    for tick in range(3):
-        quiet.act(sense(tick))
-        told.act(sense(tick))
-    shared = plugins.load("controller", method).shared  # type: ignore[attr-defined]
-    vector = np.random.default_rng(1).normal(0, 1e-3, of.declared.parameters)
-    before, after = quiet.act(sense(3)), told.act(sense(3, frames(FrameKind.GLOBAL, [0], [vector], [[0, 3]], 0)))
-    for row in (0, 2):
-        np.testing.assert_array_equal(after.commands[row], before.commands[row])
-        np.testing.assert_array_equal(models(after)[row], models(before)[row])
-    assert not np.array_equal(models(after)[1, shared], models(before)[1, shared])
-
-
-def test_hjb_knows_of_others_only_what_the_radio_brought() -> None:
-    of = flown(method="hjb")
-    quiet, told = Agent(welcome(of)), Agent(welcome(of))
-    news = frames(FrameKind.STATE, [7], [[0.0, 0.0, 9.0, 9.0]], [[0, 5]], 0)
-    before, after = quiet.act(sense(0)), told.act(sense(0, news))
-    later = quiet.act(sense(1)), told.act(sense(1))  # a received state stays known
-    for one, other in ((before, after), later):
-        np.testing.assert_array_equal(one.commands[:2], other.commands[:2])
-        assert one.commands[2, 3] != other.commands[2, 3]  # φ_G
+from meanflock.swarm.wire.messages import Act
+from tests.agent.nodes import flown, models, sense, states_at, welcome
 
 
 @pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])

@@ -40,12 +40,6 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     assert [row["obstacles"] for row in tables] == [(), (str(disc),)]
 
 
-def test_finished_flights_never_fly_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = list(mf.compare(["mfg"], seeds=2, out=tmp_path, **SMALL))
-    monkeypatch.setattr(study, "Engine", lambda *_, **__: pytest.fail("flown twice"))
-    assert list(mf.compare(["mfg"], seeds=2, out=tmp_path, **SMALL)) == first
-
-
 @pytest.mark.parametrize(
     ("call", "says"),
     [

@@ -45,22 +45,6 @@ def test_the_judges_of_pettingzoo_find_nothing() -> None:
     parallel_seed_test(lambda: env.parallel_env("paper", **SMALL))
 
 
-def test_equal_seeds_give_equal_flights_for_500_steps() -> None:
-    def flown(seed: int) -> list[np.ndarray]:
-        flock = env.parallel_env("windy", uavs=5, message=1, stop="duration")
-        observations, _ = flock.reset(seed=seed)
-        rng, seen = np.random.default_rng(1), []
-        for _ in range(500):
-            actions = {agent: rng.uniform(-1, 1, 3) for agent in flock.agents}
-            observations, rewards, *_ = flock.step(actions)
-            seen.append(np.concatenate([*observations.values(), [*rewards.values()]]))
-        return seen
-
-    first, again, other = flown(11), flown(11), flown(12)
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 def test_a_policy_flies_the_same_bits_in_every_environment_and_partition(policy: env.Policy) -> None:
     flock = env.parallel_env("paper", neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
     observations, _ = flock.reset()
@@ -171,14 +155,6 @@ def test_without_the_extra_the_error_has_the_line_that_installs_it(monkeypatch: 
 
 
 # -- the file of a policy ----------------------------------------------------------------------------------------------
-
-
-def test_a_row_of_a_policy_has_the_same_bits_in_every_batch(policy: env.Policy) -> None:
-    observations = 40.0 * np.random.default_rng(1).standard_normal((64, width(NEIGHBOURS, MESSAGE)))
-    whole = policy(observations)
-    assert whole.shape == (64, 4)
-    np.testing.assert_array_equal(whole, np.concatenate([policy(observations[row : row + 1]) for row in range(64)]))
-    np.testing.assert_array_equal(whole[3:10], policy(observations[3:10]))
 
 
 def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(

@@ -158,59 +158,6 @@ def test_inverse_probability_has_no_bias_where_the_plain_mean_has() -> None:
 # -- the classifier -----------------------------------------------------------------------------------------------
 
 
-def test_uavs_hold_two_digits_each_and_no_picture_twice_or_for_tests() -> None:
-    brightness, digits = classifier.pictures()
-    assert np.bincount(digits).tolist() == [178, 182, 177, 183, 181, 182, 181, 179, 174, 180]
-    assert (brightness.min(), brightness.max()) == (0.0, 1.0)
-    for uavs in (3, 10, 25):
-        held = [classifier.training(uav, uavs) for uav in range(uavs)]
-        assert all(len(set(digits[numbers])) == 2 for numbers in held)
-        together = np.concatenate(held)
-        assert len(together) == len(set(together.tolist()))
-        assert (together % 5 > 0).all()
-    assert len(together) == np.count_nonzero(np.arange(len(digits)) % 5)
-
-
-def test_the_gradient_of_a_model_is_right_and_has_the_same_bits_beside_others() -> None:
-    draw = np.random.default_rng(1)
-    models, inputs, digits = draw.normal(size=(25, 2410)), draw.random((25, 32, 64)), draw.integers(10, size=(25, 32))
-    found = classifier.gradient(models, inputs, digits)
-    for row in range(25):
-        one = slice(row, row + 1)
-        assert classifier.gradient(models[one], inputs[one], digits[one]).tobytes() == found[one].tobytes()
-
-    def loss(models: np.ndarray) -> Any:
-        outputs = classifier.forward(models, inputs)[1]
-        shifted = outputs - outputs.max(axis=2, keepdims=True)
-        right = np.take_along_axis(shifted, digits[:, :, None], axis=2)[:, :, 0]
-        return (np.log(np.exp(shifted).sum(axis=2)) - right).mean(axis=1)
-
-    for weight in (0, 1000, 2050, 2090, 2405):  # of every layer and offset
-        aside = np.zeros(2410)
-        aside[weight] = 1e-6
-        slope = (loss(models + aside) - loss(models - aside)) / 2e-6
-        np.testing.assert_allclose(found[:, weight], slope, atol=1e-7)
-
-
-def test_the_global_models_are_those_of_federated_averaging() -> None:
-    """Four rounds, step by step: none of the training is lost to the round that is under way."""
-    settings = {**IDEAL, "radio.bits_per_float": 64, "federation.fraction": 1.0}
-    flown = mf.Scenario(method=classifier.Classifier, uavs=4, stop="duration", duration=100, **settings)
-    made = classifier.Classifier(classifier.Classifier.Options(), flown)
-    model = made.init(np.arange(4), np.zeros((4, 4)))["model"]
-    pictures, digits = classifier.pictures()
-    engine = Engine(flown, "flight")
-    ticks = engine.fly()
-    for number in range(1, 5):
-        for tick in range(20 * number - 10, 20 * number):
-            batch = np.stack([made.batch(uav, tick) for uav in range(4)])
-            model = model - made.options.rate * classifier.gradient(model, pictures[batch], digits[batch])
-        model = np.tile(model.mean(axis=0), (4, 1))
-        while next(ticks) < 20 * number + 10:
-            pass
-        np.testing.assert_allclose(engine.models, model, rtol=0.0, atol=1e-12)
-
-
 def test_the_program_writes_a_table_numbers_and_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

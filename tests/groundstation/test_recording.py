@@ -128,27 +128,30 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path,
 
 
 def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
-    """Five of five UAVs each, headed by UAVs 0, 5 … 20; UAV 7 and the head of UAVs 10 to 14 are not heard."""
+    """Five of five UAVs, headed by UAVs 0, 5 … 20; UAV 7 and the head of 10 to 14 are not heard, 17 is paused."""
     path, (block,) = tmp_path / "tree.rrd", flight(ticks=20)
-    up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, -8 if uav == 7 else 4) for uav in range(25) if uav % 5]
+    members = [uav for uav in range(25) if uav % 5 and uav != 17]
+    up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, -8 if uav == 7 else 4) for uav in members]
     on = [(3, head, 0, FrameKind.RELAY, -8 if head == 10 else 4) for head in (5, 10, 15, 20)]
     links = np.array(up + on, dtype=np.int32)
-    sent = tuple(uav for uav in range(25) if uav != 9)
-    text = "round 1: 24 of 25 participants sent, 1 silent, 23 received, 1 lost; averaged and broadcast"
+    sent = tuple(uav for uav in range(25) if uav not in (9, 17))
+    text = "round 1: 23 of 25 participants sent, 1 silent, 1 absent, 22 received, 1 lost; averaged and broadcast"
     events = (Event(3, "refused", "upload of UAV 11", (11,)), Event(3, "round", text, sent))
+    paused = Pause(tick=0, uavs=(17,), duration_s=1000.0)
     federation = Federation(clusters=5, fraction=1.0)
-    record(path, [msgspec.structs.replace(block, links=links, events=events)], federation=federation)
+    record(path, [msgspec.structs.replace(block, links=links, events=events)], federation=federation, faults=(paused,))
     ticks, edges = column(path, look.ROUND, "GraphEdges:edges")
     _, colors = column(path, look.ROUND, "GraphNodes:colors")
     assert ticks.tolist() == [2, 3]
-    assert [len(of_tick) for of_tick in edges] == [20 - 1, 20 - 1 + 4 - 1]
+    assert [len(of_tick) for of_tick in edges] == [19 - 1, 19 - 1 + 4 - 1]
     assert (colors[0][9], colors[1][9], colors[1][11]) == (drawing.GREEN, drawing.GREY, drawing.VIOLET)
+    assert colors[1][17] == drawing.DISC  # paused, not silent
     ticks, values = scalars(path, plots.ROUNDS)
-    assert (ticks.tolist(), values.tolist()) == ([3], [[pytest.approx(2300 / 24), 0.0, 4.0]])
+    assert (ticks.tolist(), values.tolist()) == ([3], [[pytest.approx(2200 / 23), 0.0, 4.0]])
     expected = [drawing.WHITE, drawing.GREEN, drawing.GREEN, drawing.RED, drawing.RED]
     assert [colors[1][uav] for uav in (0, 5, 6, 7, 10)] == expected
     ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
-    assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [20, 4])
+    assert (ticks.tolist(), [len(lines) for lines in strips]) == ([2, 3], [19, 4])
 
 
 def test_a_large_swarm_is_recorded_coarsely(tmp_path: Path) -> None:
@@ -237,14 +240,3 @@ def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path
         drawn = Reported((), weights).drawn
         assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))
         assert all(0 <= number < weights for number in drawn)
-
-
-def test_a_participant_that_is_paused_is_not_silent_in_the_graph(tmp_path: Path) -> None:
-    path, (block,) = tmp_path / "paused.rrd", flight(ticks=20)
-    links = np.array([(2, 1, 0, FrameKind.UPLOAD, 4)], dtype=np.int32)
-    event = Event(3, "round", "round 1: 1 of 25 participants sent, 23 silent, 1 absent, 1 received; averaged", (1,))
-    faults = (Pause(tick=0, uavs=(9,), duration_s=1000.0),)
-    federation = Federation(fraction=1.0)
-    record(path, [msgspec.structs.replace(block, links=links, events=(event,))], federation=federation, faults=faults)
-    _, colors = column(path, look.ROUND, "GraphNodes:colors")
-    assert (colors[1][9], colors[1][8]) == (drawing.DISC, drawing.GREY)

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from meanflock.groundstation.launch import engine
@@ -15,7 +14,6 @@ from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import Continued, Recorded, complete, missing, recorded, verify
 from meanflock.groundstation.results.run_folder import RunFolder
-from meanflock.groundstation.results.series import block_of, rows_of, unbroken
 from meanflock.groundstation.results.timeseries_file import past, recover
 from meanflock.swarm.wire.messages import Telemetry
 from tests.faults.conftest import Lab, scenario
@@ -153,18 +151,6 @@ def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(blocks, whole,
     assert verify(path) is None
     assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
     assert recorded([path]).ticks.tolist() == whole[look.UAVS][0]
-
-
-def test_rows_are_cut_into_blocks_where_ticks_are_missing(blocks: list[Telemetry]) -> None:
-    batches = [rows_of(block, FLOWN.dt) for block in (blocks[0], blocks[2])]
-    rows = pa.Table.from_batches(batches)
-    pieces = list(unbroken(rows, 15))
-    sizes = [len(batch) for batch in batches]
-    assert sum(sizes) == sum(map(len, pieces))
-    assert sorted({0, sizes[0]} & {sum(map(len, pieces[:k])) for k in range(len(pieces))}) == [0, sizes[0]]
-    assert max(map(len, pieces)) <= 15
-    again = [rows_of(block_of(piece, 7), FLOWN.dt) for piece in pieces]
-    assert pa.Table.from_batches(again).equals(rows)
 
 
 def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(blocks, whole, tmp_path) -> None:

@@ -107,28 +107,6 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
 
 
-@both_forms
-@given(
-    st.integers(FEW + 1, 400),
-    st.sampled_from([1e-9, 1e-3, 2.0, 1e8]),
-    st.sampled_from([0.0, 12.0, 1e6]),
-    st.integers(0, 3),
-    st.integers(0, 2**32 - 1),
-)
-def test_alignment_of_many_uavs_is_within_its_bound(
-    backend: ModuleType, uavs: int, spread: float, common: float, far: int, seed: int
-) -> None:
-    """Whatever velocity all have in common, and with UAVs, the first too, that are much faster than the others."""
-    draw = np.random.default_rng(seed)
-    states = draw.normal(size=(uavs, state.SIZE)) * spread
-    states[:far] *= 1e5
-    states += common
-    exact = math.fsum(np.sqrt(distances(states, state.VX, state.VY)).ravel()) / uavs**2
-    assert abs(backend.alignment(states) - exact) <= ALIGNMENT_ERROR * exact
-    states[:] = states[-1]
-    assert backend.alignment(states) == 0.0
-
-
 @pytest.mark.parametrize("uavs", [0, 1, 25, FEW, FEW + 1, 333, 1100])
 @pytest.mark.parametrize("spread", [300.0, 3.0, 0.03])  # nobody is near, some are, all are
 @pytest.mark.parametrize("step", [0.0, 0.4, 100.0])

@@ -93,20 +93,6 @@ def test_the_tables_have_the_documented_columns(kept: Path) -> None:
     assert len(results.weights["model"][0].as_py()) == 246
 
 
-def test_a_finished_run_never_flies_again(tmp_path: Path, executed: Counter[str]) -> None:
-    first = fly(tmp_path, only={"s0"})
-    assert len(executed) == 4
-    assert first.runs.num_rows == 6  # `uavs` shares two of these runs
-    whole = fly(tmp_path)
-    assert len(executed) == len(plan()) - 2
-    assert same(whole, fly(tmp_path))
-    assert set(executed.values()) == {1}
-    more = [Wanted(run.point, 3) for run in plan()[:1]]
-    fly(tmp_path, plan=[*plan(), *more])
-    assert executed[more[0].key] == 1
-    assert sum(executed.values()) == len(plan()) - 1
-
-
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign"])
 def test_a_damaged_file_flies_again(flown: Path, executed: Counter[str], damage: str) -> None:
     whole = tables.load(flown)

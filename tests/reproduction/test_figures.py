@@ -10,7 +10,6 @@ import pyarrow as pa
 import pytest
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.swarm.errors import BadInput
 from reproduction import figures, report
 from reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
 from reproduction.tables import Results, View
@@ -72,17 +71,6 @@ def tables() -> Results:
         trajectories=pa.Table.from_pylist([each for where in traced for each in _path(where)]),
         weights=pa.Table.from_pylist(weights),
     )
-
-
-def test_only_the_named_figures_are_drawn_and_with_the_same_bytes(tables: Results, tmp_path: Path) -> None:
-    first, again = (figures.draw(tables, tmp_path / name, only=["5", "fig8"]) for name in ("first", "again"))
-    assert {path.name for path in first} == {"fig5.png", "fig5.svg", "fig8.png", "fig8.svg"}
-    for path, other in zip(first, again, strict=True):
-        assert path.stat().st_size > 20_000
-        assert path.read_bytes() == other.read_bytes()
-    with pytest.raises(BadInput, match="fig9"):
-        figures.draw(tables, tmp_path, only=["9"])
-    assert figures.draw(results([row("nothing", "hjb", 1)]), tmp_path) == []
 
 
 @pytest.mark.parametrize("name", list(figures.FIGURES))

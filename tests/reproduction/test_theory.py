@@ -7,12 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import linalg
 
-from meanflock.agent.controllers.mean_field.learner import VALUE_EXPONENTS, scales, tables
-from meanflock.kernels.mean_field import features, hjb
-from meanflock.kernels.mean_field.layout import VALUE_FEATURES
-from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.vehicles.point_mass import PointMass
@@ -55,28 +50,6 @@ def test_the_moments_of_spread_states_meet_proposition_3() -> None:
     assert found["msd_ratio"] == pytest.approx(1.2, abs=0.2)  # the step is too large for the closed form, but fast
     assert found["msd_fall"] < 0.6
     assert 0 < found["learnable"] < 138
-
-
-def test_the_value_learner_flies_the_exact_solution_on_a_line() -> None:
-    """On the positive x axis v·r/‖r‖ is v, so without φ_G the problem is linear-quadratic: ψ = q v² + p v + rate·t."""
-    line = scenario("wind.mean=[1.0, 0.0]", "learner.mu_h=1e-12")
-    drag, wind, c1, c3 = line.wind.drag, line.wind.mean[0], line.cost.c1, line.cost.c3
-    q = linalg.solve_continuous_are(np.array([[-drag]]), np.eye(1), np.array([[c1]]), np.array([[c3]]))[0, 0]
-    p = (1.0 + 2.0 * drag * wind * q) / (drag + q / c3)
-    noise = line.wind.sigma**2 * q
-    rate = p**2 / (4.0 * c3) - drag * wind * p - noise
-
-    draw = np.random.default_rng(7)
-    states = np.zeros((40, 4))
-    states[:, state.X], states[:, state.VX] = draw.uniform(10, 200, 40), draw.uniform(-30, 5, 40)
-    weights, unit = np.zeros((40, 2, VALUE_FEATURES)), np.eye(state.SIZE, dtype=int)
-    scale, number = scales(line.learner), {tuple(row): k for k, row in enumerate(VALUE_EXPONENTS.tolist())}
-    for exponents, coefficient in ((unit[state.VX], p), (2 * unit[state.VX], q), (2 * unit[state.VY], q)):
-        weights[:, 0, number[tuple(exponents.tolist())]] = coefficient * float(np.prod(scale**exponents))
-    t = tables(line)
-    found = hjb.step(t, weights.reshape(40, -1), states, features.powers(t, states), np.zeros(40))
-    assert found.residual == pytest.approx(np.full(40, noise - rate), abs=1e-9)  # the y axis has the noise alone
-    assert found.action_before[:, 0] == pytest.approx(-(2 * q * states[:, state.VX] + p) / (2 * c3))
 
 
 def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net.access import Address, check_free
+from meanflock.swarm.net.access import Address
 
 
 @pytest.mark.parametrize(
@@ -24,22 +24,3 @@ def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, 
 def test_a_text_that_is_no_address_is_named_with_its_flag(text: str) -> None:
     with pytest.raises(BadInput, match=r"--metrics .*HOST:PORT"):
         Address.parse("--metrics", text)
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
-def test_a_free_port_can_be_had_and_a_taken_one_is_refused(host: str) -> None:
-    try:
-        free = Address(host, 0).free("--metrics")
-    except BadInput:
-        pytest.skip("this machine has no such address")
-    check_free(f"tcp/{free}")
-    with free.listen():
-        with pytest.raises(BadInput, match=rf"--metrics .*:{free.port}: Address already in use; choose"):
-            free.free("--metrics")
-        with pytest.raises(BadInput, match=r"Address already in use.*choose a free one"):
-            check_free(f"tcp/{free}")
-
-
-def test_an_address_of_another_machine_is_refused() -> None:
-    with pytest.raises(BadInput, match=r"192.0.2.1:0: Cannot assign requested address; choose"):
-        Address("192.0.2.1", 0).free("--metrics")

@@ -60,18 +60,6 @@ def lines(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in capsys.readouterr().err.splitlines()]
 
 
-def test_a_later_name_of_a_process_is_in_the_lines_after_it(capsys: pytest.CaptureFixture[str]) -> None:
-    known = logs.start("json", run=RUN, node="agent")
-    log = logging.getLogger("meanflock.test")
-    log.warning("first")
-    known["node"] = "agent-3"
-    log.warning("second")
-    log.info("below the level")
-    first, second = lines(capsys)
-    assert (first["run"], first["node"], first["message"]) == (RUN, "agent", "first")
-    assert (second["run"], second["node"], second["message"]) == (RUN, "agent-3", "second")
-
-
 def test_a_text_for_the_user_is_written_at_any_level_in_the_form_of_the_log(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

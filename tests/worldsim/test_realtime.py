@@ -12,17 +12,6 @@ from meanflock.worldsim.summary import factor
 from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
 
 
-def test_prompt_nodes_are_never_held_and_every_tick_begins_in_time() -> None:
-    summary = Flight().fly()
-    assert summary["held_commands"] == 0
-    assert summary["dropped_messages"] == {}
-    assert summary["realtime"]["factor"] == 2.0
-    assert summary["realtime"]["deadline_misses"] == 0
-    assert summary["realtime"]["tick_start_jitter_ms"] == pytest.approx({"mean": 0, "p99": 0, "max": 0}, abs=1e-6)
-    assert summary["wall_time_s"] == pytest.approx(20 * TICK_S)
-    assert summary["real_time_factor"] == pytest.approx(2.0)
-
-
 def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
     flight = Flight(realtime=None)
 

@@ -19,7 +19,6 @@ from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim.barrier import Barrier, Commands, FrameMerger, Replies
 from meanflock.worldsim.checkpoint import Memories
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.summary import Counters, protocol_summary
 from tests.swarm.examples import same
 
 NAME, TICK = "replies", 20
@@ -127,17 +126,6 @@ def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: i
     assert commands.store(given, EACH & (np.arange(UAVS) != 4), EACH, EACH).tolist() == [2]  # 4 has not replied
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]
     assert commands.largest.max() < BEYOND_SENSE
-
-
-def test_diagnostics_of_uavs_on_the_way_add_up() -> None:
-    commands, on_way = Commands(UAVS, 3), np.array([True, False, True, True, False])
-    commands.store(numbers(), EACH, EACH, on_way)
-    commands.store(numbers(), EACH, EACH, EACH)
-    twice = commands.diagnostics[on_way].sum(axis=0) + commands.diagnostics.sum(axis=0)
-    np.testing.assert_allclose(commands.summed, twice, rtol=1e-12)
-    summary = protocol_summary(Counters(), Post(load(None)), commands, ["a", "b", "c"], None, 0)
-    assert list(summary["diagnostics"].values()) == commands.summed.tolist()
-    assert summary["diagnostics_max"] == dict(zip("abc", commands.largest.tolist(), strict=True))
 
 
 ROWS = 100

@@ -83,6 +83,7 @@ def stepping(states: Any = lambda states: states, hidden: Any = lambda hidden: h
         (writing(Glider, "step", 0), "ValueError: .*read-only"),
         (failing(Glider, "step", SystemExit(3)), r"`step` failed: SystemExit: 3 \(\w+.py, line \d+\)"),
         (changed(Glider, "power", lambda _, answer, *__: answer[:, None]), r"power: float64 \(120, 1\)"),
+        (changed(Glider, "power", lambda _, answer, *__: answer * np.ones(4)), r"failed.*of the rows of 30 ticks of 4"),
     ],
 )
 def test_a_wrong_vehicle_ends_the_run_with_its_mistake(vehicle: type, said: str) -> None:

@@ -28,23 +28,6 @@ def test_the_decay_is_an_exponential() -> None:
     assert decay(np.zeros(1)) == 1.0
 
 
-def test_the_repulsion_is_the_negative_gradient_of_its_cost(backend: ModuleType) -> None:
-    draw = np.random.default_rng(5)
-    weight, range_m, step = 5.0, 0.5, 1e-6
-    states, known = draw.normal(0, 0.6, (7, 4)), draw.normal(0, 0.6, (7, 11, 4))
-
-    def cost(at: np.ndarray) -> np.ndarray:
-        squared = ((at[:, None, :2] - known[..., :2]) ** 2).sum(axis=-1)
-        return weight * range_m**2 * np.exp(-squared / (2 * range_m**2)).sum(axis=-1)
-
-    for axis in range(2):
-        aside = np.eye(4)[axis] * step
-        slope = (cost(states + aside) - cost(states - aside)) / (2 * step)
-        np.testing.assert_allclose(
-            pushed(backend, states, known, weight, range_m)[:, axis], -slope, rtol=1e-6, atol=1e-8
-        )
-
-
 def test_two_uavs_that_meet_are_pushed_apart_alike(backend: ModuleType) -> None:
     """By w d exp(−d²/2ℓ²) each, along the line between them, whatever their velocities; nobody pushes itself."""
     states = np.array([[0.0, 0.0, 3.0, 1.0], [0.3, 0.4, -2.0, 0.0]])
