@@ -21,7 +21,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
-from tests.federation.long_model import Long
+from tests.federation.plugins import Long
 from tests.telemetry import fly
 
 LENGTH = 100_000

@@ -11,7 +11,7 @@ from meanflock.federation.rules.fedavg import mean
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
-from tests.federation.momentum import Momentum
+from tests.federation.plugins import Momentum
 from tests.telemetry import fly
 
 DOUBLES = ("radio.bits_per_float=64", "federation.topology=neighbours")

@@ -1,16 +1,21 @@
-"""A node's part in the rounds: heads of clusters collect uploads, relay averages and refuse what does not fit."""
+"""A node's part in the rounds: heads of clusters and the leader average, refuse what is absurd, and send once."""
 
 import numpy as np
+import pytest
 
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.schedule import Schedule
+from meanflock.leader.node import Leader
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import FrameKind, Frames
-from tests.federation.rows import Rows
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames
+from tests.agent.nodes import flown, frames, sense_of, welcome
+from tests.federation.plugins import Rows
 
 
-def flown(*settings: str) -> Scenario:
+def clustered(*settings: str) -> Scenario:
     """Clusters {0 1 2}, {3 4 5} and {6 7}; UAV 4 leads, so the heads are 0, 4 and 6."""
     fixed = ["uavs=8", "federation.period=10", "federation.clusters=3", "federation.leader=4"]
     return load(None, [*fixed, *settings], method="mfgfl-h")
@@ -21,7 +26,7 @@ class Heads:
 
     def __init__(self, *uavs: int, flight: Scenario | None = None) -> None:
         self.rows = Rows(uavs)
-        self.party = Party(flight or flown(), "agent", np.array(uavs, dtype=np.intp), [], self.rows)
+        self.party = Party(flight or clustered(), "agent", np.array(uavs, dtype=np.intp), [], self.rows)
 
     def collect(self, frames: Frames, number: int = 1) -> None:
         self.party.receive(frames, 10 * number + 1)
@@ -81,10 +86,58 @@ def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() ->
 
 
 def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
-    flight = flown("radio.bits_per_float=16", "federation.payload=int8")
+    flight = clustered("radio.bits_per_float=16", "federation.payload=int8")
     coding, node = Coding("int8", flight.declared.parts), Heads(0, 6, flight=flight)
     written = coding.encode(np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
     links = np.array([[0, 0], [1, 6]], dtype=np.int32)
     node.collect(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links))
     (sent,), refused = node.relay(1)
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
+
+
+LEADER = ("method=mfgfl-h", "federation.leader=3")
+
+
+def closing(of: Scenario, number: int) -> int:
+    return next(tick for tick in range(1000) if Schedule(of).closes(tick) == number)
+
+
+def upload(source: list[int], number: int = 1) -> Frames:
+    links = [[row, 3] for row in range(len(source))]
+    return frames(FrameKind.UPLOAD, source, [model(uav) for uav in source], links, number)
+
+
+@pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
+def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(rule: str) -> None:
+    of = flown(*LEADER, f'federation.aggregation="{rule}"')
+    node, fresh = Leader(welcome(of, ())), Leader(welcome(of, ()))
+    act = node.act(sense_of(closing(of, 1), (), upload([3])))
+    assert (act.outbox, act.memory) == ((), b"")
+    request = sense_of(closing(of, 2), (), upload([3, 5], number=2))
+    assert wire.write_act(node.act(request)) == wire.write_act(fresh.act(request))
+
+
+@pytest.mark.parametrize("down", ["int8", "float16", "float32"])
+def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
+    of = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
+    node, up = Leader(welcome(of, ())), Coding("int8", of.declared.parts)
+    batch = upload([0, 1, 6])
+    written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
+    act = node.act(sense_of(closing(of, 1), (), written))
+    (sent,) = act.outbox
+    heard = up.decode(written.payload)
+    expected = Coding(down, of.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)  # type: ignore[arg-type]
+    assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
+    assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
+    assert isinstance(wire.read_act(wire.write_act(act)), Act)
+    assert not node.act(sense_of(closing(of, 1) + 1, (), written)).outbox
+
+
+def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
+    of = flown(*LEADER, "federation.clusters=3")
+    relayed = [np.append(model(uav), count) for uav, count in ((0, 3), (6, 2))]
+    batch = frames(FrameKind.RELAY, [0, 6], relayed, [[0, 3], [1, 3]])
+    batch.payload[0, 5] = 1e10
+    act = Leader(welcome(of, ())).act(sense_of(closing(of, 1), (), batch))
+    assert act.refused.tolist() == [~0]
+    np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))

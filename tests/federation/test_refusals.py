@@ -6,8 +6,7 @@ import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
-from tests.federation.long_model import Long
-from tests.federation.ring import SLOW, Ring
+from tests.federation.plugins import SLOW, Long, Ring
 
 TWO, NEIGHBOURS, RING = "federation.clusters=2", "federation.topology=neighbours", f"federation.topology={Ring.name}"
 MEDIAN, LONG, FRAGMENT = "federation.aggregation=median", "controller.length=100000", "federation.fragment=1"

@@ -8,9 +8,7 @@ import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import EVERY_TICKS
-from tests.federation.long_model import Long
-from tests.federation.momentum import Momentum
-from tests.federation.ring import SLOW, Ring
+from tests.federation.plugins import SLOW, Long, Momentum, Ring
 from tests.telemetry import fly
 
 UAVS = 9

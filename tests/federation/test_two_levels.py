@@ -19,7 +19,7 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH
 from tests.faults.conftest import Lab, scenario
-from tests.federation.rows import Rows
+from tests.federation.plugins import Rows
 
 
 def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int]]:

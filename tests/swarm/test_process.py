@@ -1,4 +1,4 @@
-"""Flags, signals and restarts of the processes."""
+"""Flags, addresses, signals and restarts of the processes."""
 
 import os
 import signal
@@ -6,6 +6,7 @@ import signal
 import pytest
 
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net.access import Address
 from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, parser, seconds
 
 
@@ -50,3 +51,23 @@ def test_a_long_life_makes_up_for_short_ones_before_it() -> None:
         assert restarts.again("a")
     restarts.started("a")
     assert not restarts.again("a")
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "shown"),
+    [
+        ("9464", "127.0.0.1", 9464, "127.0.0.1:9464"),
+        ("world:65535", "world", 65535, "world:65535"),
+        ("[::1]:0", "::1", 0, "[::1]:0"),
+    ],
+)
+def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, port: int, shown: str) -> None:
+    address = Address.parse("--metrics", text)
+    assert address == (host, port)
+    assert str(address) == shown
+
+
+@pytest.mark.parametrize("text", ["", ":", ":80", "host", "host:", "-1", "65536", "80.5", "٣", "host:eighty"])
+def test_a_text_that_is_no_address_is_named_with_its_flag(text: str) -> None:
+    with pytest.raises(BadInput, match=r"--metrics .*HOST:PORT"):
+        Address.parse("--metrics", text)

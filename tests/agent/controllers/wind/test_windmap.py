@@ -1,4 +1,4 @@
-"""Mapping the wind in flight: measurements, ways of sharing them, and the energy they save."""
+"""Mapping the wind: the map, ways through it, measurements, ways of sharing them, and the energy they save."""
 
 from typing import Any
 
@@ -7,6 +7,8 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.base import Received
+from meanflock.agent.controllers.wind.belief import WindGrid
+from meanflock.agent.controllers.wind.route import ABREAST_M, SPEEDS_M_S, STATION_M, Fare, Router
 from meanflock.federation.rules.base import Uploads
 from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
@@ -14,6 +16,87 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.testing import check_controller
 from meanflock.worldsim.vehicles.base import MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
+
+SLANTED = np.array([0.8, 0.6])
+
+
+def grid(spacing: float = 10.0) -> WindGrid:
+    return WindGrid(np.array([5.0, -3.0]), SLANTED, 60.0, 20.0, spacing, 1.0, 15.0)
+
+
+def test_a_linear_wind_is_interpolated_exactly_and_is_constant_beyond_the_edge() -> None:
+    map_ = grid()
+    maps = (map_.nodes @ np.array([[0.1, -0.2], [0.3, 0.05]]))[None]
+    inside = map_.nodes.mean(axis=0) + np.random.default_rng(0).uniform(-12, 12, (1, 30, 2))
+    assert map_.at(maps, inside) == pytest.approx(inside @ np.array([[0.1, -0.2], [0.3, 0.05]]))
+    corner = map_.nodes[0]
+    assert map_.at(maps, (corner - 1e3 * SLANTED - 1e3 * np.array([-0.6, 0.8]))[None]) == pytest.approx(maps[:, 0])
+    _, share = map_.shares(inside)
+    assert share.sum(axis=-1) == pytest.approx(1.0)
+    assert (share >= 0).all()
+
+
+def test_the_mean_is_that_of_a_gaussian_field_measured_at_its_nodes() -> None:
+    map_, draw = grid(), np.random.default_rng(2)
+    which = np.array([2, 11, 30])
+    wind, precision = draw.standard_normal((3, 2)), np.array([4.0, 1.0, 9.0])
+    information = map_.informed(np.zeros(3, dtype=int), map_.nodes[which], wind, precision, 1)
+    apart = ((map_.nodes[:, None] - map_.nodes[None]) ** 2).sum(axis=-1)
+    kernel = (1.0 + apart / (4.0 * 15.0**2)) ** -2
+    weights = np.linalg.solve(kernel[np.ix_(which, which)] + np.diag(1.0 / precision), wind)
+    assert map_.mean(information)[0] == pytest.approx(kernel[:, which] @ weights, abs=1e-9)
+
+
+AIR = {"vehicle.power_speed": "air", "wind.mean": [0.0, 0.0]}
+BACK = np.array([1.0, 0.0])
+GRID = WindGrid(np.array([-10.0, 0.0]), BACK, 140.0, 30.0, 10.0, 1.0, 20.0)
+FARE = Fare(scenario_of("paper", {"vehicle.power_speed": "air"}), 0.05)
+ROUTER = Router(FARE, BACK, 120.0, 30.0, np.zeros(2))
+GOAL, START = np.zeros((1, 2)), np.array([[120.0, 0.0]])
+
+
+def ways(maps: np.ndarray, start: np.ndarray = START) -> tuple[np.ndarray, np.ndarray]:
+    return ROUTER.ways(GRID, maps, np.repeat(GOAL, len(maps), axis=0), start)
+
+
+def test_no_straight_way_at_any_offset_is_cheaper() -> None:
+    maps = np.random.default_rng(0).standard_normal((1, GRID.count, 2))
+    offsets, _ = ways(maps)
+
+    def price(way: np.ndarray) -> float:
+        steps = np.diff(way)
+        stretch = np.sqrt(1.0 + (steps / STATION_M) ** 2)
+        heading = np.stack([-np.ones_like(steps), -steps / STATION_M], axis=-1) / stretch[:, None]
+        middle = np.stack([(np.arange(len(steps)) + 0.5) * STATION_M, way[1:]], axis=-1)
+        air = GRID.at(maps, middle[None])[0]
+        along = (air * heading).sum(axis=-1)
+        across = air[:, 1] * heading[:, 0] - air[:, 0] * heading[:, 1]
+        return float((FARE.best(along, across)[0] * stretch).sum() * STATION_M)
+
+    best = price(offsets[0])
+    assert best < price(np.zeros(ROUTER.stations))
+    draw = np.random.default_rng(1)
+    for _ in range(50):  # any other way on the same places
+        moves = draw.integers(-1, 2, ROUTER.stations - 1) * ABREAST_M
+        other = np.concatenate([[0.0], np.cumsum(moves)])
+        other[-1] = 0.0
+        if np.abs(np.diff(other)).max() <= 2 * ABREAST_M and np.abs(other).max() <= 30.0:
+            assert best <= price(other) + 1e-9
+
+
+def test_a_metre_costs_the_power_of_the_vehicle_at_the_cheapest_speed() -> None:
+    scenario, speeds = scenario_of("paper", AIR), []
+    states = np.zeros((len(SPEEDS_M_S), 4))
+    states[:, 2] = SPEEDS_M_S
+    power = PointMass(PointMass.Options(), scenario).power(states, {}, np.zeros((len(states), 2)))
+    for price in (0.0, 0.05, 0.5):
+        cost, speed = Fare(scenario, price).best(np.zeros(1), np.zeros(1))
+        each = (power + price) / SPEEDS_M_S
+        assert cost[0] == pytest.approx(each.min(), rel=1e-12)
+        assert speed[0] == SPEEDS_M_S[each.argmin()]
+        speeds.append(float(speed[0]))
+    assert speeds == sorted(speeds)
+    assert speeds[0] == pytest.approx(2.25, abs=0.13)  # of least energy a metre
 
 
 def made(share: str, **settings: Any) -> Any:

@@ -1,9 +1,13 @@
-"""`cruise` flies straight at the speed asked for, and stays where it arrives."""
+"""Controllers without neighbours: `cruise` and `lqr`, and all that fly to goals of their own."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve_continuous_are
 
 import meanflock as mf
+from meanflock.agent.controllers.lqr import gains
 from tests.agent.controllers.by_hand import accelerations
 
 CALM = {"wind.sigma": 0.0}
@@ -34,3 +38,10 @@ def test_each_comes_to_a_goal_of_its_own(method: str) -> None:
     run = mf.fly("paper", method=method, uavs=3, **way)
     assert run.summary["arrived"] == 3
     assert (np.hypot(*(run.states[-1, :, :2] - goals).T) < 5.0).all()
+
+
+@given(position=st.floats(1e-6, 1e3), velocity=st.floats(0.0, 1e3))
+def test_the_closed_form_solves_the_riccati_equation(position: float, velocity: float) -> None:
+    push = np.array([[0.0], [1.0]])
+    p = solve_continuous_are(np.array([[0.0, 1.0], [0.0, 0.0]]), push, np.diag([position, velocity]), np.eye(1))
+    np.testing.assert_allclose(gains(position, velocity), (push.T @ p)[0], rtol=1e-5)

@@ -1,0 +1,206 @@
+"""The mean-field methods: initial density, interaction, repulsion in flight, and the offline plan."""
+
+from importlib.resources import files
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm, qmc
+
+from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.methods import MfgflHf, Separation
+from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.kernels.mean_field import layout
+from meanflock.swarm import state
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.seeds import generator
+from meanflock.worldsim.vehicles.point_mass import PointMass
+
+EXPONENTS = np.array([row for row in product(range(5), repeat=4) if 1 <= sum(row) <= 4])
+SCALE = np.array([200.0, 200.0, 20.0, 20.0])
+BANDWIDTH = np.array([3.0, 3.0, 0.7, 0.7])
+
+
+def mixture(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """The Gaussian mixture; its largest value at a centre is one."""
+
+    def raw(at: np.ndarray) -> np.ndarray:
+        return np.exp(-0.5 * (((at[:, None] - centres) / BANDWIDTH) ** 2).sum(axis=-1)).sum(axis=-1)
+
+    return raw(points) / raw(centres).max()
+
+
+@pytest.mark.parametrize("uavs", [1, 2, 7, 25])
+def test_no_other_weights_fit_the_samples_better(uavs: int) -> None:
+    """The gradient of the least-squares objective vanishes; checked on the sample points every UAV draws."""
+    flown = load(None, [f"uavs={uavs}", "density.near_samples=300", "density.box_samples=300"], method="mfgfl-hf")
+    weights = Learner(flown).init(3, starts(flown))
+    fitted = weights[0, layout.DENSITY][: layout.DENSITY_FEATURES]
+    draw, centres = generator(flown.seed, "density-fit"), starts(flown)
+    chosen = draw.integers(len(centres), size=300)
+    near = centres[chosen] + 2 * BANDWIDTH * draw.standard_normal((300, 4))
+    points = np.concatenate([near, SCALE * draw.uniform(-1, 1, (300, 4))])
+    features = np.prod((points / SCALE)[:, None, :] ** EXPONENTS, axis=-1)
+    error = features @ fitted - mixture(points, centres)
+    gradient = features.T @ error / len(points) + flown.density.ridge * fitted
+    assert fitted.any()
+    assert np.abs(gradient).max() < 1e-9
+    assert (weights == weights[0]).all()  # every UAV fits the same
+    rest = np.delete(weights[0], np.arange(246)[layout.DENSITY][: layout.DENSITY_FEATURES])
+    assert not rest.any()
+
+
+NODES = np.loadtxt(str(files("meanflock.agent.controllers.mean_field") / "nodes.csv"), delimiter=",")
+
+
+def direct(flown: Scenario, weights: np.ndarray, at: np.ndarray) -> float:
+    """Σ ω_q K(s, s + δ_q) with m̂ evaluated term by term at every node."""
+    spread, learner = flown.density, flown.learner
+    std = np.array([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+    scale = np.array([learner.position_scale] * 2 + [learner.velocity_scale] * 2)
+    offsets = NODES * std
+    points = (at + offsets) / scale
+    mass = np.maximum([weights @ np.prod(point**EXPONENTS, axis=1) for point in points], 0.0)
+    squared = offsets**2
+    kernel = squared[:, 2:].sum(axis=1) / (flown.cost.epsilon + squared[:, :2].sum(axis=1)) ** flown.cost.beta
+    return float(mass @ kernel / mass.sum()) if mass.sum() > 0 else 0.0
+
+
+def test_the_nodes_are_the_scrambled_sobol_points_they_are_said_to_be() -> None:
+    sobol = qmc.Sobol(d=4, scramble=True, rng=np.random.default_rng(20200309)).random(64)
+    np.testing.assert_allclose(NODES, norm.ppf(sobol), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("cost.epsilon=2.5", "cost.beta=0.5"),
+        ("cost.beta=0",),
+        ("density.node_position_std=30", "density.node_velocity_std=4"),
+        ("learner.position_scale=150", "learner.velocity_scale=10"),
+    ],
+)
+def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[str, ...]) -> None:
+    flown, draw, rows = load(None, ["uavs=9", "method=mfg", *settings]), np.random.default_rng(1), 12
+    learner = Learner(flown)
+    weights = learner.init(rows, starts(flown))
+    states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
+    states[0] = 0.0
+    for _ in range(3):
+        densities = weights[:, layout.DENSITY][:, : layout.DENSITY_FEATURES]
+        expected = [direct(flown, w, s) for w, s in zip(densities, states, strict=True)]
+        weights, numbers = learner.step(weights, states, None)
+        np.testing.assert_allclose(numbers[:, 4], expected, rtol=1e-9, atol=1e-12)
+        states = states + draw.normal(0, 1, states.shape)
+    assert np.ptp(expected) > 0
+
+
+@pytest.mark.parametrize("beta", [1.0, 0.5])
+def test_with_hjb_phi_g_is_the_mean_over_the_states_a_uav_knows(beta: float) -> None:
+    draw = np.random.default_rng(3)
+    learner = Learner(load(None, ["uavs=4", f"cost.beta={beta}"], method="hjb"), learns_density=False)
+    states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
+    apart = known - states[:, None]
+    kernel = (apart[..., 2:] ** 2).sum(axis=-1) / (1 + (apart[..., :2] ** 2).sum(axis=-1)) ** beta
+    phi_g = learner.step(learner.init(2, known[0]), states, known)[1][:, 4]
+    np.testing.assert_allclose(phi_g, kernel.mean(axis=-1), rtol=1e-12)
+
+
+NONE = np.zeros(0, dtype=np.intp)
+
+
+def flown(*settings: str, method: str = "mfgfl-hf") -> dict[str, Any]:
+    return Engine(load(None, settings, method=method), "separation").complete()
+
+
+def test_a_swarm_that_would_touch_rarely_does() -> None:
+    without, apart = (flown("duration=60", *more)["collisions"] for more in ((), ("cost.separation=5",)))
+    assert apart < without / 3
+
+
+def test_states_are_paid_for_only_where_they_are_shared() -> None:
+    bits = [flown("duration=10", *more)["payload_bits"]["state"] for more in ((), ("cost.separation=5",))]
+    assert bits == [25 * 4 * 32, 100 * 25 * 4 * 32]  # before take-off; and then in each tick but the first
+    hjb = [flown("duration=10", *more, method="hjb")["payload_bits"] for more in ((), ("cost.separation=5",))]
+    assert hjb[0] == hjb[1]  # what it shares already is enough
+
+
+def test_believed_states_fly_on_while_nothing_is_heard() -> None:
+    scenario = load(None, ["uavs=2", "cost.separation=5", "start.spacing=100"], method="mfgfl-hf")
+    controller = MfgflHf(MfgflHf.Options(), scenario)
+    plan = np.array([[0.0, 0.0, 1.0, 0.0], [0.3, 0.0, 0.0, 2.0]])
+    memory = controller.init(np.array([0]), plan)
+    for tick in range(3):
+        step = controller.step(memory, tick, plan[:1], ())
+        memory = step.memory
+        assert len(step.broadcasts) == (tick > 0)
+    np.testing.assert_allclose(memory["believed"][0, 1], [0.3, 0.4, 0.0, 2.0])  # two ticks of 0.1 s at 2 m/s
+    np.testing.assert_array_equal(memory["believed"][0, 0], plan[0])
+
+
+def test_two_ways_of_sharing_states_at_once_are_refused() -> None:
+    with pytest.raises(BadInput, match=r"federation\.state_period.*cost\.separation"):
+        _ = load(None, ["federation.state_period=5", "cost.separation=1"], method="mfg").declared
+
+
+def test_a_uav_that_is_not_heard_for_a_second_is_no_longer_avoided() -> None:
+    """A UAV far away is out of the radio's range; where it took off, nobody is."""
+    scenario = load(None, ["uavs=2", "cost.separation=5"], method="mfgfl-hf")
+    separation, plan = Separation(scenario), np.array([[0.0, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0]])
+    memory, pushes = separation.init(np.array([0]), plan), []
+    for tick in range(13):
+        memory, pushed = separation.step(memory, tick, plan[:1], memory["believed"], (NONE, NONE))
+        pushes.append(bool(pushed.any()))
+    assert pushes == [True] * 11 + [False] * 2
+    heard = np.array([0]), np.array([1])  # and it still is where it was
+    assert separation.step(memory, 13, plan[:1], memory["believed"], heard)[1][0, 0] < 0
+
+
+@given(
+    distance=st.floats(0.01, 500.0),
+    speed_max=st.floats(0.5, 50.0),
+    acceleration_max=st.floats(0.1, 30.0),
+    dt=st.floats(0.05, 1.0),
+)
+def test_profile_covers_the_distance_within_the_limits_and_no_faster_one_would(
+    distance: float, speed_max: float, acceleration_max: float, dt: float
+) -> None:
+    profile = speeds(distance, speed_max, acceleration_max, dt)
+    assert profile.sum() * dt == pytest.approx(distance, rel=1e-9)
+    assert profile.max() <= speed_max * (1 + 1e-12)
+    from_rest = np.concatenate([[0.0], profile])
+    assert np.abs(np.diff(from_rest)).max() <= acceleration_max * dt * (1 + 1e-9)
+    assert profile[-1] == pytest.approx(0.0, abs=1e-12)
+    ticks = len(profile) - 1
+    k = np.arange(1, ticks + 1)
+    reach = np.minimum(np.minimum(k, ticks - k) * (acceleration_max * dt), speed_max).sum() * dt
+    assert reach < distance
+
+
+def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> None:
+    scenario = load(None, ["wind.sigma=0"], method="offline")
+    states = starts(scenario)
+    plan, vehicle = OpenLoopPlan(scenario, states), PointMass(PointMass.Options(), scenario)
+    straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
+    assert len(plan) * 0.1 == pytest.approx(np.linalg.norm([150, 100]) / 15 + 15 / 3, abs=0.5)  # bang, coast, bang
+    for tick in range(len(plan) + 20):
+        states, _ = vehicle.step(states, {}, plan(tick), np.zeros((25, 2)))
+        across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
+        assert np.abs(across).max() < 1e-9
+    assert np.abs(states).max() < 1e-9
+
+
+def test_the_plan_is_blind_to_the_wind_and_reports_nothing() -> None:
+    assert load(None, method="offline").declared.diagnostics == ()
+    assert len(speeds(0.0, 15.0, 3.0, 0.1)) == 0  # of a UAV that starts at its goal
+    calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), starts(load(None)))
+    windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), starts(load(None)))
+    for tick in (0, 50, 100, 10_000):
+        np.testing.assert_array_equal(calm(tick), windy(tick))

@@ -1,0 +1,140 @@
+"""Short loops in C: columns side by side, a slot of Rice fading, a tick of motion; both forms against NumPy."""
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@both_forms
+@given(st.integers(0, 5), st.integers(0, 4), st.integers(0, 4), st.booleans(), st.integers(0, 2**32 - 1))
+def test_columns_of_any_strides_are_side_by_side(
+    backend: ModuleType, rows: int, first: int, second: int, turned: bool, seed: int
+) -> None:
+    whole = np.random.default_rng(seed).normal(0, 1e3, (2 * rows, first + second))[::2]
+    whole = np.asfortranarray(whole) if turned else whole
+    out = np.full(whole.shape, 7.0)
+    right = whole[:, first:] if second or turned else None
+    assert backend.columns(whole[:, :first], right, out, first) == np.abs(whole).max(initial=0.0)
+    np.testing.assert_array_equal(out, whole)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", [(0, 0), (1, 3), (2, 4)])
+def test_the_largest_tells_whether_a_number_is_not_finite(
+    backend: ModuleType, bad: float, where: tuple[int, int]
+) -> None:
+    whole = np.ones((3, 5))
+    whole[where] = bad
+    whole[2, 2] = 1e300
+    largest = backend.columns(whole[:, :2], whole[:, 2:], np.empty((3, 5)), 2)
+    assert np.isnan(largest) if np.isnan(bad) else largest == np.inf
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "out"),
+    [
+        (np.zeros((3, 2)), np.zeros((3, 2)), (3, 5)),
+        (np.zeros((2, 2)), np.zeros((2, 3)), (3, 5)),
+        (np.zeros((3, 3)), np.zeros((3, 2)), (3, 5)),
+        (np.zeros((3, 2)), None, (3, 5)),
+        (np.zeros((3, 2, 1)), np.zeros((3, 3)), (3, 5)),
+        (np.zeros((3, 2)), np.zeros((3, 3), np.float32), (3, 5)),
+        (np.zeros((3, 2), np.int64), np.zeros((3, 3)), (3, 5)),
+    ],
+)
+def test_tables_that_do_not_fit_are_refused_and_nothing_is_written(
+    backend: ModuleType, left: np.ndarray, right: np.ndarray | None, out: tuple[int, int]
+) -> None:
+    room = np.full(out, 7.0)
+    with pytest.raises(ValueError, match="columns"):
+        backend.columns(left, right, room, 2)
+    assert (room == 7.0).all()
+
+
+@both_forms
+@given(st.integers(1, 40), st.integers(1, 3), st.booleans(), st.integers(0, 2**32 - 1))
+def test_a_message_is_sent_link_by_link(backend: ModuleType, links: int, needed: int, alike: bool, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    xi, chi = draw.uniform(0, 3), draw.uniform(0.1, 2)
+    thresholds = draw.uniform(0, 6, 1 if alike else links)
+    busy, missing, slots = np.arange(links), np.full(links, needed), np.full(links, -1)
+    expected_busy, expected_missing, expected_slots = list(range(links)), [needed] * links, [-1] * links
+    for slot in range(1, 6):
+        normal = draw.standard_normal((len(expected_busy), 2))
+        for link, (along, across) in zip(expected_busy.copy(), normal.tolist(), strict=True):
+            x, y = along * chi + xi, across * chi
+            expected_missing[link] -= x * x + y * y >= thresholds[0 if alike else link]
+            expected_slots[link] = slot
+            if not expected_missing[link]:
+                expected_busy.remove(link)
+        left = backend.fade(normal, xi, chi, thresholds, slot, busy, missing, slots)
+        assert busy[:left].tolist() == expected_busy
+        assert missing.tolist() == expected_missing
+        assert slots.tolist() == expected_slots
+
+
+def test_a_bound_that_is_no_number_is_never_reached(backend: ModuleType) -> None:
+    busy, missing, slots = np.arange(2), np.ones(2, np.int64), np.full(2, 9)
+    assert backend.fade(np.ones((2, 2)), 1.0, 1.0, np.array([np.nan, 0.0]), 3, busy, missing, slots) == 1
+    assert busy[0] == 0
+    assert slots.tolist() == [3, 3]
+
+
+@both_forms
+@given(st.integers(0, 6), st.integers(0, 30), st.booleans(), st.integers(0, 2**32 - 1))
+def test_terms_of_poisson_are_summed_from_the_last(
+    backend: ModuleType, rates: int, terms: int, late: bool, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    rate, reached = draw.uniform(0, 20, rates), draw.uniform(0, 1, 12)
+    first = draw.integers(0, 20, rates).astype(float) * late
+    sums = np.full(rates, np.nan)
+    backend.poisson(rate, first, terms, reached, sums)
+    for row in range(rates):
+        expected = 0.0
+        for k in range(terms, -1, -1):
+            expected *= rate[row] / (first[row] + (k + 1.0))
+            expected += reached[min(int(first[row]) + k, 11)]
+        assert sums[row] == expected
+
+
+@both_forms
+@given(st.integers(0, 20), st.booleans(), st.integers(0, 2**32 - 1))
+def test_a_point_mass_is_pushed_dragged_and_shaken(backend: ModuleType, uavs: int, alike: bool, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    states, push, noise = draw.normal(0, 9, (uavs, 4)), draw.normal(0, 3, (uavs, 2)), draw.normal(size=(uavs, 2))
+    wind = draw.normal(0, 2, 2 if alike else (uavs, 2))
+    drag, shake, dt = draw.uniform(0, 1, 3)
+    moved = np.full((uavs, 4), np.nan)
+    backend.move(states, push, noise, wind, drag, shake, dt, moved)
+    velocity = (states[:, 2:] + (push - (states[:, 2:] - wind) * drag) * dt) + shake * noise
+    np.testing.assert_array_equal(moved[:, 2:], velocity)
+    np.testing.assert_array_equal(moved[:, :2], velocity * dt + states[:, :2])
+
+
+@both_forms
+@given(st.integers(0, 30), st.integers(0, 2**32 - 1))
+def test_those_within_the_radius_that_were_asked_for_are_counted(backend: ModuleType, uavs: int, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    states, goals = draw.normal(0, 1, (2, uavs, 4))
+    asked = draw.random(uavs) < 0.7
+    off = states - goals
+    distances = np.sqrt(np.add.reduce(off * off, axis=1))
+    radius = float(np.median(distances)) if uavs % 2 else 2.0  # one UAV is exactly there
+    within = asked.copy()
+    count = backend.reached(states, goals, radius, within)
+    np.testing.assert_array_equal(within, asked & (distances <= radius))
+    assert count == within.sum()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_uav_that_is_nowhere_has_reached_nothing(backend: ModuleType, bad: float) -> None:
+    states, within = np.zeros((2, 4)), np.ones(2, dtype=bool)
+    states[1, 3] = bad
+    assert backend.reached(states, np.zeros((2, 4)), 1.0, within) == 1
+    assert within.tolist() == [True, False]
