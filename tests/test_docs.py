@@ -175,21 +175,6 @@ def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
     assert sorted(paths) == sorted(str(page.relative_to(ROOT)) for page in website.pages())
 
 
-def test_a_link_to_nowhere_and_a_file_of_another_host_are_found_in_the_site(tmp_path: Path) -> None:
-    website = script_of("website")
-    for page in website.pages():
-        file = tmp_path / page.relative_to(ROOT).with_suffix(".html")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text("<h1 id='a'>A</h1>", encoding="utf-8")
-    wrong = ["README.html#b", "nowhere.html", "docs"]
-    loaded = ["<script src='//host/x.js'></script>", "<style>@import 'https://host/x.css'</style>"]
-    links = "".join(f"<a href='{link}'></a>" for link in ["README.html#a", "#", "https://host/", *wrong])
-    (tmp_path / "index.html").write_text(links + "".join(loaded), encoding="utf-8")
-    (tmp_path / "x.css").write_text("a { background: url(https://host/x.png) }", encoding="utf-8")
-    found = website.problems(tmp_path)
-    assert len(found) == len(wrong) + len(loaded) + 1, found
-
-
 @pytest.mark.parametrize("name", ["api", "keys", "rooms"])
 def test_a_written_page_is_that_of_the_code(name: str) -> None:
     script = script_of(name)

@@ -9,8 +9,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.studies import study
-from meanflock.swarm import plugins
-from meanflock.swarm.plugins import registry
 from tests.commands import printed
 
 SMALL: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
@@ -68,24 +66,6 @@ def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(kept: bool, t
     with pytest.raises(KeyboardInterrupt) as caught:
         mf.compare("mfg", seeds=2, out=tmp_path if kept else None, **SMALL)
     assert f"kept in {tmp_path / 'data'}" in str(caught.value) if kept else "nothing is kept: name" in str(caught.value)
-
-
-def test_flights_of_another_version_of_a_package_are_flown_again(tmp_path, monkeypatch) -> None:
-    (tmp_path / "stranger.py").write_text(
-        "import meanflock as mf\n\nclass Still(mf.Controller):\n    name = 'still'\n"
-        "    def step(self, memory, tick, own, received):\n        return mf.Step(memory, 0.0 * own[:, :2])\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def key(version: str) -> str:
-        plugin = plugins.Plugin("controller", "still", f"stranger {version}", "stranger:Still", f"stranger {version}")
-        installed = {**registry._packaged(), ("controller", "still"): (plugin,)}
-        with monkeypatch.context() as patch:
-            patch.setattr(registry, "_packaged", lambda: installed)
-            return study.key_of(mf.Scenario(method="still"))
-
-    assert key("1.0") == key("1.0") != key("1.1")
-    assert study.key_of(mf.Scenario(method="mfg")).count(":") == 1
 
 
 FORKED = """

@@ -2,7 +2,6 @@
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
@@ -10,7 +9,6 @@ import pytest
 
 from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
-from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
 from tests.groundstation.recordings import flight
@@ -67,20 +65,6 @@ def test_every_block_before_a_cut_is_read_and_no_block_after_a_false_one(folder:
         spool.append(block, 0)
     spool.close()
     assert [one.block.block for one in spooled(path)] == [0]
-
-
-def test_a_block_without_room_leaves_no_byte_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(file: Any, content: bytes) -> None:
-        file.write(content[: len(content) // 2])
-        raise OSError(28, "No space left on device")
-
-    spool, path = Spool(tmp_path / SPOOL, 0.1), tmp_path / SPOOL
-    spool.append(BLOCKS[0], 0)
-    before = path.read_bytes()
-    monkeypatch.setattr(durable, "write", half)
-    with pytest.raises(OSError, match="No space"):
-        spool.append(BLOCKS[1], 0)
-    assert path.read_bytes() == before
 
 
 def test_a_flight_does_not_continue_over_a_damaged_block(folder: Path, tmp_path: Path) -> None:

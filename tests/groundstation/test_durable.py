@@ -1,17 +1,13 @@
 """After any crash a file is the old or the new one, and no checkpoint is ahead of its rows."""
 
 import os
-import threading
 from pathlib import Path
-
-import pytest
 
 from meanflock.groundstation.results.run_folder import (
     CHECKPOINT,
     EVENTS,
     SCENARIO,
     SUMMARY,
-    BackgroundWorker,
 )
 from meanflock.swarm import scenario as scenarios
 from tests.faults.dying import flight
@@ -49,22 +45,3 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
         *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
         *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled
     ]
-
-
-@pytest.mark.parametrize("call", ["do", "wait", "close", "look"])
-def test_the_next_call_raises_the_error_of_the_work_once(call: str) -> None:
-    aside, go = BackgroundWorker("test"), threading.Event()
-
-    def fail() -> None:
-        go.wait()
-        raise OSError(28, "No space left on device")
-
-    aside.do(fail)
-    aside.look()  # does not wait
-    go.set()
-    assert aside._doing is not None
-    aside._doing.exception(10.0)
-    with pytest.raises(OSError, match="No space"):
-        getattr(aside, call)(*[lambda: None] * (call == "do"))
-    aside.look()
-    aside.close()

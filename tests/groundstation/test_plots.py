@@ -68,22 +68,6 @@ def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
     ]
 
 
-@pytest.mark.parametrize(("level", "seeds"), [(20.0, 4), (0.0, 1), (0.3, 2)])
-def test_a_comparison_shows_every_flight_and_no_negative_number(level: float, seeds: int) -> None:
-    made = comparison.plot_compare({"hjb": summaries(level, seeds), "mfgfl-hf": summaries(level, seeds)})
-    made.draw_without_rendering()
-    assert len([ax for ax in made.axes if ax.get_visible()]) == len(quantities.COMPARED)
-    assert [text.get_text() for text in made.axes[0].get_yticklabels()] == ["hjb", "mfgfl-hf"]
-    every = f"pale: single flights; mean and 95 % interval over {seeds} flights"
-    assert made.get_supxlabel() == (every if seeds > 1 else "one flight each: no interval")
-    for ax in made.axes[: len(quantities.COMPARED)]:
-        flights = [line for line in ax.lines if line.get_alpha()]
-        assert [len(line.get_xdata()) for line in flights] == [seeds, seeds]
-        low, high = ax.get_xlim()
-        assert [tick for tick in ax.get_xticks() if low <= tick < 0.0] == []
-        assert len([tick for tick in ax.get_xticks() if 0.0 <= tick <= high]) >= 2
-
-
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
 def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}

@@ -8,7 +8,6 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 import pytest
-from matplotlib.patches import Circle
 
 import meanflock as mf
 from meanflock.groundstation.plots.run import plot_run
@@ -175,18 +174,6 @@ def test_an_obstacle_hit_has_its_own_mark(tmp_path: Path) -> None:
     crosses, stars = drawn[f"obstacle hits: {len(hits)}"], drawn[f"collisions: {run.summary['collisions']}"]
     assert len(crosses.get_xydata()) == len(hits)
     assert (crosses.get_marker(), crosses.get_color()) != (stars.get_marker(), stars.get_color())
-    plt.close("all")
-
-
-def test_a_plot_of_paths_has_discs_and_own_goals(tmp_path: Path) -> None:
-    keys: dict[str, Any] = {"obstacles": [{"centre": [10.0, 5.0], "radius": 2.0}]}
-    run = mf.fly("swap", method="cruise", uavs=6, duration=2.0, out=tmp_path, **keys)
-    assert run.folder is not None
-    (ax, *_) = plot_run(run.folder)["paths"].axes
-    (disc,) = [patch for patch in ax.patches if isinstance(patch, Circle)]
-    assert (disc.center, disc.radius) == ((10.0, 5.0), 2.0)
-    (marks,) = [line for line in ax.lines if line.get_label() == "goals"]
-    assert sorted(map(tuple, np.round(marks.get_xydata(), 6))) == sorted(map(tuple, np.round(goals(run.scenario), 6)))
     plt.close("all")
 
 

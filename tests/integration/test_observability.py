@@ -2,12 +2,10 @@
 
 import json
 import signal
-import socket
 
 import psutil
 import pytest
 
-from meanflock.groundstation.launch.processes import free_endpoint
 from tests.integration.conftest import Command, Spawn
 from tests.integration.watched import ENDLESS, SHORT, scrape, told_url, world
 from tests.polling import DEADLINE_S, until
@@ -59,25 +57,3 @@ def test_no_port_is_open_unless_it_was_asked_for(spawn: Spawn) -> None:
     assert watched.stderr is not None
     metrics_port = int(told_url(watched.stderr).removesuffix("/metrics").rpartition(":")[2])
     assert listening(watched.pid) == {int(base[1].rpartition(":")[2]), metrics_port}
-
-
-@pytest.mark.parametrize(
-    ("node", "module", "flags", "code"),
-    [
-        ("agent", "agent", ("--wait", "1"), 1),
-        ("leader", "leader", ("--wait", "1"), 1),
-        ("station", "groundstation", ("--wait", "1"), 1),
-        ("world", "worldsim", ("--metrics", "TAKEN"), 2),
-    ],
-)
-def test_a_process_that_fails_logs_one_line(
-    node: str, module: str, flags: tuple[str, ...], code: int, spawn: Spawn
-) -> None:
-    base = ("--endpoint", free_endpoint(), "--run", "nobody", "--log-format", "json")
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        taken = str(server.getsockname()[1])
-        process = spawn(f"meanflock.{module}", *base, *(flag.replace("TAKEN", taken) for flag in flags))
-        _, err = process.communicate(timeout=DEADLINE_S)
-    (line,) = err.splitlines()
-    record = json.loads(line)
-    assert (process.returncode, record["level"], record["run"], record["node"]) == (code, "ERROR", "nobody", node)

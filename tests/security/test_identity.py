@@ -151,23 +151,3 @@ def test_no_node_can_pass_itself_off_as_the_world(folders: Folders) -> None:
             ZenohBus.client(endpoint, PATIENCE_S, Identity(folders.good, VICTIM))
     finally:
         impostor.close()
-
-
-WILD = ["**", "*/**", f"{keys.ROOT}/**", f"{keys.ROOT}/{RUN}/**", keys.act(RUN, "*"), keys.act(RUN, "a$*"), "**/act"]
-
-
-def test_without_tls_no_key_ends_the_world(open_flight: Flight, undisturbed: str) -> None:
-    attacker = open_flight.client(ME)._session
-    forged_line = keys.act(RUN, f"x\n2026-01-01 00:00:00,000 meanflock.world WARNING lost {VICTIM}: it cheats\x1b[2J")
-    tokens = []
-    for key in (*WILD, forged_line):
-        attacker.put(key, b"x")
-        attacker.delete(key)
-        tokens.append(attacker.liveliness().declare_token(key.replace("node", "alive")))
-        list(attacker.get(key, payload=control.encode(Join("agent", 1)), timeout=PATIENCE_S))
-    open_flight.logs("dropped a message under **: wrong-key", "\\n2026-01-01")
-    summary = open_flight.land()
-    assert summary["trajectory_sha256"] == undisturbed
-    assert summary["dropped_messages"]["wrong-key"] >= len(WILD)
-    assert all(line.isprintable() for line in open_flight.said().split("\n"))
-    assert not [line for line in open_flight.said().split("\n") if line.endswith("it cheats") or "lost" in line[:60]]

@@ -16,7 +16,6 @@ from meanflock.studies.swept import Swept
 from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
-from reproduction import experiments
 from tests.polling import DEADLINE_S, until
 from tests.studies.studies import QUICK, flown, rows
 
@@ -133,29 +132,3 @@ def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
     first = energy("one", -0.01)
     assert energy("other", -0.02) != first
     assert energy("one", -0.02) == energy("other", -0.02) != first
-
-
-SHORT = ("--uavs", "2", "--duration", "3", "--seeds", "1", "--jobs", "1")
-PLAN = ("--controllers", "plan", "--seeds", "1", "--first-seed", "1", "--jobs", "1")
-
-
-@pytest.mark.parametrize(
-    ("command", "last"),
-    [
-        (("compare", "plan", *SHORT), "meanflock.groundstation.plots.plotstyle.write"),
-        (("sweep", "uavs=2,3", *SHORT[2:]), "meanflock.groundstation.plots.plotstyle.write"),
-        (("leaderboard", "--missions", "crowd", *PLAN), "meanflock.studies.leaderboard.page.write"),
-        (("paper",), "reproduction.measure.measured"),
-    ],
-)
-def test_sigterm_after_the_last_flight_ends_a_flyingthat_can_go_on(command, last, run, tmp_path, monkeypatch) -> None:
-    caught: list[int] = []
-    before = signal.signal(signal.SIGTERM, lambda number, _: caught.append(number))
-    monkeypatch.setattr(experiments, "run_grid", lambda *_, **__: None)
-    monkeypatch.setattr(last, lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
-    try:
-        code, _, err = run(*command, "--quiet", "--out", "out")
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert (code, caught) == (EXIT_RUN_FAILED, [])  # as Ctrl-C
-    assert err == ("error: interrupted; flights that were finished are kept in out/data: repeat the command to go on\n")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from meanflock.agent.controllers.mean_field.learner import tables
-from meanflock.kernels.mean_field import features, fpk
+from meanflock.kernels.mean_field import features
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 
@@ -25,17 +25,3 @@ def test_the_value_s_features_of_an_axis_add_up_to_the_sixth_power() -> None:
 def test_the_density_s_terms_add_up_to_the_fourth_power() -> None:
     of = features.terms(T, features.pairs(T, features.powers(T, STATES)))
     np.testing.assert_allclose(of.sum(axis=-1), (1.0 + SCALED.sum(axis=-1)) ** 4, rtol=1e-12)
-
-
-def test_the_operator_of_the_fpk_equation_acts_on_that_power() -> None:
-    """σ∇·b + bᵀ∇σ − ½tr(GGᵀ Hess σ) of (1 + Σs̄)⁴ − 1, whose gradient is 4(…)³/L and whose Hessian 12(…)²/L²."""
-    draw = np.random.default_rng(3)
-    drift, divergence = draw.normal(size=(13, 4)), draw.normal(size=13)
-    pairs = features.pairs(T, features.powers(T, STATES))
-    base, inverse = 1.0 + SCALED.sum(axis=-1), 1.0 / np.array([300.0, 300.0, 60.0, 60.0])
-    expected = (
-        (base**4 - 1.0) * divergence
-        + 4 * base**3 * (drift * inverse).sum(axis=-1)
-        - T.half_variance * 12 * base**2 * 2 / 60**2
-    )
-    np.testing.assert_allclose(fpk.operator(T, pairs, drift, divergence).sum(axis=-1), expected, rtol=1e-9, atol=1e-12)

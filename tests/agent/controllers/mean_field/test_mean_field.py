@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm, qmc
 
 from meanflock.agent.controllers.mean_field.learner import Learner
-from meanflock.agent.controllers.mean_field.methods import MfgflHf, Separation
+from meanflock.agent.controllers.mean_field.methods import Separation
 from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field import layout
@@ -132,19 +132,6 @@ def test_states_are_paid_for_only_where_they_are_shared() -> None:
     assert hjb[0] == hjb[1]  # what it shares already is enough
 
 
-def test_believed_states_fly_on_while_nothing_is_heard() -> None:
-    scenario = load(None, ["uavs=2", "cost.separation=5", "start.spacing=100"], method="mfgfl-hf")
-    controller = MfgflHf(MfgflHf.Options(), scenario)
-    plan = np.array([[0.0, 0.0, 1.0, 0.0], [0.3, 0.0, 0.0, 2.0]])
-    memory = controller.init(np.array([0]), plan)
-    for tick in range(3):
-        step = controller.step(memory, tick, plan[:1], ())
-        memory = step.memory
-        assert len(step.broadcasts) == (tick > 0)
-    np.testing.assert_allclose(memory["believed"][0, 1], [0.3, 0.4, 0.0, 2.0])  # two ticks of 0.1 s at 2 m/s
-    np.testing.assert_array_equal(memory["believed"][0, 0], plan[0])
-
-
 def test_two_ways_of_sharing_states_at_once_are_refused() -> None:
     with pytest.raises(BadInput, match=r"federation\.state_period.*cost\.separation"):
         _ = load(None, ["federation.state_period=5", "cost.separation=1"], method="mfg").declared
@@ -195,12 +182,3 @@ def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> 
         across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9
-
-
-def test_the_plan_is_blind_to_the_wind_and_reports_nothing() -> None:
-    assert load(None, method="offline").declared.diagnostics == ()
-    assert len(speeds(0.0, 15.0, 3.0, 0.1)) == 0  # of a UAV that starts at its goal
-    calm = OpenLoopPlan(load(None, ["wind.sigma=0"], method="offline"), starts(load(None)))
-    windy = OpenLoopPlan(load(None, ["wind.sigma=2"], method="offline"), starts(load(None)))
-    for tick in (0, 50, 100, 10_000):
-        np.testing.assert_array_equal(calm(tick), windy(tick))
