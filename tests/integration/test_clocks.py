@@ -7,8 +7,7 @@ import pytest
 
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import load
-from tests.integration.conftest import Command, Spawn
-from tests.integration.watched import SETTINGS, SHORT
+from tests.integration.conftest import SETTINGS, SHORT, Command, Spawn
 from tests.polling import DEADLINE_S
 
 pytestmark = pytest.mark.processes

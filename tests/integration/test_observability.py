@@ -6,8 +6,7 @@ import signal
 import psutil
 import pytest
 
-from tests.integration.conftest import Command, Spawn
-from tests.integration.watched import ENDLESS, SHORT, scrape, told_url, world
+from tests.integration.conftest import ENDLESS, SHORT, Command, Spawn, scrape, told_url, world
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes

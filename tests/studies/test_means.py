@@ -10,7 +10,7 @@ from meanflock.studies.markdown import replaced, table
 from meanflock.studies.means import Means
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import Scenario
-from tests.studies.studies import QUICK, flown, rows
+from tests.studies.conftest import QUICK, flown, rows
 
 
 def payload(uplink: int, state: int) -> dict[str, int]:

@@ -15,7 +15,7 @@ from meanflock.swarm import state
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import load
 from tests.groundstation.recordings import column, scalars
-from tests.studies.studies import flown
+from tests.studies.conftest import flown
 
 TICKS = np.arange(41)
 SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}

@@ -17,7 +17,7 @@ from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
 from tests.polling import DEADLINE_S, until
-from tests.studies.studies import QUICK, flown, rows
+from tests.studies.conftest import QUICK, flown, rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 

@@ -1,5 +1,6 @@
-"""Links in the telemetry: all but delivered states, and a sample of those."""
+"""What the world sends: all links but delivered states, blocks that fit, and checkpoints in parts."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,10 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind
+from meanflock.worldsim import checkpoint
+from meanflock.worldsim.checkpoint import Assembly, split
 from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
+from tests.faults.dying import dead, resumed
 
 
 @pytest.mark.parametrize(
@@ -53,3 +57,25 @@ def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait(uavs: i
     sizes = [len(control.encode(block)) for block in kept.blocks]
     assert sum(len(block.states) for block in kept.blocks) == 31
     assert max(sizes) < min(control.MAX_BYTES, MAX_WAITING_BYTES) // 3
+
+
+def test_a_long_checkpoint_is_sent_in_parts_and_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = bytes(range(1, 100))
+    assert split(body) == [body]
+    monkeypatch.setattr(checkpoint, "PART_BYTES", 40)
+    first, second, third = split(body)
+    whole = Assembly()
+    assert [whole.add(part) for part in (first, second, third)] == [None, None, body]
+    assert [whole.add(part) for part in (first, third, second)] == [None, None, None]  # one is missing
+    assert [whole.add(part) for part in (first, second, first, second, third)] == [None] * 4 + [body]
+    assert whole.add(body) == body
+    assert whole.begun
+
+
+def test_a_run_whose_checkpoints_go_in_parts_resumes_to_the_same_bits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "PART_BYTES", 500)
+    flown = load(None, ["uavs=4", "duration=120", 'stop="duration"'], method="mfgfl-h")
+    killed = dead(tmp_path, flown, 1150)
+    assert resumed(killed)["trajectory_sha256"] == Engine(flown, "whole").complete()["trajectory_sha256"]
