@@ -6,9 +6,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from benchmarks import page, profile, scaling, store
 from benchmarks.__main__ import PAGE
 from benchmarks.peer import environment
+from benchmarks.processes import BenchmarkFailed
 from tests.commands import printed
 
 ROOT = Path(__file__).parents[1]
@@ -69,6 +72,8 @@ def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
         assert 0.0 < peer.measure(10) < 1000.0
     assert peer._process.poll() is not None
     assert not Path(peer._folder.name).exists()
+    with pytest.raises(BenchmarkFailed, match="ready"):  # it says another word
+        environment.Peer([sys.executable, "-c", "print('hello')"], "peer 1")
 
 
 def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: Path) -> None:

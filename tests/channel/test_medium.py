@@ -83,6 +83,13 @@ def test_a_frame_is_delivered_once_after_its_slots_or_never(dt: float, theta: fl
         assert found == expected.get(tick, set())
 
 
+def test_two_kinds_of_frames_of_one_sender_have_links_of_their_own() -> None:
+    medium, sent = Medium(scenario()), [frames(FrameKind.UPLOAD, [1], 246, 1), frames(FrameKind.STATE, [1], 4)]
+    records = medium.send(5, sent, line(*range(UAVS)))
+    found = [(kind, target) for _, _, target, kind, _ in records.tolist()]
+    assert found == [(FrameKind.UPLOAD, 0), *((FrameKind.STATE, target) for target in (0, 2, 3, 4, 5))]
+
+
 def test_the_order_of_kinds_leaves_no_trace() -> None:
     batches = [
         frames(FrameKind.UPLOAD, [0, 1, 4], 246, 1),

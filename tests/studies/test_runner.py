@@ -1,6 +1,7 @@
 """The runner of all studies: interruption, dead processes, number of processes."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -72,6 +73,19 @@ def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
         hashes("pass", 2, pool)
     assert hashes("marker.touch()", 2, pool) == alone
     assert (tmp_path / "dying.died").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_processes_start_waits_for_the_end_of_the_block(number: signal.Signals) -> None:
+    done: list[object] = []
+    before = signal.signal(number, lambda number, _: done.append(number))
+    try:
+        with runner._signals_deferred():
+            signal.raise_signal(number)
+            done.append("started")
+    finally:
+        signal.signal(number, before)
+    assert done == ["started", number]
 
 
 def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
