@@ -211,15 +211,6 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.int64, list])
-def test_accelerations_may_be_numbers_of_any_type(kind: Any) -> None:
-    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        push = np.round(-0.05 * own[:, :2])
-        return Step(memory, push.tolist() if kind is list else push.astype(kind))
-
-    assert fly(flown(wrong(diagnostics=(), step=step)))[0]["lost"] == 0
-
-
 def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_init_does_no_harm() -> None:
     def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
         memory = Honest.init(self, uavs, plan)

@@ -262,13 +262,3 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
     nothing = ("lost", "nodes_lost", "telemetry_blocks_dropped", "uploads_refused", "states_refused")
     assert not any(summary[name] for name in nothing)
     assert sum(summary["dropped_messages"].values()) == (thrown if name.startswith("world") else 0)
-
-
-@pytest.mark.parametrize(
-    ("key", "reason"),
-    [("agent-99", "unknown-node"), ("agent-0.2", "unknown-node"), ("world", "unknown-node"), ("*", "wrong-key")],
-)
-def test_a_reply_under_the_key_of_no_node_is_dropped(key: str, reason: str) -> None:
-    lab = Lab(scenario("duration=1"))
-    lab.world.handle(Delivery("message", keys.act(RUN, key), written(act(0, 6))))
-    assert lab.world.counters.drops == {reason: 1}

@@ -168,15 +168,3 @@ def test_without_feedback_an_upload_is_the_rounded_model_and_no_residual_is_stor
     for seen, batch in uploads(agent, 21):
         np.testing.assert_array_equal(batch.payload, coding.encode(seen))
     assert RESIDUALS not in kept(agent, 21)
-
-
-@pytest.mark.parametrize(
-    ("payload", "bits", "kept"),
-    [("float32", 32, False), ("float16", 16, False), ("float16", 32, True), ("float32", 64, True), ("int8", 16, True)],
-)
-def test_a_residual_is_kept_where_a_payload_is_narrower_than_a_float_of_the_radio(
-    payload: str, bits: int, kept: bool
-) -> None:
-    settings_ = (f"federation.payload={payload}", f"radio.bits_per_float={bits}")
-    assert flown(*settings_).keeps_residuals == kept
-    assert not flown(*settings_, method="mfg").keeps_residuals

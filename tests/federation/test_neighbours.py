@@ -121,14 +121,6 @@ def test_no_leader_flies_and_its_uav_may_die() -> None:
     assert (summary["rounds"], summary["rounds_void"], summary["lost"]) == (17, 0, 1)
 
 
-def test_an_upload_is_billed_once_however_many_hear_it() -> None:
-    of = scenario(9, "federation.fraction=1.0", "radio.target_snr_db=60")
-    traffic = Engine(of, "neighbours").complete()["radio"]["traffic"]
-    assert traffic["uplink"]["payload_bits"] == 17 * 9 * 32 * of.declared.parameters
-    assert traffic["uplink"]["delivered"] == 17 * 9 * 8
-    assert traffic["broadcast"]["sent"] == traffic["relay"]["sent"] == 0
-
-
 def test_uavs_out_of_range_are_isolated_keep_their_models_and_are_counted() -> None:
     lonely = Engine(scenario(4, "start.spacing=20", "federation.range_m=5", "duration=10"), "neighbours").complete()
     assert (lonely["rounds"], lonely["rounds_void"], lonely["rounds_isolated"]) == (0, 4, 16)

@@ -67,14 +67,6 @@ def test_a_second_copy_changes_nothing_and_mail_of_a_closed_round_is_dropped() -
     assert not node.mail
 
 
-def test_a_silent_head_relays_nothing_and_the_others_do() -> None:
-    node = Heads(0, 4)
-    node.collect(uploads([1, 3], [0, 4]))
-    (sent,), _ = node.relay(1, 0, 7)
-    assert sent.source.tolist() == [4]
-    assert not node.mail
-
-
 def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() -> None:
     node = Heads(0, 6)
     batch = uploads([1, 2, 7], [0, 0, 6])

@@ -14,7 +14,6 @@ from meanflock import kernels
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.progress import FlightProgress, summary_table
 from meanflock.kernels import sources
-from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import SWARM_COLUMNS
@@ -60,15 +59,6 @@ def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, v
     assert code == EXIT_DONE
     (said,) = [line for line in err.splitlines() if "kernels" in line]
     assert re.match(r"warning: kernels not compiled: NumPy's, .* slower; install a C compiler", said)
-
-
-def test_show_prints_a_scenario_that_loads_as_the_same(run, tmp_path) -> None:
-    code, out, _ = run("scenario", "show", "--method", "hjb", "--uavs", "9", "--set", "wind.sigma=0.3")
-    assert code == EXIT_DONE
-    path = tmp_path / "shown.toml"
-    path.write_text(out)
-    wanted = scenario.load(None, ["wind.sigma=0.3"], method="hjb", uavs=9)
-    assert scenario.load(path).sha256() == wanted.sha256()
 
 
 def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(tmp_path) -> None:

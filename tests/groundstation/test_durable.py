@@ -96,21 +96,6 @@ def test_a_flipped_bit_costs_the_spool_one_block_and_a_warning(folder, tmp_path,
         assert read.items() < true.items()
 
 
-def test_every_block_before_a_cut_is_read_and_no_block_after_a_false_one(folder: Path, tmp_path: Path) -> None:
-    path, whole = tmp_path / SPOOL, (folder / SPOOL).read_bytes()
-    second = whole.index(control.encode(msgspec.structs.replace(BLOCKS[1], links=BLOCKS[1].links[:0], events=())))
-    for cut, blocks in ((0, 0), (7, 0), (second // 2, 0), (second, 1), (len(whole) - 1, 2), (len(whole), 3)):
-        path.write_bytes(whole[:cut])
-        assert len(list(spooled(path))) == blocks
-    path.write_bytes(whole + b"\xff" * 5000)
-    assert len(list(spooled(path))) == 3
-    spool = Spool(path, 0.1)
-    for block in (BLOCKS[0], msgspec.structs.replace(BLOCKS[1], energy=BLOCKS[1].energy[:2, :2]), BLOCKS[2]):
-        spool.append(block, 0)
-    spool.close()
-    assert [one.block.block for one in spooled(path)] == [0]
-
-
 def test_a_flight_does_not_continue_over_a_damaged_block(folder: Path, tmp_path: Path) -> None:
     whole = (folder / SPOOL).read_bytes()
     (tmp_path / SPOOL).write_bytes(flipped(whole, len(whole) // 2))

@@ -11,7 +11,6 @@ from rerun.chunk import RrdReader
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import drawing, plots
 from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import recorded as recorded_of
 from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
@@ -226,17 +225,3 @@ def test_trails_have_the_colours_of_phi_g_where_it_is_reported_else_of_speed(tmp
         said = [fixed(path, f"map/legend/{entity}/{end}", "Points2D:labels") for end in ("low", "high")]
         assert said == [[end] for end in ends]
         assert not {"map/legend/speed", "map/legend/phi_G"} - {f"map/legend/{entity}"} & entities(path)
-
-
-def test_a_model_of_any_size_is_drawn_with_a_title_that_says_what_of_it(tmp_path: Path) -> None:
-    path = tmp_path / "recording.rrd"
-    of_a_stranger(path, (), 3)
-    np.testing.assert_array_equal(recorded_of([path]).ticks, np.arange(60))
-    assert scalars(path, plots.WEIGHTS)[1].shape == (3, 3)
-    assert scalars(path, plots.SPREAD)[1].shape == (3, 1)
-    assert plots.weights_title(0, Reported((), 3)) == "what UAV 0 has learned: all 3 weights"
-    assert plots.weights_title(2, Reported((), 1000)) == "what UAV 2 has learned: 60 of 1000 weights"
-    for weights in (0, 1, 2, 59, 60, 61, 1_000_000):
-        drawn = Reported((), weights).drawn
-        assert len(drawn) == min(weights, 60) == len(set(drawn.tolist()))
-        assert all(0 <= number < weights for number in drawn)

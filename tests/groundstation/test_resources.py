@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from meanflock.groundstation import disk, doctor, memory
+from meanflock.groundstation import disk, doctor
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
@@ -58,12 +58,6 @@ def test_a_container_that_does_not_see_its_group_uses_the_mounted_one(tmp_path, 
     member_of(tmp_path, "3:memory:/docker/0123456789ab", "0::/docker/0123456789ab")  # the path on the host
     group(tmp_path, "", version=1, limit=str(48 * MEGABYTE), used_mb=used_mb)
     assert available_mb(tmp_path)[0] == left_mb
-
-
-def test_the_need_grows_with_processes_uavs_and_pairs() -> None:
-    assert needed_mb(25, 25) - needed_mb(25, 1) == 24 * memory.AGENT_MB
-    assert needed_mb(1000, 0) < needed_mb(1000, 4) < needed_mb(1000, 1000)
-    assert needed_mb(10_000, 0) < 1000 < needed_mb(10_000, 0, keeps_states=True)
 
 
 @pytest.mark.parametrize(

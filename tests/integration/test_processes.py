@@ -100,11 +100,3 @@ def test_agents_forked_by_hand_end_with_the_process_that_forked_them(spawn: Spaw
     until(lambda: len(processes_of("three-of-one")) == 2, "all agents gone")
     world.terminate()
     world.communicate(timeout=DEADLINE_S)
-
-
-@pytest.mark.parametrize("flags", [("--count", "0"), ("--count", "2", "--tls", "certs")])
-def test_a_count_that_cannot_be_is_refused(flags: tuple[str, ...], spawn: Spawn) -> None:
-    agent = spawn("meanflock.agent", *flags)
-    _, err = agent.communicate(timeout=DEADLINE_S)
-    assert agent.returncode == 2
-    assert err.startswith("error: --count")

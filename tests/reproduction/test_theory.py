@@ -1,14 +1,11 @@
 """Measures of the theory: moments of the density learner, boundedness, and the optimal flight of one UAV."""
 
 import math
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.vehicles.point_mass import PointMass
 from reproduction import measure, theory
@@ -61,27 +58,6 @@ def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:
     wild = theory.fly_long(scenario("learner.mu_h=1e4", uavs=4), 30.0)
     assert wild.lost == 4
     assert math.isinf(wild.state[-1])
-
-
-def test_measured_numbers_are_kept_while_code_seeds_and_length_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reported: list[tuple[int, int]] = []
-    monkeypatch.setattr(measure, "filter_moments", partial(measure.filter_moments, repeats=10))
-    found = measure.measured(
-        tmp_path, [1], 10.0, 1, lambda *counts: reported.append(counts), scenario(uavs=2, duration=10.0)
-    )
-    assert reported == [(0, 1), (1, 1)]
-    assert {len(values) for values in found.values()} == {1}
-    assert found["gap_hjb"][0] >= 1.0
-    monkeypatch.setattr(measure, "measure", lambda *_, **__: pytest.fail("measured twice"))
-    assert measure.measured(tmp_path, [1], 10.0) == measure.load_measured(tmp_path) == found
-    assert measure.load_measured(tmp_path, [1, 2]) == {}
-    monkeypatch.setattr(measure, "version", lambda: "other code")
-    assert measure.load_measured(tmp_path) == {}
-    (tmp_path / "data" / measure.MEASURED).write_text("{")
-    with pytest.raises(BadInput, match=measure.MEASURED):
-        measure.load_measured(tmp_path)
 
 
 def flown(plain: Scenario, commands: np.ndarray) -> np.ndarray:

@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import SWARM_COLUMNS
 from meanflock.worldsim.summary import factor
-from tests.worldsim.late import PROMPT_S, RUN, TICK_S, Flight
+from tests.worldsim.late import PROMPT_S, TICK_S, Flight
 
 
 def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
@@ -59,22 +55,6 @@ def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
     assert summary["realtime"]["deadline_misses"] == 2  # in tick 7 there is time for an answer
     assert summary["held_commands"] == 4
     assert summary["wall_time_s"] == pytest.approx(20 * TICK_S)
-
-
-def test_telemetry_counts_held_commands() -> None:
-    flown = load(None, ["uavs=2", "method=mfg", "duration=1", 'stop="duration"'])
-    engine = Engine(flown, RUN, sinks=[kept := Kept()], realtime=100.0)
-    counters = engine.world.counters
-    for tick in engine.fly():
-        if tick == 5:
-            counters.late(3)
-    summary = engine.world.finish()
-    columns = np.concatenate([block.swarm for block in kept.blocks])[:, -2:]
-    assert SWARM_COLUMNS[-2:] == ("held_commands", "deadline_misses")
-    assert columns[5].tolist() == [0, 0]
-    assert (columns[6:] - columns[5]).min() >= 1
-    assert columns[-1].tolist() == [summary["held_commands"], summary["realtime"]["deadline_misses"]]
-    assert not engine.world.outbox.waiting
 
 
 @pytest.mark.parametrize("text", ["0", "-2", "nan", "inf", "fast", ""])

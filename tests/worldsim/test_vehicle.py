@@ -114,15 +114,3 @@ def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_c
     np.testing.assert_allclose(flight.states[:, 2:], 0.1 * np.array([[2.0, 0.0], [1.2, -1.6], [0.0, 2.0], [0.0, 0.0]]))
     assert flight.clipped == 1
     assert flight.effort == pytest.approx([4.0, 4.0, 4.0, 0.0])
-
-
-@pytest.mark.parametrize("limit", [0.0, 0.05])
-@pytest.mark.parametrize("kind", ["none", "ecbf", "braking"])
-def test_a_limit_below_what_a_controller_needs_is_flown_and_counted(kind: str, limit: float) -> None:
-    behind = [] if kind == "none" else [f"filter.kind={kind}"]
-    settings = ["uavs=4", "duration=3", f"vehicle.acceleration_max={limit}", *behind]
-    summary = Engine(load(None, settings, method="bvc"), "limited").complete()
-    assert summary["ticks"] == 30
-    assert summary["lost"] == 0
-    assert summary["clipped_uav_ticks"] > 0
-    assert summary["control_effort"] <= limit * limit * 3.0 + 1e-9

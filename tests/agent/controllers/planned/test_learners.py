@@ -7,7 +7,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.planned import fed_lspi as lspi
-from meanflock.agent.controllers.planned.plan import Trajectory
 from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
 
@@ -166,13 +165,6 @@ def test_shared_gains_follow_the_plan_better_than_own_ones(shared: mf.Run) -> No
     assert together < 0.7 * apart
     spread = [np.std(reported(run, "k3_y")[200:790], axis=1).mean() for run in (shared, alone)]
     assert spread[0] < 0.3 * spread[1]
-
-
-def test_the_tracking_cost_is_that_of_the_states(shared: mf.Run) -> None:
-    trajectory = Trajectory(shared.scenario, mission.starts(shared.scenario))
-    off = shared.states[300] - trajectory.states(300)
-    expected = (off[:, :2] ** 2).sum(axis=1) + 0.5 * (off[:, 2:] ** 2).sum(axis=1)
-    assert reported(shared, "tracking_cost")[301] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(("method", "seen"), [("fed-lspi", ("squares", 9)), ("rls", ("covariance", 1))])

@@ -68,19 +68,6 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     assert again["neighbour_remembered"].tobytes() == after["neighbour_remembered"].tobytes()
 
 
-def test_sender_and_receivers_predict_the_same_bits() -> None:
-    table, other = neighbours(EVENT), neighbours(EVENT)
-    mine, theirs = table.init(UAVS[:1], plan()), other.init(UAVS[4:], plan())
-    draw, now = np.random.default_rng(3), plan()[:1]
-    for tick in range(60):
-        now = now + 0.2 * draw.standard_normal((1, 4))
-        mine, broadcast = table.broadcast_states(mine, tick, now)
-        received = Received(0, UAVS[:1][broadcast.rows], broadcast.payload, np.zeros((len(broadcast.payload), 2), int))
-        theirs, _ = other.receive(theirs, tick + 1, [received] if len(broadcast.payload) else [])
-        assert table.states(mine, tick + 1)[0, 0].tobytes() == other.states(theirs, tick + 1)[0, 0].tobytes()
-        assert np.hypot(*(table.states(mine, tick)[0, 0, :2] - now[0, :2])) < 0.3 + 0.01
-
-
 @pytest.mark.parametrize(
     "payload",
     [np.ones((1, 4), np.float64), np.ones((1, 3), np.int16), np.ones((1, 4), np.int32), np.ones((1, 5), np.int16)],
