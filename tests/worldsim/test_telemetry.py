@@ -47,15 +47,16 @@ def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str
     assert (links[:, 4] < 0).any() == ("radio.target_snr_db=60" not in changes)
 
 
-@pytest.mark.parametrize("uavs", [9_000, 60_000])
-def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait(uavs: int) -> None:
-    flown = load(None, [f"uavs={uavs}", "duration=3"], method="cruise")
+@pytest.mark.parametrize(("uavs", "ticks"), [(9_000, 30), (60_000, 8)])  # blocks of 20 ticks, and of 6
+def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait(uavs: int, ticks: int) -> None:
+    flown = load(None, [f"uavs={uavs}", f"duration={ticks / 10}"], method="cruise")
     engine = Engine(flown, "blocks", sinks=[kept := Kept()])
     for _ in engine.fly():
         pass
     engine.world.finish()
     sizes = [len(control.encode(block)) for block in kept.blocks]
-    assert sum(len(block.states) for block in kept.blocks) == 31
+    assert sum(len(block.states) for block in kept.blocks) == ticks + 1
+    assert 5 < max(len(block.states) for block in kept.blocks) < ticks
     assert max(sizes) < min(control.MAX_BYTES, MAX_WAITING_BYTES) // 3
 
 
