@@ -43,11 +43,8 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     [
         (lambda: mf.compare([], seeds=2, **SMALL), "name a controller"),
         (lambda: mf.compare(["mfg"], seeds=0, **SMALL), "seeds: 0; give how many"),
-        (lambda: mf.compare(["mfg"], seeds=[1, 2], **SMALL), r"seeds: \[1, 2\]; give how many"),
         (lambda: mf.sweep("wind.sigma", [], **SMALL), "a value or more"),
         (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **{**SMALL, "jobs": "2"}), "jobs: '2'; give a number"),
-        (lambda: mf.compare(["nobody"], seeds=2, **SMALL), "'nobody' is not installed"),
-        (lambda: mf.sweep("wind.sigma", [0.1, -1.0], **SMALL), "wind.sigma"),
         (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **SMALL), "leave it out"),
     ],
 )

@@ -188,12 +188,10 @@ def arrays_of(path: Path, **changed: Any) -> bytes:
     ("changed", "says"),
     [
         ({"version": 2}, "version 2; this meanflock reads version 1"),
-        ({"version": None}, "version None"),
         ({"scale": np.ones(3)}, "scale is float64 (3,); expected float64 (28,)"),
         ({"scale": np.zeros(28)}, "greater than 0"),
         ({"weights_0": np.ones((28, 7), np.float32)}, "weights_0 is float32"),
         ({"biases_1": np.full(4, np.nan)}, "biases_1 is not finite"),
-        ({"biases_1": None}, "expected version, neighbours"),
         ({"extra": np.zeros(1), "more": np.zeros(1)}, "it has biases_0"),
         ({"weights_0": np.array([[{}]], dtype=object)}, "Object arrays cannot be loaded"),
         ({"neighbours": 1.0}, "must be integers"),

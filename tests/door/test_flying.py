@@ -109,12 +109,8 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
     ("scenario", "options", "says"),
     [
         ("paper", {"wind.sgima": 1}, "sgima"),
-        ("paper", {"wind.sigma": object()}, "wind.sigma"),
-        ("paper", {"wind": 3}, "wind"),
-        ("paper", {"method": "nobody"}, "'nobody' is not installed here"),
         ("paper", {"method": int}, "derive a class from meanflock.Controller"),
         ("paper", {"method": object()}, "is neither the name nor the class of a controller"),
-        ("paper", {"plugin": "nowhere.py"}, "nowhere.py"),
         ("paper", {"record": True}, "out="),
         ("nowhere.toml", {}, "nowhere.toml"),
     ],
