@@ -123,6 +123,11 @@ def share(hits: Sequence[bool] | NDArray[np.bool_]) -> Estimate:
     return Estimate(k / n, low, high, n)
 
 
+def share_at_least(hits: int, n: int) -> float:
+    """One-sided 95 % lower bound, after Clopper and Pearson, of a share: `hits` of `n` runs had it."""
+    return float(special.betaincinv(hits, n - hits + 1, 1 - CONFIDENCE)) if hits else 0.0
+
+
 def rate(counts: ArrayLike) -> Estimate:
     """Events a run, with Garwood's exact Poisson interval of the total."""
     (finite,) = _known(counts)

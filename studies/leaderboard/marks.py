@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from meanflock.groundstation import statistics
 from meanflock.studies.leaderboard.measures import Measure
 
 ALPHA = 0.05
@@ -32,10 +33,7 @@ def is_safe(free: ArrayLike) -> bool:
     All of 29 or 30 flights must be free; fewer flights are never enough.
     """
     flights = np.asarray(free, dtype=np.float64)
-    count = int((flights > 0.5).sum())
-    if not count:
-        return False
-    return bool(special.betaincinv(count, len(flights) - count + 1, ALPHA) >= SAFE)
+    return statistics.share_at_least(int((flights > 0.5).sum()), len(flights)) >= SAFE
 
 
 def holm(p_values: Sequence[float]) -> list[bool]:

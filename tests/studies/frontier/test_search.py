@@ -1,0 +1,70 @@
+"""A search finds the cheapest policy that is shown to be safe, keeps its level, and needs no more flights than that."""
+
+import numpy as np
+import pytest
+
+from meanflock.studies.frontier.plan import chance_of_error, shortest
+from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search
+
+PLANS = [shortest(0.9), shortest(0.95)]
+
+
+def searched(shares: dict[str, float], draw: np.random.Generator, most: int = 59, arrived: float = 1.0) -> Search:
+    """A search whose policies are free with these probabilities; later ones cost more."""
+    costs = {name: 10.0 * (1 + number) for number, name in enumerate(shares)}
+    search = Search(list(shares), PLANS, most, {name: Flown() for name in shares})
+    while wanted := search.wanted():
+        for one in wanted:
+            flights = search.flown[one.policy].of(one.stage)
+            assert len(flights) < one.flights <= most
+            missing = one.flights - len(flights)
+            free = draw.random(missing) < shares[one.policy]
+            flights += [Outcome(bool(is_free), costs[one.policy], arrived) for is_free in free]
+    return search
+
+
+def test_the_cheapest_safe_policy_is_named_and_dearer_ones_do_not_go_on() -> None:
+    search = searched({"bad": 0.0, "safe": 1.0, "dear": 1.0}, np.random.default_rng(1))
+    assert [search.reached(plan) for plan in PLANS] == ["safe", "safe"]
+    assert [search.verdict(PLANS[0], name) for name in search.policies] == ["collisions", "reached", "not needed"]
+    lengths = {name: (len(flown.search), len(flown.confirmation)) for name, flown in search.flown.items()}
+    assert lengths == {"bad": (SURVEY, 0), "safe": (59, 59), "dear": (2, 0)}
+    assert search.estimate() == 0
+
+
+def test_the_order_is_that_of_the_bits_and_not_of_the_list() -> None:
+    flown = {name: Flown([Outcome(True, kbit, 1.0)] * 2) for name, kbit in (("a", 9.0), ("b", 3.0), ("c", 5.0))}
+    assert Search("abc", PLANS, 59, flown).order() == ["b", "c", "a"]
+
+
+def test_a_target_that_needs_more_flights_than_there_are_is_never_reached() -> None:
+    search = searched({"one": 1.0, "other": 1.0}, np.random.default_rng(1), most=10)
+    assert [search.reached(plan) for plan in PLANS] == [None, None]
+    assert {len(flown.search) for flown in search.flown.values()} == {10}
+    assert search.verdict(PLANS[0], "one") == "too few flights"
+    search = searched({"one": 1.0, "other": 1.0}, np.random.default_rng(1), most=29)
+    assert [search.reached(plan) for plan in PLANS] == ["one", None]
+
+
+def test_a_policy_is_not_named_if_its_uavs_stay_behind_or_its_confirmation_fails() -> None:
+    search = searched({"stays": 1.0}, np.random.default_rng(1), arrived=0.98)
+    assert search.verdict(PLANS[0], "stays") == "not arrived"
+    assert not search.flown["stays"].confirmation
+    free, collided = Outcome(True, 1.0, 1.0), Outcome(False, 1.0, 1.0)
+    unlucky = Search(["one"], PLANS[:1], 59, {"one": Flown([free] * 29, [free, collided])})
+    assert unlucky.verdict(PLANS[0], "one") == "not confirmed"
+    assert unlucky.wanted() == []
+
+
+@pytest.mark.parametrize("share", [0.9, 0.85])
+def test_simulated_searches_name_a_bad_policy_no_more_often_than_the_bound(share: float) -> None:
+    draw = np.random.default_rng(5)
+    trials = 3000
+    shares = {str(number): share for number in range(11)}
+    named = sum(searched(shares, draw, most=29).reached(PLANS[0]) is not None for _ in range(trials))
+    bound = chance_of_error(len(shares))
+    assert bound == pytest.approx(0.0275)
+    assert named / trials <= bound + 3.0 * np.sqrt(bound / trials)
+    if share == 0.9:  # and at the target the bound is nearly attained
+        exact = 1.0 - (1.0 - 0.9**58) ** 11
+        assert named / trials == pytest.approx(exact, abs=3.0 * np.sqrt(exact / trials))
