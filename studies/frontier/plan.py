@@ -5,7 +5,7 @@ if at most c of n flights fail, which is when the one-sided 95 % bound of Cloppe
 target. If the true share is below the target, a plan accepts with a probability of at most 5 %.
 
 Flights stop early only when the answer is certain: more than c of them have failed. That changes no answer, so the
-level stays exact. A plan never accepts before its last flight: several looks without a correction would raise the level.
+level stays exact. A plan never accepts before its last flight: several looks without a correction would raise it.
 """
 
 from collections.abc import Sequence
