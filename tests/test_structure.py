@@ -120,11 +120,6 @@ def test_a_library_is_imported_only_where_it_belongs(libraries: tuple[str, ...],
     assert all(name.startswith(users) for name in found)
 
 
-def test_one_file_sends_the_flight_to_rerun() -> None:
-    senders = {name_of(path) for path in MODULES if "rr.send_columns(" in text(path)}
-    assert senders == {"groundstation/recording/recorder.py"}
-
-
 def test_only_files_of_people_read_the_wall_clock() -> None:
     """All durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates."""
     wall = {f"time.{name}" for name in ("time", "time_ns", "ctime", "localtime", "gmtime")}

@@ -10,7 +10,6 @@ import pytest
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.faults.conftest import Lab, scenario
@@ -125,27 +124,6 @@ def test_rounds_are_void_while_the_uav_that_averages_is_lost_or_paused(silent, v
     assert texts == [f"round {number} is void: UAV 0, which averages, is lost or paused" for number in void]
     broadcasts = [row for block in lab.record.blocks for row in block.links.tolist() if row[3] == FrameKind.GLOBAL]
     assert len(broadcasts) == 5 * (5 - len(void))
-
-
-BAD = {
-    "no time": ('[[faults]]\nkind = "kill"\nuavs = [1]', "tick"),
-    "an unknown key": ('[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1\nwhy = "x"', "why"),
-    "an endless gust": ('[[faults]]\nkind = "gust"\ntick = 1\nduration_s = 1.0\nacceleration = [inf, 0.0]', "finite"),
-    "no area": ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\nuavs = [1]', "two or more"),
-    "more than faults": ('seed = 3\n[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1', "nothing else"),
-}
-
-
-@pytest.mark.parametrize("what", BAD)
-def test_a_bad_script_is_bad_input_with_one_line_naming_file_and_key(what: str, tmp_path: Path) -> None:
-    text, part = BAD[what]
-    path = tmp_path / "bad.toml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(BadInput) as caught:
-        scenarios.read_faults(path)
-    assert str(path) in str(caught.value)
-    assert part in str(caught.value)
-    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_fault_after_the_end_of_the_flight_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

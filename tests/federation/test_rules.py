@@ -129,10 +129,6 @@ def fails(*_: Any) -> Any:
     raise OSError("no such table")
 
 
-def exits(*_: Any) -> Any:
-    raise SystemExit(3)
-
-
 def in_round_two(spoil: Any) -> Any:
     def step(self: Momentum, state: State, uploads: Uploads) -> Any:
         good = Momentum.step(self, state, uploads)
@@ -143,12 +139,9 @@ def in_round_two(spoil: Any) -> Any:
 
 FAILURES: list[tuple[Any, str]] = [
     (fails, "OSError: no such table"),
-    (exits, "SystemExit: 3 (test_rules.py, line"),
     (lambda _state, _model: None, "`step` returns a NoneType; expected the state and the model"),
     (lambda state, model: (state | {"models": model}, model), "state has ['last', 'models',"),
-    (lambda state, model: (state | {"last": model[:-1]}, model), "(107,) float64; of `init`"),
     (lambda state, model: (state | {"last": model * np.inf}, model), "state['last'] is not finite"),
-    (lambda _state, model: ([1], model), "state is a list; expected a dict of arrays"),
     (lambda state, model: (state, model[:-1]), "the model has shape (107,); expected (108,)"),
     (lambda state, model: (state, model * np.nan), "the model is not finite"),
     (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),
@@ -192,8 +185,6 @@ def test_a_global_model_beyond_the_radio_s_floats_is_not_sent_but_the_state_is_k
     [
         ({"step": lambda _self, _state, _models, _uavs, _round: None}, r"write step\(self, state, uploads\)"),
         ({"init": fails}, r"aggregator 'momentum' failed in `init`: OSError: no such table"),
-        ({"__init__": fails}, r"aggregator 'momentum' cannot be made: OSError: no such table"),
-        ({"init": lambda *_: 3}, r"failed in `init`: TypeError: state is a int"),
         ({"init": lambda *_: {"last": np.zeros(4_000_000)}}, r"the state has 32000000 bytes; at mo"),
         ({"init": lambda *_: {"last": np.full(2, np.nan)}}, r"is not finite"),
     ],

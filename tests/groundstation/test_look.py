@@ -78,14 +78,6 @@ def test_a_display_that_does_not_answer_is_none(tmp_path, monkeypatch) -> None:
         display.check("instead")
 
 
-def test_a_viewer_that_ends_with_an_error_is_a_failure(run, monkeypatch, flown) -> None:
-    monkeypatch.setattr(display, "check", lambda _: None)
-    monkeypatch.setattr(viewer, "_program", lambda: ["false"])
-    monkeypatch.setattr("meanflock.groundstation.cli.look._complete", lambda *_: None)
-    code, _, err = run("view", str(flown))
-    assert (code, "the viewer ended with 1" in err) == (EXIT_RUN_FAILED, True)
-
-
 def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown) -> None:
     (tmp_path / "file").write_text("")
     for flags, says in (

@@ -12,8 +12,7 @@ from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.run import fly
 from meanflock.groundstation.plots import comparison, plotstyle
 from meanflock.groundstation.plots.run import plot_run
-from meanflock.groundstation.results import quantities
-from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
+from meanflock.swarm.errors import EXIT_BAD_INPUT
 from meanflock.swarm.scenario import load
 from tests.groundstation.axes import every_axis
 
@@ -75,8 +74,3 @@ def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_pa
     assert len(made.axes) == 4
     assert made.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
     assert len(plotstyle.write({"sweep": made}, tmp_path)) == 2
-
-
-def test_an_unknown_metric_is_bad_input() -> None:
-    with pytest.raises(BadInput, match="nonsense"):
-        quantities.number(summaries(1.0)[0], "nonsense")

@@ -1,6 +1,5 @@
 """Each quantity has one name in tables, plots, recordings and pages."""
 
-import ast
 import io
 import json
 import re
@@ -69,17 +68,6 @@ def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
         mine = {field.removesuffix(".total") for field, known in FIELDS.items() if known is quantity}
         assert fields & mine, quantity
         assert not fields - mine, quantity
-
-
-def test_only_the_registry_spells_names_and_labels() -> None:
-    registered = {named.name for named in QUANTITIES if " " in named.name} | set(map(quantities.axis_label, FIELDS))
-    assert {"collision risk φ_C, distinct pairs", "φ_A (m/s)", "energy (J)"} <= registered
-    for path in (*(ROOT / "groundstation").rglob("*.py"), *(ROOT / "studies").rglob("*.py")):
-        if path.name != "quantities.py":
-            found = {
-                node.value for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Constant)
-            }
-            assert not found & registered, path
 
 
 def test_the_tables_and_plots_of_a_run_and_of_a_recording_use_the_names(runs: dict[str, Path]) -> None:

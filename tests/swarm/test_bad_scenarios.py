@@ -23,6 +23,7 @@ WRONG_KEYS = [
     ("[rado]\nfading = 1", "`rado`", "did you mean `radio`?"),
     ('[[faults]]\nkind = "kill"\ntick = 3\nuav = [1]', "faults[0]", "`uav`", "did you mean `faults[0].uavs`?"),
     ('[[faults]]\nkind = "kil"\ntick = 3', "faults[0].kind", "'kil'", "choose one of", "kill, "),
+    ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\nuavs = [1]', "faults", "two or more"),
     ('dt = "fast"', "dt", "expected a number, got 'fast'"),
     ("uavs = 2.5", "uavs", "expected a whole number, got 2.5"),
     ("[wind]\nmean = [1.0]", "wind.mean", "expected a list of length 2"),
@@ -123,6 +124,8 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for name, part in (("missing.toml", "readable"), ("", "readable"), ("latin.toml", "TOML")):
         check_line(lambda: load(tmp_path / name), str(tmp_path / name), part)  # noqa: B023
     check_line(lambda: scenario.read_faults(tmp_path / "nofile"), "nofile", "give a readable fault script")
+    (tmp_path / "more.toml").write_text('seed = 3\n[[faults]]\nkind = "kill"\nuavs = [1]\ntick = 1')
+    check_line(lambda: scenario.read_faults(tmp_path / "more.toml"), "more.toml", "nothing else")
 
 
 @pytest.mark.parametrize(
