@@ -2,25 +2,45 @@
 
 import math
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import FAILURES
-from meanflock.swarm.plugins.guard import check_array, check_pair
+from meanflock.swarm.plugins.guard import check_array, check_pair, check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import Floats, Plane
 
 MOST_SLOTS = 1_000_000  # limit of the slots of a message
+
+Memory: TypeAlias = dict[str, NDArray[Any]]
+Carried: TypeAlias = tuple[NDArray[np.int64], NDArray[np.bool_]]  # slots (K,) and whether delivered (K,)
+
+
+class Message(NamedTuple):
+    """A message on its way over K ≥ 1 links, sorted by source and then by target.
+
+    tick: in which it is sent. bits: its size. source, target: (K,) the UAVs at the ends of each link; the leader is one
+    of the UAVs. A pair comes several times if the message is a model that is sent in fragments. distance_m: (K,).
+    position_m: (N, 2) of all UAVs, m.
+    """
+
+    tick: int
+    bits: int
+    source: NDArray[np.intp]
+    target: NDArray[np.intp]
+    distance_m: Floats
+    position_m: Plane
 
 
 class Channel:
     """Base class of channels. Derive from it and set `name`, which `radio.model` then refers to.
 
-    A channel must not remember anything between two calls, and must draw from the given generator only. Then a flight
-    is the same in every mode, and after every resume.
+    Write `transmit` if each message is drawn afresh. Write `init` and `carry` if the channel must know which UAVs talk,
+    where they are, or what was drawn before. A channel must not remember anything else between two calls, and must draw
+    from the given generator only. Then a flight is the same in every mode, and after every resume.
     """
 
     plugin_kind: ClassVar = "channel"
@@ -29,14 +49,38 @@ class Channel:
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Keys of `[radio.options]`, with units and bounds."""
 
+    def __init_subclass__(cls, **named: Any) -> None:
+        super().__init_subclass__(**named)
+        if cls.carry is not Channel.carry and cls.transmit is Channel.transmit:
+            cls.transmit = _not_written  # type: ignore[method-assign, assignment]  # `carry` does all
+
     def __init__(self, options: "Channel.Options", scenario: Scenario) -> None:
         """`scenario`: its table `radio`, and whatever else the channel needs."""
         self.options, self.scenario = options, scenario
 
+    def init(self, uavs: int) -> Memory:
+        """Returns the memory at take-off: arrays that checkpoints keep, of any shape. Empty by default."""
+        return {}
+
+    def carry(
+        self, memory: Memory, message: Message, rng: np.random.Generator
+    ) -> tuple[Memory, NDArray[np.int64], NDArray[np.bool_]]:
+        """Sends one message, as `transmit` does; by default by `transmit`.
+
+        Args:
+            memory: the result of `init` or of the last message. Its arrays are read-only: return new ones, with the
+                same names, dtypes and shapes.
+
+        Returns:
+            The memory after the message; the slots (K,) and deliveries (K,), see `transmit`.
+        """
+        slots, delivered = check_pair(
+            "transmit", self.transmit(message.distance_m, message.bits, rng), "slots and delivered"
+        )
+        return memory, slots, delivered
+
     @abstractmethod
-    def transmit(
-        self, distance_m: Floats, bits: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def transmit(self, distance_m: Floats, bits: int, rng: np.random.Generator) -> Carried:
         """Sends one message of `bits` over K ≥ 1 links of lengths `distance_m` (K,), by source and then by target.
 
         Returns:
@@ -59,19 +103,26 @@ class Channel:
         return None
 
 
-def carried(answer: Any, links: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Check what `transmit` returned for so many links: slots and delivered.
+def _not_written(*_: Any) -> Carried:
+    raise NotImplementedError("this channel has `carry` in place of `transmit`")
+
+
+def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, NDArray[np.int64], NDArray[np.bool_]]:
+    """Check what `carry` returned for so many links: the `memory` with the same form, slots and delivered.
 
     Raises:
         TypeError, ValueError: it is something else.
     """
-    slots, delivered = check_pair("transmit", answer, "slots and delivered")
+    if not isinstance(answer, tuple) or len(answer) != 3:
+        raise TypeError(f"`carry` returns a {type(answer).__name__}; expected memory, slots and delivered")
+    after, slots, delivered = answer
+    check_same_form("memory", after, memory)
     check_array("slots", slots, (links,), np.int64)
     check_array("delivered", delivered, (links,), np.bool_)
     least, most = (np.minimum.reduce(slots), np.maximum.reduce(slots)) if links else (1, 1)
     if least < 1 or most > MOST_SLOTS:
         raise ValueError(f"slots from {least} to {most}; a message takes 1 to {MOST_SLOTS}")
-    return slots, delivered
+    return after, slots, delivered
 
 
 def closed_form(answer: Any) -> tuple[float, float] | None:

@@ -13,10 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.base import MOST_SLOTS, Channel, carried, closed_form
+from meanflock.channel.base import MOST_SLOTS, Channel, Memory, Message, carried, closed_form
 from meanflock.channel.meter import Links, Meter
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import FAILURES, RunFailed, last_line
+from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.plugins.guard import check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -30,11 +32,12 @@ class Medium:
     """The emulated radio of one run."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput if the scenario's channel is not installed or its options do not fit."""
+        """Raises BadInput if the scenario's channel is not installed, its options do not fit, or its `init` fails."""
         radio = scenario.radio
         self.meter = Meter(radio, scenario.uavs)
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
+        self._memory = _begun(self._channel, radio.model, scenario.uavs)
         self._rng = generator(scenario.seed, "radio")
         self._targets = {hop.label: hop.targets for hop in scenario.hops}
         slots = range(1, MOST_SLOTS + 1)
@@ -71,9 +74,10 @@ class Medium:
         return self._in_flight.pop(tick, [])
 
     def snapshot(self) -> dict[str, Any]:
-        """Frames under way, the random state and the meter, for `restore`."""
+        """Frames under way, the random state, the memory of the channel and the meter, for `restore`."""
         return {
             "draw": random_state(self._rng),
+            "memory": self._memory,
             "in_flight": [
                 [due, int(f.kind), f.round, f.source, f.payload, f.links, f.slots]
                 for due, batches in sorted(self._in_flight.items())
@@ -83,7 +87,9 @@ class Medium:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continues from a snapshot."""
+        """Continues from a snapshot; raises TypeError or ValueError if it has another memory of the channel."""
+        check_same_form(f"channel {self._scenario.radio.model!r}: memory", snapshot["memory"], self._memory)
+        self._memory = snapshot["memory"]
         set_random_state(self._rng, snapshot["draw"])
         self._in_flight.clear()
         for due, kind, *fields in snapshot["in_flight"]:
@@ -94,7 +100,7 @@ class Medium:
         links = self._links(batch, states)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         reach = math.inf if batch.kind == FrameKind.STATE else self._models_reach
-        slots, delivered, expected = self._carried(bits, links, states, reach)
+        slots, delivered, expected = self._carried(tick, bits, links, states, reach)
         if cut is not None:
             slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
@@ -121,7 +127,7 @@ class Medium:
         return _record(tick, links, slots, delivered)
 
     def _carried(
-        self, bits: int, links: Links, states: state.States, reach: float
+        self, tick: int, bits: int, links: Links, states: state.States, reach: float
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], tuple[float, float] | None]:
         """Send a message over links by radio; links longer than `reach`, in m, fail.
 
@@ -133,7 +139,11 @@ class Medium:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
-            slots, delivered = carried(self._channel.transmit(distance, bits, self._rng), count)
+            message = Message(tick, bits, links.source, links.target, distance, states[:, state.POSITION])
+            for array in self._memory.values():
+                array.flags.writeable = False
+            answer = self._channel.carry(dict(self._memory), message, self._rng)
+            self._memory, slots, delivered = carried(answer, self._memory, count)
             if reach < math.inf and len(beyond := np.flatnonzero(distance > reach)):
                 slots, delivered = self._failed(distance > reach, slots, delivered)
                 distance = np.delete(distance, beyond)
@@ -213,6 +223,22 @@ class Medium:
         here = states[:, state.POSITION]
         along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
         return bool(along * along + across * across <= reach * reach)
+
+
+def _begun(channel: Channel, name: str, uavs: int) -> Memory:
+    """The memory of a channel at take-off; raises BadInput if it is none, or too large for a checkpoint."""
+    try:
+        memory = channel.init(uavs)
+        check_memory("`init`: memory", memory)
+    except FAILURES as error:
+        raise BadInput(f"channel {name!r}: {last_line(error)}") from error
+    size = sum(array.nbytes for array in memory.values())
+    if size > MAX_MEMORY_BYTES:
+        raise BadInput(
+            f"channel {name!r}: a memory of {size / 2**20:.0f} MiB for {uavs} UAVs; a checkpoint keeps up to "
+            f"{MAX_MEMORY_BYTES >> 20} MiB: fly fewer UAVs, or let it keep less"
+        )
+    return memory
 
 
 def _record(tick: int, links: Links, slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> NDArray[np.int32]:

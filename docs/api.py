@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("Controller", "Options", "Received", "Broadcast", "Step"),
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
-    "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel",)),
+    "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel", "Message")),
     "A filter": (
         "May change the accelerations of any controller; "
         "see [the filter](controllers.md#the-filters-ecbf-and-braking-before-any-controller).",

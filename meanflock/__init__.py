@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from meanflock.agent.controllers.base import Step as Step
     from meanflock.agent.controllers.filtered import Filter as Filter
     from meanflock.channel.base import Channel as Channel
+    from meanflock.channel.base import Message as Message
     from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
     from meanflock.comparing import sweep as sweep
@@ -48,6 +49,7 @@ _WHERE = {  # a name → its module, and its name there
     "Controller": ("meanflock.agent.controllers.base", "Controller"),
     "Filter": ("meanflock.agent.controllers.filtered", "Filter"),
     "MeanflockError": ("meanflock.swarm.errors", "MeanflockError"),
+    "Message": ("meanflock.channel.base", "Message"),
     "Options": ("meanflock.agent.controllers.base", "Options"),
     "Plugin": ("meanflock.swarm.plugins", "Plugin"),
     "Received": ("meanflock.agent.controllers.base", "Received"),
@@ -77,6 +79,7 @@ __all__ = [  # imported at first use
     "Controller",
     "Filter",
     "MeanflockError",
+    "Message",
     "Options",
     "Plugin",
     "Received",

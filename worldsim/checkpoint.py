@@ -28,7 +28,7 @@ from meanflock.worldsim.members import Member
 from meanflock.worldsim.reporting import Reporter
 from meanflock.worldsim.summary import Counters
 
-SCHEMA = 10
+SCHEMA = 11
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 MAX_BYTES = 512 * 2**20

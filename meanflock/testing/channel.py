@@ -1,19 +1,21 @@
 """The conformance suite of channels."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from meanflock.channel.base import carried, closed_form
+from meanflock.channel.base import Channel, Message, carried, closed_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import random_state, set_random_state
-from meanflock.testing.error import asked, check_class, fail, make, same, with_other_randomness
+from meanflock.testing.error import alike, asked, check_class, check_kept, fail, make, same, with_other_randomness
 from meanflock.testing.pace import SLOW_MS, check_pace
 
+UAVS = 25  # of the paper's swarm
 BITS = (1, 128, 3456, 7872)
 # Number of links of each message, and the longest of them in m: equal messages, other distances, another number, none.
 LINKS = ((40, 200.0), (40, 200.0), (40, 90.0), (1, 200.0), (1, 200.0), (1, 90.0), (0, 0.0))
-ALL_LINKS = 25 * 24  # of the paper's swarm, to measure the time of a message
+ALL_LINKS = UAVS * (UAVS - 1)  # to measure the time of a message
 
 
 def check_channel(
@@ -24,7 +26,7 @@ def check_channel(
 ) -> None:
     """Sends some messages over a channel and checks everything that the radio relies on.
 
-    A channel that remembers anything between two messages fails, because checkpoints do not store it.
+    A channel that remembers anything but its memory between two messages fails, because checkpoints do not store it.
 
     Args:
         channel: the class. options: those of the table [radio.options]. scenario: default: the paper's.
@@ -39,27 +41,33 @@ def check_channel(
     def sent(seed: int, draw: int, afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
             made, rng = make(channel, options or {}, flown), np.random.default_rng(draw)
+            memory = asked(channel, made.init, UAVS, remedy="return a dict of arrays")
+            check_kept(channel, "`init`: memory", memory)
             all_sent: list[np.ndarray] = []
             for bits in BITS:
-                for links, longest_m in LINKS:
-                    distance = np.linspace(longest_m, 1.0, links)
-                    given = distance.copy()
+                for tick, (links, longest_m) in enumerate(LINKS):
                     if afresh:  # as after a checkpoint
                         saved, rng = random_state(rng), np.random.default_rng()
                         set_random_state(rng, saved)
                         made = make(channel, options or {}, flown)
-                    answer = asked(
-                        channel, made.transmit, distance, bits, rng, remedy=f"{links} links must do, as any number"
-                    )
-                    if not same(given, distance):
+                        memory = {name: array.copy() for name, array in memory.items()}
+                    message = over(links, longest_m, bits, tick)
+                    given, before = message.distance_m.copy(), {name: array.copy() for name, array in memory.items()}
+                    remedy = f"{links} links must do, as any number"
+                    answer = asked(channel, written(made), dict(memory), message, rng, remedy=remedy)
+                    if not same(given, message.distance_m):
                         fail(channel, "`transmit` writes to the distances", "copy before you write")
-                    form = asked(channel, made.expected, distance, bits, remedy=f"{links} links must do, as any number")
+                    if name := alike(before, memory):
+                        fail(channel, f"`carry` writes to memory[{name!r}]", "copy before you write")
+                    form = asked(channel, made.expected, message.distance_m, bits, remedy=remedy)
                     try:
-                        all_sent += map(np.array, carried(answer, links))
+                        memory, *of_links = carried(answer, memory, links)
+                        all_sent += map(np.array, of_links)
                         all_sent.append(np.array(closed_form(form) or ()))
                     except (TypeError, ValueError) as error:
                         fail(channel, f"over {links} links: {error}", "return that")
-            return all_sent
+                    check_kept(channel, "memory", memory)
+            return [*all_sent, *memory.values()]
 
         return with_other_randomness(run, seed)
 
@@ -76,10 +84,33 @@ def check_channel(
             fail(channel, what, remedy)
     made = make(channel, options or {}, flown)
     rng = np.random.default_rng(8)
-    distance = np.linspace(1.0, 200.0, ALL_LINKS)
+    memory = made.init(UAVS)
     check_pace(
         channel,
         f"a message over {ALL_LINKS} links",
         slow_ms,
-        lambda number: made.transmit(distance, BITS[number % len(BITS)], rng),
+        lambda number: made.carry(memory, over(ALL_LINKS, 200.0, BITS[number % len(BITS)], number), rng),
     )
+
+
+def written(made: Channel) -> Callable[..., Any]:
+    """The method `carry` of a channel, named after the method that the channel's author wrote."""
+
+    def carry(*given: Any) -> Any:
+        return made.carry(*given)
+
+    carry.__name__ = "transmit" if type(made).carry is Channel.carry else "carry"
+    return carry
+
+
+def over(links: int, longest_m: float, bits: int, tick: int) -> Message:
+    """A message over the first links of a swarm on a spiral, which turns from tick to tick. `longest_m`: the length of
+    the longest of all its links.
+    """
+    source, target = np.nonzero(~np.eye(UAVS, dtype=bool))
+    turned = 0.1 * tick + np.arange(UAVS)
+    place = np.stack([np.cos(turned), np.sin(turned)], axis=-1) * np.arange(1.0, UAVS + 1)[:, None]
+    apart = place[source] - place[target]
+    distance = np.sqrt(apart[:, 0] ** 2 + apart[:, 1] ** 2)
+    scale = longest_m / distance.max()
+    return Message(tick, bits, source[:links], target[:links], scale * distance[:links], scale * place)
