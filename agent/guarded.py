@@ -204,11 +204,11 @@ class Guarded:
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
             self._report_problems(fresh, last_line(error))
 
-    def _report_problems(self, rows: Mask, why: str) -> None:
+    def _report_problems(self, rows: Mask, reason: str) -> None:
         """Add one text for rows that had no complaint."""
         self._reported = self._reported | rows
         names = ", ".join(map(str, self._uavs[rows]))
-        self._problems.append(f"controller {self._method!r} failed with UAV {names}: {why}")
+        self._problems.append(f"controller {self._method!r} failed with UAV {names}: {reason}")
 
 
 def _checked_table(name: str, table: Floats, shape: tuple[int, ...]) -> Floats:

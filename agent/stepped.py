@@ -94,10 +94,10 @@ class SteppedAgent(Agent):
 
     def __init__(self, welcome: Welcome) -> None:
         super().__init__(welcome)
-        made = self._controller.controller
-        external = made.inner if isinstance(made, Filter) else made
+        controller = self._controller.controller
+        external = controller.inner if isinstance(controller, Filter) else controller
         assert isinstance(external, External)
-        self._filtered = made is not external
+        self._filtered = controller is not external
         self._external = external
         self._frames: tuple[Received, ...] = ()
         self.received: tuple[Received, ...] = ()

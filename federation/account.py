@@ -131,8 +131,8 @@ def shares(text: str) -> Shares | None:
     )
 
 
-def _some(count: int, what: str) -> str:
-    return f"{count} {what}" if count else ""
+def _some(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count else ""
 
 
 def _uavs(uavs: list[int]) -> str:

@@ -179,9 +179,9 @@ def _spread(table: NDArray[Any], place: Indices, count: int, axis: int = 0) -> N
     """A table of `count` rows along an axis: those of a smaller table at the places `place`, all others 0."""
     shape = list(table.shape)
     shape[axis] = count
-    made = np.zeros(shape, table.dtype)
-    made[(slice(None),) * axis + (place,)] = table
-    return made
+    result = np.zeros(shape, table.dtype)
+    result[(slice(None),) * axis + (place,)] = table
+    return result
 
 
 def _in_order(tables: list[NDArray[Any]], order: Indices) -> NDArray[Any]:

@@ -235,8 +235,8 @@ class Post:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
                 for uav in hop.senders.tolist():
                     if uav in lost or (box.addressed[uav] and uav not in senders):
-                        why = "its relay is lost" if uav in lost else "its head is silent"
-                        note("void", f"round {number} goes on without the cluster of UAV {uav}: {why}")
+                        reason = "its relay is lost" if uav in lost else "its head is silent"
+                        note("void", f"round {number} goes on without the cluster of UAV {uav}: {reason}")
             box.close(number)
             self._list_open()
         self._refused.clear()
@@ -287,9 +287,9 @@ class Post:
             if hop.mail is None and (number := self._schedule.number(hop, tick)):
                 sent = [uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()]
                 participants = self._schedule.participants(number)
-                there = int(awake[participants].sum())
-                self.silent += there - len(sent)
-                self._accounts[number] = Account(len(participants), len(participants) - there, sent)
+                present = int(awake[participants].sum())
+                self.silent += present - len(sent)
+                self._accounts[number] = Account(len(participants), len(participants) - present, sent)
 
     def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
         """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
@@ -343,14 +343,14 @@ class Post:
             note("round", f"round {number}: {words}; the aggregation rule waits for more models", account.sent)
             return
         self.rounds_void += 1
-        why = "no model of another UAV was averaged"
+        reason = "no model of another UAV was averaged"
         if hop.role == "leader" and not awake[hop.senders].any():
-            why = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
+            reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
         elif hop.role == "leader" and not has_leader():
-            why = "there is no leader"
+            reason = "there is no leader"
         elif has_others:
-            why = "the aggregation rule failed"
-        note("void", f"round {number} is void: {why}; {words}", account.sent)
+            reason = "the aggregation rule failed"
+        note("void", f"round {number} is void: {reason}; {words}", account.sent)
 
     @cached_property
     def _terms(self) -> tuple[str, str]:

@@ -59,43 +59,43 @@ def controller(scenario: Any) -> Any:
     return filtered(plugins.create("controller", scenario.method, scenario.controller, scenario), scenario)
 
 
-def filtered(made: Any, scenario: Any) -> Any:
+def filtered(instance: Any, scenario: Any) -> Any:
     """A controller behind the filter of a scenario; the controller itself without a filter.
 
     Raises:
         BadInput: the filter is not installed here, or its options or a declaration of the controller do not fit.
     """
     if scenario.filter.kind == NO_FILTER:
-        return made
-    declarations_of(made, scenario.method)  # first, so that an error names the controller and not the filter
-    return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, made)
+        return instance
+    declarations_of(instance, scenario.method)  # first, so that an error names the controller and not the filter
+    return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, instance)
 
 
-def declarations_of(made: Any, name: str) -> Declared:
+def declarations_of(instance: Any, name: str) -> Declared:
     """The declarations of an instance of the controller `name`.
 
     Raises:
         BadInput: a declaration is invalid.
     """
     try:
-        return _checked(made, name)
+        return _checked(instance, name)
     except BadInput:
         raise
     except FAILURES as error:  # a class attribute may be anything
         raise BadInput(f"controller {name!r}: a declaration cannot be read: {type(error).__name__}: {error}") from error
 
 
-def _checked(made: Any, name: str) -> Declared:
-    parameters = _count(made, name, "parameters", 0, MAX_PARAMETERS)
-    parts = tuple(made.parts) or ((parameters,) if parameters else ())
+def _checked(instance: Any, name: str) -> Declared:
+    parameters = _count(instance, name, "parameters", 0, MAX_PARAMETERS)
+    parts = tuple(instance.parts) or ((parameters,) if parameters else ())
     if not all(_is_count(part, 1, parameters) for part in parts) or sum(parts) != parameters:
         raise BadInput(f"controller {name!r}: `parts` {parts} do not add up to its {parameters} `parameters`")
-    weights = parameters if made.weights is None else _count(made, name, "weights", 0, MAX_PARAMETERS)
-    broadcast_numbers = _count(made, name, "broadcast_numbers", 0, MAX_BROADCAST_NUMBERS)
-    period = _count(made, name, "period_ticks", 1, 2**31)
-    if isinstance(made.diagnostics, str):
-        raise BadInput(f"controller {name!r}: `diagnostics` is a text; write ({made.diagnostics!r},)")
-    diagnostics = tuple(made.diagnostics)
+    weights = parameters if instance.weights is None else _count(instance, name, "weights", 0, MAX_PARAMETERS)
+    broadcast_numbers = _count(instance, name, "broadcast_numbers", 0, MAX_BROADCAST_NUMBERS)
+    period = _count(instance, name, "period_ticks", 1, 2**31)
+    if isinstance(instance.diagnostics, str):
+        raise BadInput(f"controller {name!r}: `diagnostics` is a text; write ({instance.diagnostics!r},)")
+    diagnostics = tuple(instance.diagnostics)
     distinct = len(set(diagnostics)) == len(diagnostics) <= MAX_DIAGNOSTICS
     if not distinct or not all(isinstance(column, str) and column.isidentifier() for column in diagnostics):
         raise BadInput(
@@ -109,15 +109,15 @@ def _checked(made: Any, name: str) -> Declared:
         diagnostics=diagnostics,
         period_ticks=period,
         broadcast_numbers=broadcast_numbers,
-        pairwise=bool(made.pairwise),
-        shares=bool(made.shares),
-        weighted=bool(made.weighted),
-        recorded=dict(getattr(made, "recorded", {})),
+        pairwise=bool(instance.pairwise),
+        shares=bool(instance.shares),
+        weighted=bool(instance.weighted),
+        recorded=dict(getattr(instance, "recorded", {})),
     )
 
 
-def _count(made: Any, name: str, declaration: str, least: int, most: int) -> int:
-    value = getattr(made, declaration)
+def _count(instance: Any, name: str, declaration: str, least: int, most: int) -> int:
+    value = getattr(instance, declaration)
     if not _is_count(value, least, most):
         raise BadInput(f"controller {name!r}: `{declaration}` is {value!r}; expected {least} … {most}")
     return int(value)

@@ -101,9 +101,9 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
         print("error: interrupted", file=sys.stderr)
         raise SystemExit(EXIT_RUN_FAILED) from None
     except ModuleNotFoundError as missing:
-        if not (what := lacking(missing, by, extra)):
+        if not (message := lacking(missing, by, extra)):
             raise
-        print(f"error: {what}", file=sys.stderr)
+        print(f"error: {message}", file=sys.stderr)
         raise SystemExit(EXIT_BAD_INPUT) from None
 
 

@@ -140,11 +140,11 @@ def check(mission: Mission) -> None:
     discs = obstacles(mission)
     if len(discs):
         remedy = "move one of them"
-        for what, places in (("starts", starts(mission)[:, state.POSITION]), ("has its goal", goals(mission))):
+        for verb, places in (("starts", starts(mission)[:, state.POSITION]), ("has its goal", goals(mission))):
             for number, (x, y, radius) in enumerate(discs.tolist()):
                 inside = np.flatnonzero(np.hypot(*(places - (x, y)).T) <= radius)
                 if len(inside):
-                    raise ValueError(f"UAV {inside[0]} {what} inside `obstacles[{number}]`; {remedy}")
+                    raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     if mission.start.positions or formation(mission.start) not in GRIDS:
         _check_apart(mission)
 

@@ -38,7 +38,7 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(EXIT_BAD_INPUT)
 
 
-def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
+def parser(module: str, description: str, example: str) -> argparse.ArgumentParser:
     """A parser with the flags every process has; each is also a variable MEANFLOCK_<FLAG>.
 
     Raises:
@@ -46,7 +46,7 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     """
     result = _Parser(
         prog=f"python -m meanflock.{module}",
-        description=what,
+        description=description,
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -54,8 +54,8 @@ def parser(module: str, what: str, example: str) -> argparse.ArgumentParser:
     flag(result, "--run", "swarm", "name of the run; nodes of other runs never meet", metavar="NAME")
     flag(result, "--tls", "", "folder of certificates; every link is then mutual TLS", metavar="DIR")
     flag(result, "--wait", "60", "how long to wait for the other processes", seconds("--wait"), "SECONDS")
-    what = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
-    result.add_argument("--plugin", action="append", metavar="FILE.py", type=plugins.load_file, help=what)
+    help_text = f"a file with plug-ins, repeatable (${plugins.FILES}: several, as PATH separates them)"
+    result.add_argument("--plugin", action="append", metavar="FILE.py", type=plugins.load_file, help=help_text)
     plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
     flag(result, "--log-format", logs.TEXT, "text, or json for one object per line", logs.check, "FORMAT")
     return result
@@ -65,13 +65,13 @@ def flag(
     to: argparse.ArgumentParser,
     name: str,
     default: str,
-    what: str,
+    description: str,
     type_: Callable[[str], object] = str,
     metavar: str | None = None,
 ) -> None:
     """Adds a flag whose default is the variable of its name, if that is set."""
     variable = "MEANFLOCK_" + name.strip("-").upper().replace("-", "_")
-    text = f"{what} (${variable}, default {default or 'none'})"
+    text = f"{description} (${variable}, default {default or 'none'})"
     to.add_argument(name, default=os.environ.get(variable, default), type=type_, help=text, metavar=metavar)
 
 

@@ -42,8 +42,8 @@ def found(path: Path) -> Path:
     return path if path.is_file() or named not in shipped() else _SHIPPED / named.name
 
 
-def read(path: Path, what: str) -> dict[str, Any]:
-    """Read the table of a file, or of a shipped file. `what`: kind of the file, for an error.
+def read(path: Path, kind: str) -> dict[str, Any]:
+    """Read the table of a file, or of a shipped file. `kind`: that of the file, for an error.
 
     Raises:
         BadInput: the file does not exist, cannot be read, or is not TOML.
@@ -52,8 +52,8 @@ def read(path: Path, what: str) -> dict[str, Any]:
         return _parse(found(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
     except OSError as error:
         named = path.parent == FOLDER or not path.suffix
-        there = f", or name one of {', '.join(file.stem for file in shipped())}" if named else ""
-        raise BadInput(f"{path}: {error.strerror}; give a readable {what}{there}") from error
+        choices = f", or name one of {', '.join(file.stem for file in shipped())}" if named else ""
+        raise BadInput(f"{path}: {error.strerror}; give a readable {kind}{choices}") from error
     except ValueError as error:  # from the parser, or from bytes that are not UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error
 

@@ -103,12 +103,12 @@ class Filter:
             acceleration, reported = self.admit(own, others, uavs, wanted)
         except FAILURES as error:
             raise RuntimeError(f"filter {self.name!r}: {last_line(error)}") from error
-        for what, table, shape in (
+        for part, table, shape in (
             ("accelerations", acceleration, (len(own), 2)),
             ("columns", reported, (len(own), len(self.columns))),
         ):
             if np.shape(table) != shape:
-                raise ValueError(f"filter {self.name!r}: `admit` returns {what} {np.shape(table)}; expected {shape}")
+                raise ValueError(f"filter {self.name!r}: `admit` returns {part} {np.shape(table)}; expected {shape}")
         return acceleration, reported
 
     def get(self, memory: Memory) -> Floats:

@@ -33,11 +33,11 @@ def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool
     weights = np.ones(len(models)) if weights is None else weights
     is_whole = arrived is None or bool(arrived.all())
     total = np.zeros(models.shape[1])
-    there = np.empty_like(total)  # of a model; 0 elsewhere
+    product = np.empty_like(total)  # of a model; 0 elsewhere
     for place, model in enumerate(models):
         share = model if counts_alike else weights[place] * model
         if arrived is not None and not is_whole:
-            share = np.multiply(share, arrived[place], out=there)
+            share = np.multiply(share, arrived[place], out=product)
         total += share
     count: Floats | NDArray[np.int32]
     if arrived is None or is_whole:

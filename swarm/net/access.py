@@ -75,8 +75,8 @@ def only_agent(folder: Path) -> int:
     found = sorted(path.stem for path in folder.glob("agent-*.key"))
     if len(found) == 1 and (number := found[0].removeprefix("agent-")).isdigit():
         return int(number)
-    what = f"{len(found)} keys of agents" if found else "no key of an agent"
-    raise BadInput(f"{folder}: {what}; with --tls name the agent's UAV: --uav K")
+    keys_found = f"{len(found)} keys of agents" if found else "no key of an agent"
+    raise BadInput(f"{folder}: {keys_found}; with --tls name the agent's UAV: --uav K")
 
 
 def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
@@ -192,8 +192,8 @@ class Address(NamedTuple):
 
     def refused(self, flag: str, error: OSError) -> BadInput:
         """The error for an address at which no process can listen."""
-        why = str(error.strerror).partition(" (while ")[0]  # the text has the address already
-        return BadInput(f"{flag} {self}: {why}; choose a free port of this machine, or 0 for any")
+        reason = str(error.strerror).partition(" (while ")[0]  # the text has the address already
+        return BadInput(f"{flag} {self}: {reason}; choose a free port of this machine, or 0 for any")
 
     def __str__(self) -> str:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"

@@ -83,9 +83,9 @@ class NodeClient:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
         except BadInput as error:  # the world logs it too, so that its user sees it
-            why = f"{welcome.node} on host {platform.node()}: {error}"
-            self._bus.put(self._act_key, control.encode(Refusal(why)))
-            raise BadInput(why) from error
+            reason = f"{welcome.node} on host {platform.node()}: {error}"
+            self._bus.put(self._act_key, control.encode(Refusal(reason)))
+            raise BadInput(reason) from error
         self._bus.subscribe(keys.sense(self._run, welcome.node), self._at_once)
         self._bus.watch(keys.alive(self._run, "world", "world"))
         self._bus.announce(keys.alive(self._run, request.role, welcome.node))

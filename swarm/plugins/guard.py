@@ -26,17 +26,17 @@ def check_pair(method: str, answer: Any, expected: str) -> tuple[Any, Any]:
     return answer
 
 
-def check_array(what: str, array: Any, shape: tuple[int, ...], dtype: DTypeLike) -> None:
+def check_array(label: str, array: Any, shape: tuple[int, ...], dtype: DTypeLike) -> None:
     """Check that a value is an array of a shape and a dtype.
 
     Raises:
         TypeError: it is something else.
     """
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
-        raise TypeError(f"{what}: {_form(array)}, expected {np.dtype(dtype)} {shape}")
+        raise TypeError(f"{label}: {_form(array)}, expected {np.dtype(dtype)} {shape}")
 
 
-def as_floats(what: str, table: Any, shape: tuple[int, ...]) -> Floats:
+def as_floats(label: str, table: Any, shape: tuple[int, ...]) -> Floats:
     """Check that a table of real numbers has a shape, and return it as float64; complex numbers are refused.
 
     Raises:
@@ -44,58 +44,58 @@ def as_floats(what: str, table: Any, shape: tuple[int, ...]) -> Floats:
     """
     numbers: Floats = np.asarray(table).astype(np.float64, casting="same_kind", copy=False)
     if numbers.shape != shape:
-        raise ValueError(f"{what} has shape {numbers.shape}; expected {shape}")
+        raise ValueError(f"{label} has shape {numbers.shape}; expected {shape}")
     return numbers
 
 
-def check_finite(what: str, array: NDArray[Any]) -> None:
+def check_finite(label: str, array: NDArray[Any]) -> None:
     """Check that an array has finite numbers only.
 
     Raises:
         ValueError: it has others.
     """
     if not np.isfinite(array).all():
-        raise ValueError(f"{what} is not finite")
+        raise ValueError(f"{label} is not finite")
 
 
-def check_memory(what: str, memory: Any, rows: int | None = None) -> None:
+def check_memory(label: str, memory: Any, rows: int | None = None) -> None:
     """Check that a memory is a dict of arrays that a checkpoint can hold, each with a leading axis of `rows` if given.
 
     Raises:
         TypeError, ValueError: it is something else.
     """
-    _check_dict(what, memory)
+    _check_dict(label, memory)
     for name, array in memory.items():
         if not isinstance(name, str):
-            raise TypeError(f"{what}[{name!r}]: its name must be a text")
+            raise TypeError(f"{label}[{name!r}]: its name must be a text")
         if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
             allowed = f"arrays of {_KINDS}, with at most {MAX_AXES} axes"
-            raise TypeError(f"{what}[{name!r}] is {_form(array)}; a checkpoint keeps {allowed}")
+            raise TypeError(f"{label}[{name!r}] is {_form(array)}; a checkpoint keeps {allowed}")
         if rows is not None and array.shape[:1] != (rows,):
-            raise ValueError(f"{what}[{name!r}] has shape {array.shape}; expected a leading axis of {rows} rows")
+            raise ValueError(f"{label}[{name!r}] has shape {array.shape}; expected a leading axis of {rows} rows")
 
 
-def check_same_form(what: str, after: Any, before: Mapping[str, NDArray[Any]]) -> None:
+def check_same_form(label: str, after: Any, before: Mapping[str, NDArray[Any]]) -> None:
     """Check that a memory has the arrays that it had `before`, each of the same dtype and shape.
 
     Raises:
         TypeError, ValueError: it does not.
     """
-    _check_dict(what, after)
+    _check_dict(label, after)
     if after.keys() != before.keys():
-        raise ValueError(f"{what} has {sorted(map(str, after))}; of `init` it had {sorted(before)}")
+        raise ValueError(f"{label} has {sorted(map(str, after))}; of `init` it had {sorted(before)}")
     for name, array in after.items():
         first = before[name]
         if array is not first and (
             not isinstance(array, np.ndarray) or array.dtype != first.dtype or array.shape != first.shape
         ):
             found = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
-            raise ValueError(f"{what}[{name!r}] is {found}; of `init` it was {first.shape} {first.dtype}")
+            raise ValueError(f"{label}[{name!r}] is {found}; of `init` it was {first.shape} {first.dtype}")
 
 
-def _check_dict(what: str, arrays: Any) -> None:
+def _check_dict(label: str, arrays: Any) -> None:
     if not isinstance(arrays, dict):
-        raise TypeError(f"{what} is a {type(arrays).__name__}; expected a dict of arrays")
+        raise TypeError(f"{label} is a {type(arrays).__name__}; expected a dict of arrays")
 
 
 def _form(value: Any) -> str:

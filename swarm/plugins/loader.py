@@ -70,8 +70,8 @@ def _defined(module: ModuleType, where: str) -> dict[tuple[PluginKind, str], tup
         key = key_of(value) if getattr(value, "__module__", None) == module.__name__ else None
         if key is None:
             continue
-        other, made = found.setdefault(key, (attribute, value))
-        if made is not value:
+        other, existing = found.setdefault(key, (attribute, value))
+        if existing is not value:
             both = f"{other} and {attribute}"
             raise BadInput(f"{where}: two {key[0]}s are named {key[1]!r}, {both}; give one of them another `name`")
     return found

@@ -116,9 +116,9 @@ def load(kind: PluginKind, name: str) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:
-        what = f"{kind} {name!r} of {plugin.source}"
-        ours = lacking(error, what) if module.startswith("meanflock.") else ""
-        raise BadInput(ours or f"{what}: {last_line(error)}") from error
+        title = f"{kind} {name!r} of {plugin.source}"
+        ours = lacking(error, title) if module.startswith("meanflock.") else ""
+        raise BadInput(ours or f"{title}: {last_line(error)}") from error
     return checked(kind, name, found, plugin.source)
 
 
@@ -145,19 +145,19 @@ def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) 
     Raises:
         BadInput: like `load`; or the options do not fit, or the constructor fails.
     """
-    made: Any = load(kind, name)
+    plugin_class: Any = load(kind, name)
     try:
-        typed = msgspec.convert(options, made.Options)
+        typed = msgspec.convert(options, plugin_class.Options)
     except msgspec.ValidationError as error:
         from meanflock.swarm.explain import explain  # only here: nodes receive valid options
 
         asked = f"scenario schema --method {name}" if kind == "controller" else "plugins"
         remedy = f"`meanflock {asked}` lists the options of {name!r}"
-        raise BadInput(explain(str(error), made.Options, options, options_table(kind), remedy)) from error
+        raise BadInput(explain(str(error), plugin_class.Options, options, options_table(kind), remedy)) from error
     except FAILURES as error:  # of a `__post_init__`
         raise BadInput(f"{kind} {name!r}: its options cannot be made: {last_line(error)}") from error
     try:
-        return made(typed, *context)
+        return plugin_class(typed, *context)
     except BadInput:
         raise
     except FAILURES as error:
@@ -170,19 +170,19 @@ def options_table(kind: PluginKind) -> str:
     return tables.get(kind, f"{kind}.options")
 
 
-def key_of(made: Any) -> tuple[PluginKind, str] | None:
+def key_of(value: Any) -> tuple[PluginKind, str] | None:
     """Kind and name of a plug-in; None for anything else, such as a base class."""
-    kind, name = getattr(made, "plugin_kind", None), getattr(made, "name", "")
-    return (kind, name) if isinstance(made, type) and kind in GROUPS and isinstance(name, str) and name else None
+    kind, name = getattr(value, "plugin_kind", None), getattr(value, "name", "")
+    return (kind, name) if isinstance(value, type) and kind in GROUPS and isinstance(name, str) and name else None
 
 
-def entry_of(plugin: Plugin, made: type, where: str = "") -> tuple[Plugin, type]:
+def entry_of(plugin: Plugin, plugin_class: type, where: str = "") -> tuple[Plugin, type]:
     """A plug-in and its class, checked; raises BadInput if it is invalid, or if a package has its name."""
     key = plugin.kind, plugin.name
     if key in _packaged():
-        there = f"{plugin.kind} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
-        raise BadInput(f"{where}{there}; give yours another name")
-    return plugin, checked(*key, made, plugin.source)
+        conflict = f"{plugin.kind} {plugin.name!r} is installed already, of {_packaged()[key][0].source}"
+        raise BadInput(f"{where}{conflict}; give yours another name")
+    return plugin, checked(*key, plugin_class, plugin.source)
 
 
 def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:

@@ -107,7 +107,7 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
             message names the key, its value, the bound, and how to fix it.
     """
     try:
-        made = msgspec.convert(table, kind)
+        result = msgspec.convert(table, kind)
         check_switches(table, single)
     except msgspec.ValidationError as error:
         from meanflock.swarm.explain import explain  # only here: nodes receive valid scenarios
@@ -115,7 +115,7 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
         raise BadInput(f"{where}: {explain(str(error), kind, table)}") from error
     except ValueError as error:
         raise BadInput(f"{where}: {error}") from error
-    return made
+    return result
 
 
 def toml_text(table: msgspec.Struct) -> str:

@@ -110,12 +110,12 @@ class Router:
         """The point `look_m` ahead on the way, (M, 2) m relative to the goal, and the speed there, (M,) m/s."""
         station, _ = self.locate(off)
         row, last = np.arange(len(off)), self.stations - 1
-        there = np.clip(station - look_m, 0.0, last * STATION_M) / STATION_M
-        cell = np.minimum(there.astype(np.intp), last - 1)
-        part = there - cell
+        ahead = np.clip(station - look_m, 0.0, last * STATION_M) / STATION_M
+        cell = np.minimum(ahead.astype(np.intp), last - 1)
+        part = ahead - cell
         abreast = ways[row, cell] + part * (ways[row, cell + 1] - ways[row, cell])
         here = np.clip(np.ceil(station / STATION_M).astype(np.intp), 1, last)
-        place = (there * STATION_M)[:, None] * self._along + abreast[:, None] * self._across
+        place = (ahead * STATION_M)[:, None] * self._along + abreast[:, None] * self._across
         return place, speeds[row, here]
 
     def _policy(self, grid: WindGrid, maps: Floats, goals: Floats) -> tuple[NDArray[np.intp], Floats]:
