@@ -255,6 +255,7 @@ def test_a_forker_that_is_killed_before_take_off_ends_the_run(forked: int) -> No
         if forked:
             swarm.start_world("uavs = 2", wait_s=60.0, realtime=None)
             until(lambda: swarm.others_can_join(1.0), "a world that can be joined")
+            assert swarm.wait(0.0) == ["world"]
         family = psutil.Process(forker.process.pid).children()
         assert len(family) == forked
         forker.process.kill()  # while it loads what the others need, or when the world waits for them

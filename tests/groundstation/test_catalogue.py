@@ -138,30 +138,30 @@ def test_a_plugin_file_that_changed_since_it_was_loaded_is_refused(mine: Path, t
     assert not (tmp_path / "out").exists()
 
 
-@pytest.fixture(scope="module")
-def backend(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the build backend, so that packages are built without an environment each."""
-    folder = tmp_path_factory.mktemp("backend")
-    printed(sys.executable, "-m", "pip", "install", "-q", "--target", folder, "setuptools>=77", cwd=folder)
-    return folder
-
-
 @pytest.mark.processes
 @pytest.mark.xdist_group("packaging")
-@pytest.mark.parametrize("kind", get_args(scaffold.Kind))
-def test_a_new_package_installs_conforms_and_flies(kind: scaffold.Kind, run, tmp_path, backend, monkeypatch) -> None:
-    code, out, _ = run("new", kind, "swirl_2")
-    assert (code, "Next: pip install -e ./swirl_2" in out) == (EXIT_DONE, True)
-    assert [line for line in out.splitlines() if line.startswith("swirl_2/") and not (tmp_path / line).is_file()] == []
-    site = tmp_path / "site"
-    install = ("-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", site, "./swirl_2")
-    printed(sys.executable, *install, env=os.environ | {"PYTHONPATH": str(backend)})
+def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkeypatch) -> None:
+    names = {kind: f"swirl_{kind}" for kind in get_args(scaffold.Kind)}
+    for kind, name in names.items():
+        code, out, _ = run("new", kind, name)
+        assert (code, f"Next: pip install -e ./{name}" in out) == (EXIT_DONE, True)
+        written = [line for line in out.splitlines() if line.startswith(f"{name}/")]
+        assert [line for line in written if not (tmp_path / line).is_file()] == []
+    # The build backend lies in a folder of its own, so that packages are built without an environment each.
+    backend, site = tmp_path / "backend", tmp_path / "site"
+    install = (sys.executable, "-m", "pip", "install", "-q", "--target")
+    printed(*install, backend, "setuptools>=77")
+    packages = [f"./{name}" for name in names.values()]
+    build = ("--no-deps", "--no-build-isolation", *packages)
+    printed(*install, site, *build, env=os.environ | {"PYTHONPATH": str(backend)})
     monkeypatch.setenv("PYTHONPATH", str(site))
-    assert "2 passed" in printed(sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "swirl_2")
-    command, *flight = scaffold.flight(kind, "swirl_2").split()
-    short = ("--json", "--quiet", "--no-record", "--uavs", "4", "--duration", "25")
-    summary = json.loads(printed(Path(sys.executable).with_name(command), *flight, *short))
-    assert (summary["uavs"], summary["lost"], summary["collisions_all"] >= 0) == (4, 0, True)
+    passed = f"{2 * len(names)} passed"
+    assert passed in printed(sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *packages)
+    for kind, name in names.items():
+        command, *flight = scaffold.flight(kind, name).split()
+        short = ("--json", "--quiet", "--no-record", "--uavs", "4", "--duration", "25")
+        summary = json.loads(printed(Path(sys.executable).with_name(command), *flight, *short))
+        assert (summary["uavs"], summary["lost"], summary["collisions_all"] >= 0) == (4, 0, True)
 
 
 @pytest.mark.parametrize(

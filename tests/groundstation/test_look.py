@@ -14,10 +14,11 @@ from meanflock.groundstation.recording import viewer
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import recorded, repair, verify
 from meanflock.groundstation.recording.viewer import MISSING_GRAPHICS, screenshot
-from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from tests.groundstation.recordings import flight, record
+from tests.polling import until
 
 VERBS = (("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",), ("export", "--mcap", "r"))
 pytestmark = pytest.mark.usefixtures("strict")
@@ -33,6 +34,8 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
     ):
         engine = Engine(flown, "flying", sinks=[folder, recorder])
         for tick in engine.fly():
+            if tick == 30:
+                until((folder.path / CHECKPOINT).exists, "a checkpoint, which is written beside the flight")
             for verb in VERBS if tick == 30 else ():
                 code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)

@@ -11,9 +11,8 @@ import psutil
 import pytest
 
 from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch import run as flight
 from meanflock.groundstation.launch.children import environment
-from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.launch.processes import Swarm, free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
 from tests.integration.conftest import Command, Spawn, processes_of
@@ -73,12 +72,12 @@ def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, spa
 def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(
     command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(flight, "_LAST_WORDS_S", -1.0)  # as after a wait
+    monkeypatch.setattr(Swarm, "wait", lambda swarm, timeout_s: ["agent-1"])
     flags = ("--uavs", "2", "--duration", "5", "--no-record", "--out", str(command.out))
     assert main(["run", "--quiet", "--json", *flags]) == 0
     flown, warned = capsys.readouterr()
     assert json.loads(flown) == json.loads((command.folder / "summary.json").read_text())
-    assert "warning: the flight is complete, but not all processes ended" in warned
+    assert "the flight is complete, but not all processes ended within 15 s of it; ended now: agent-1" in warned
     until(lambda: not processes_of(command.folder.name), "the end of all processes", SOON_S)
 
 
@@ -107,7 +106,7 @@ def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
     def found() -> list[psutil.Process]:
         return [p for p in psutil.Process(study.pid).children() if "multiprocessing.spawn" in " ".join(p.cmdline())]
 
-    return until(lambda: workers if len(workers := found()) == 2 else [], "workers", pause_s=0.0)
+    return until(lambda: workers if len(workers := found()) == 2 else [], "workers", pause_s=0.01)
 
 
 @pytest.mark.parametrize(
