@@ -34,15 +34,15 @@ def scene(method: str, uavs: int, kind: str = "none") -> Scenario:
 
 def step(flown: Scenario, backend: ModuleType = kernels) -> Callable[[], object]:
     """One step of a scenario's controller on all rows, from the same memory every time."""
-    made, plan = declared.controller(flown), mission.starts(flown)
-    memory = made.init(np.arange(flown.uavs), plan)
+    controller, plan = declared.controller(flown), mission.starts(flown)
+    memory = controller.init(np.arange(flown.uavs), plan)
     draw = np.random.default_rng(1)
     own = plan + 0.1 * draw.standard_normal(plan.shape)
     own[:, state.VELOCITY] -= 2.25 * np.sqrt(0.5)
 
     def once() -> None:
         with nearest_of(backend):
-            made.step(memory, 1, own, ())
+            controller.step(memory, 1, own, ())
 
     return once
 

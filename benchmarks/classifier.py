@@ -46,15 +46,15 @@ def run(effort: Effort, say: Say) -> Outcome:
     """Each width of floats and way of weighing; times and memory of the first."""
     outcome = Outcome()
     for bits, weighted in product(BOUNDS, (False, True)):
-        what = f"{bits} bits{', by samples' if weighted else ''}"
+        case = f"{bits} bits{', by samples' if weighted else ''}"
         with tempfile.TemporaryDirectory(prefix="classifier-") as folder:
             write_task(Path(folder), bits, weighted)
-            say(f"Flower, {what}")
+            say(f"Flower, {case}")
             with Environment("flwr").start("flwr_classifier", UAVS, folder) as peer:
                 theirs, ours = [], []
                 for repeat in range(1 if outcome.figures else effort.choose(5, 2)):
                     theirs.append(peer.measure(1) / ROUNDS)
-                    say(f"ours, {what}, {repeat + 1}")
+                    say(f"ours, {case}, {repeat + 1}")
                     ours.append(fly_apart(bits, weighted))
                 memory = memory_mib(peer)
             model = np.load(Path(folder) / "global.npy")
@@ -64,7 +64,7 @@ def run(effort: Effort, say: Say) -> Outcome:
             mine = Figure("our memory", "MiB", [flown.memory_mib for flown in ours], floor=room)
             outcome.figures = [Figure("our round", "ms", [one.ms for one in ours], floor=floor), floor, mine, room]
         difference = [float(np.abs(flown.model - model).max()) for flown in ours]
-        outcome.figures.append(Figure(f"difference, {what}", "1", difference, target=BOUNDS[bits]))
+        outcome.figures.append(Figure(f"difference, {case}", "1", difference, target=BOUNDS[bits]))
     return outcome
 
 
@@ -95,16 +95,16 @@ def write_task(folder: Path, bits: int, weighted: bool) -> None:
     """Write pictures, batches and first model to files, for the other program."""
     classifier = example()
     flown = scenario(classifier, bits, weighted)
-    made = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
+    learner = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
     inputs, labels = classifier.pictures()
-    memory = made.init(np.arange(UAVS), np.zeros((UAVS, 4)))
+    memory = learner.init(np.arange(UAVS), np.zeros((UAVS, 4)))
     first = dict(zip(KEYS, classifier.layers(memory["model"][:1]), strict=True))
     ticks = [number * flown.period_ticks - STEPS + step for number in range(1, ROUNDS + 1) for step in range(STEPS)]
-    samples = made.samples(memory).astype(int) if weighted else np.ones(UAVS, dtype=int)
-    batches = np.array([[made.batch(uav, tick) for uav in range(UAVS)] for tick in ticks], dtype=np.uint16)
+    samples = learner.samples(memory).astype(int) if weighted else np.ones(UAVS, dtype=int)
+    batches = np.array([[learner.batch(uav, tick) for uav in range(UAVS)] for tick in ticks], dtype=np.uint16)
     arrays = {name: layer[0].astype(f"f{bits // 8}") for name, layer in first.items()}
     arrays |= {"inputs": inputs, "labels": labels, "samples": samples}
-    arrays |= {"batches": batches.reshape(ROUNDS, STEPS, UAVS, BATCH), "rate": np.array(made.options.rate)}
+    arrays |= {"batches": batches.reshape(ROUNDS, STEPS, UAVS, BATCH), "rate": np.array(learner.options.rate)}
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
 

@@ -45,9 +45,9 @@ def run(effort: Effort, say: Say) -> Outcome:
     """Each number of processes once, its ticks in blocks of 20."""
     outcome = Outcome(details={"samples": []})
     for processes in PROCESSES if effort is Effort.FULL else PROCESSES[:2]:
-        needed, (available, what) = needed_mb(processes, processes), available_mb()
+        needed, (available, limit) = needed_mb(processes, processes), available_mb()
         if needed > available:
-            outcome.notes.append(f"{processes} processes need {needed} MB; {available} MB are {what}")
+            outcome.notes.append(f"{processes} processes need {needed} MB; {available} MB are {limit}")
             continue
         say(f"{processes} processes: floor")
         bare = [floor_tick_ms(processes, effort.choose(5000, 1000) // processes)]

@@ -26,12 +26,12 @@ _MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
 class Outlook(NamedTuple):
     """Expected loss of one kind of model at take-off.
 
-    what: "upload", "relay" or "global model". bits: of one transmission. slots: least number that it takes; None if the
-    channel does not say. limit: slots after which it is lost. lost: share of the links that lose it. fragments: number
-    of transmissions of a model; 1 if it is sent whole. ticks: in which these are transmitted.
+    message: "upload", "relay" or "global model". bits: of one transmission. slots: least number that it takes; None if
+    the channel does not say. limit: slots after which it is lost. lost: share of the links that lose it. fragments:
+    number of transmissions of a model; 1 if it is sent whole. ticks: in which these are transmitted.
     """
 
-    what: str
+    message: str
     bits: int
     slots: int | None
     limit: int
@@ -49,12 +49,12 @@ class Outlook(NamedTuple):
             size = "" if self.slots is None else f" and {self.slots} slots"
             ticks = f"{self.ticks} tick{'s' * (self.ticks > 1)}"
             return (
-                f"each {self.what} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in {ticks}: "
+                f"each {self.message} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in {ticks}: "
                 f"{100 * (1 - self.lost):.3g} % of the fragments will be delivered"
             )
         takes = "" if self.slots is None else f" takes {self.slots} slots; the limit is {self.limit}"
-        article = "an" if self.what == "upload" else "a"
-        return f"{article} {self.what} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
+        article = "an" if self.message == "upload" else "a"
+        return f"{article} {self.message} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
 
 
 _NAMES = {FrameKind.UPLOAD: "upload", FrameKind.RELAY: "relay", FrameKind.GLOBAL: "global model"}
@@ -78,9 +78,9 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
     return [one for one in found if one is not None]
 
 
-def remedies(scenario: Scenario, what: str) -> str:
+def remedies(scenario: Scenario, message: str) -> str:
     """A sentence with settings, each of which alone would deliver most models of a kind."""
-    settings = [*_settings(scenario, what), "fewer parameters"]
+    settings = [*_settings(scenario, message), "fewer parameters"]
     return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
 
 
@@ -90,7 +90,7 @@ def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
     for flown in flights:
         for one in outlooks(flown):
             if one.is_bad:
-                texts[f"warning: {one}. {remedies(flown, one.what)}"] = logging.WARNING
+                texts[f"warning: {one}. {remedies(flown, one.message)}"] = logging.WARNING
             elif one.fragments > 1:
                 texts[str(one)] = logging.INFO
     for text, level in texts.items():
@@ -129,29 +129,29 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     )
 
 
-def _settings(scenario: Scenario, what: str) -> Iterator[str]:
+def _settings(scenario: Scenario, message: str) -> Iterator[str]:
     """Settings that each would deliver most models of a kind, with the share that would still be lost.
 
     Where fragments get through, no longer wait is needed.
     """
     changes: list[tuple[str, Any]] = []
-    short, today = longest(scenario), next(one for one in outlooks(scenario) if one.what == what)
-    lost = _lost(scenario, what, "federation.fragment", short)
+    short, today = longest(scenario), next(one for one in outlooks(scenario) if one.message == message)
+    lost = _lost(scenario, message, "federation.fragment", short)
     if is_cut := lost < min(today.lost, WARN_FROM_FRAGMENTS):
         yield f"federation.fragment={short} ({100 * lost:.2g} % lost)"
-    changes += [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == what]
+    changes += [(key, "int8") for label, key in _PAYLOAD_KEYS.items() if _NAMES[label] == message]
     changes.append(("radio.bits_per_float", 16))
     slots, limit = scenario.radio.latency_threshold_slots, "radio.latency_threshold_slots"
-    while not is_cut and slots < _MOST_SLOTS and _lost(scenario, what, limit, slots) > _ACCEPTABLE:
+    while not is_cut and slots < _MOST_SLOTS and _lost(scenario, message, limit, slots) > _ACCEPTABLE:
         slots += max(1, slots // 8)
     if not is_cut:
         changes.append((limit, slots))
     for path, value in changes:
-        if (lost := _lost(scenario, what, path, value)) <= _ACCEPTABLE:
+        if (lost := _lost(scenario, message, path, value)) <= _ACCEPTABLE:
             yield f"{path}={value} ({100 * lost:.2g} % lost)"
 
 
-def _lost(scenario: Scenario, what: str, path: str, value: Any) -> float:
+def _lost(scenario: Scenario, message: str, path: str, value: Any) -> float:
     """Share of the models of a kind that would be lost with another value of a key; 1 if the value does not fit."""
     table, key = path.split(".")
     try:
@@ -160,4 +160,4 @@ def _lost(scenario: Scenario, what: str, path: str, value: Any) -> float:
     except ValueError:  # other keys need wider floats
         return 1.0
     vars(changed)["declared"] = scenario.declared  # no radio changes what a controller declares
-    return next(one.lost for one in outlooks(changed) if one.what == what)
+    return next(one.lost for one in outlooks(changed) if one.message == message)

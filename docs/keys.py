@@ -259,12 +259,12 @@ def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:
         if "$ref" in key:
             continue
         path = prefix + name
-        paper, why = KEYS[path]
+        paper, reason = KEYS[path]
         about = _typed(key).get("description", "")
         unit = KEY_UNITS.get(path, "")
         for suffix in (f", {unit}", f", {unit.replace(', ', ' and ')}"):
             about = about.removesuffix(suffix) if unit else about
-        cells = (f"`{path}`", about, unit, _bounds(_typed(key)), _default(key), paper, why)
+        cells = (f"`{path}`", about, unit, _bounds(_typed(key)), _default(key), paper, reason)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 

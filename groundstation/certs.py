@@ -41,7 +41,7 @@ class Problem:
     """Reason for which a certificate would be refused."""
 
     path: Path
-    why: str
+    reason: str
     remedy: str
 
 
@@ -197,7 +197,7 @@ def check(folder: Path, uavs: int, uavs_per_process: int) -> None:
         BadInput: it cannot; the message names the first invalid file.
     """
     for problem in problems(folder, names(uavs, uavs_per_process)):
-        raise BadInput(f"{problem.path}: {problem.why}; {problem.remedy}")
+        raise BadInput(f"{problem.path}: {problem.reason}; {problem.remedy}")
 
 
 def problems(folder: Path, wanted: Sequence[str], at: datetime | None = None) -> Iterator[Problem]:

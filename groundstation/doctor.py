@@ -44,7 +44,7 @@ Verdict = Literal["ok", "warning", "fails"]
 class Finding:
     """Result of one check; `remedy` says what to do if it is not ok."""
 
-    what: str
+    check: str
     verdict: Verdict
     found: str
     remedy: str = ""
@@ -110,10 +110,10 @@ def models(scenario: Scenario) -> list[Finding]:
     """Check whether the radio delivers the models of a scenario."""
     return [
         Finding(
-            f"{one.what}s",
+            f"{one.message}s",
             "warning" if one.is_bad else "ok",
             str(one),
-            remedies(scenario, one.what) if one.is_bad else "",
+            remedies(scenario, one.message) if one.is_bad else "",
         )
         for one in outlooks(scenario)
     ]
@@ -121,9 +121,9 @@ def models(scenario: Scenario) -> list[Finding]:
 
 def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
     """Check whether a run fits into memory. `processes`: number of agents' processes; 0: all in one process."""
-    needed, (available, what) = needed_mb(uavs, processes, keeps_states), available_mb()
+    needed, (available, limit) = needed_mb(uavs, processes, keeps_states), available_mb()
     where = f"{processes} processes" if processes else "one process"
-    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {what}"
+    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {limit}"
     if needed <= available:
         return Finding("memory", "ok", found)
     crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
@@ -191,12 +191,12 @@ def _loopback() -> Finding:
         return Finding("loopback", "fails", str(error), "bring the loopback interface up: ip link set lo up")
 
 
-def _port(what: str, port: int, remedy: str) -> Finding:
+def _port(check: str, port: int, remedy: str) -> Finding:
     try:
         with socket.create_server(("127.0.0.1", port)):
-            return Finding(what, "ok", f"{port} is free")
+            return Finding(check, "ok", f"{port} is free")
     except OSError as error:
-        return Finding(what, "warning", f"{port}: {os.strerror(error.errno or 0)}", remedy)
+        return Finding(check, "warning", f"{port}: {os.strerror(error.errno or 0)}", remedy)
 
 
 def _existing(path: Path) -> Path:
@@ -231,7 +231,7 @@ def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding
         Finding(
             "certificate",
             "warning" if problem.remedy.startswith("chmod") else "fails",
-            f"{problem.path}: {problem.why}",
+            f"{problem.path}: {problem.reason}",
             problem.remedy,
         )
         for problem in certs.problems(folder, wanted)

@@ -127,34 +127,34 @@ class Admission:
             log.warning("dropped a message under %s: %s", where, error, extra=about)
             self._note("dropped", f"{where}: {error}")
 
-    def lose(self, member: Member, why: str) -> None:
+    def lose(self, member: Member, reason: str) -> None:
         """Mark a node as lost and send it Stop."""
         if self.closed:
             self.members.lose(member)  # it left because it got Stop
         if member.lost:
             return
-        about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": why}
-        log.warning("lost %s: %s", member.name, why, extra=about)
+        about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": reason}
+        log.warning("lost %s: %s", member.name, reason, extra=about)
         self._counters.nodes_lost += self.flying
-        self.dismiss(member, why, lost=True)
+        self.dismiss(member, reason, lost=True)
         if len(member.uavs) and self.flying:
             self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
-            self._flight.lose(member.uavs, "lost", f"{member.name}: {why}")
+            self._flight.lose(member.uavs, "lost", f"{member.name}: {reason}")
         else:
-            self._note("lost", f"{member.name}: {why}")
+            self._note("lost", f"{member.name}: {reason}")
 
-    def expel(self, name: str, why: str, out_s: float) -> None:
+    def expel(self, name: str, reason: str, out_s: float) -> None:
         """Lose a node, and let no other node take its place for so many seconds."""
         member = self.members.get(name)
         assert member is not None
-        self.lose(member, why)
+        self.lose(member, reason)
         if out_s:
-            self.members.close_places(member, self._clock() + out_s, f"is lost: {why}")
+            self.members.close_places(member, self._clock() + out_s, f"is lost: {reason}")
 
-    def dismiss(self, member: Member, why: str, lost: bool = False) -> None:
+    def dismiss(self, member: Member, reason: str, lost: bool = False) -> None:
         """Stop a node and free its UAVs for another. `lost`: whether the node should join again."""
         self.members.lose(member)
-        self._stop(member.name, why, lost)
+        self._stop(member.name, reason, lost)
         if self._barrier.forget(member.name) and member.role == LEADER:
             self._on_leader_lost()
 
@@ -179,10 +179,10 @@ class Admission:
         absent = self._stations - len(self.listeners)
         return ", ".join(filter(None, [self.members.missing(), f"{absent} ground station" if absent > 0 else ""]))
 
-    def stop(self, why: str) -> None:
+    def stop(self, reason: str) -> None:
         """Send every node Stop."""
         for member in self.members.present:
-            self._stop(member.name, why)
+            self._stop(member.name, reason)
 
     def check(self, late_s: float | None, cancelled: bool) -> None:
         """Stop all nodes if the swarm cannot become complete. `late_s`: the timeout, if it is over.
@@ -237,16 +237,16 @@ class Admission:
         else:
             raise MessageRejected("wrong-kind", f"{type(message).__name__} from a node")
 
-    def _refused(self, member: Member, why: str) -> None:
+    def _refused(self, member: Member, reason: str) -> None:
         """Lose a node that was admitted but cannot take part. In flight its UAVs are lost already, so an event says
         why they still have no agent."""
         few = len(self.unfit) < MAX_DROP_EVENTS
         lost = self._flight.lost[member.uavs]
         if few:
-            self.unfit.append(why)
-        self.lose(member, why)
+            self.unfit.append(reason)
+        self.lose(member, reason)
         if few and len(lost) and lost.all():
-            self._note("lost", f"{member.name}: {why}")
+            self._note("lost", f"{member.name}: {reason}")
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it joined after the others were stopped
@@ -327,9 +327,9 @@ class Admission:
         elif member.lost:
             self._stop(name, "the world counts this node as lost", lost=True)
 
-    def _stop(self, name: str, why: str, lost: bool = False) -> None:
-        why = f"lost: {why}" if lost else why
-        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, why, lost)))
+    def _stop(self, name: str, reason: str, lost: bool = False) -> None:
+        reason = f"lost: {reason}" if lost else reason
+        self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, reason, lost)))
 
 
 def _peer(where: str) -> str:

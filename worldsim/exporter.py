@@ -64,8 +64,8 @@ class Exporter(Collector):
         yield uavs
 
     def _radio(self) -> Iterator[Metric]:
-        for field, (name, what) in _TRAFFIC_FIELDS.items():
-            family = CounterMetricFamily(f"meanflock_{name}", what, labels=["traffic"])
+        for field, (name, help_text) in _TRAFFIC_FIELDS.items():
+            family = CounterMetricFamily(f"meanflock_{name}", help_text, labels=["traffic"])
             for kind, traffic in TRAFFIC.items():
                 family.add_metric([traffic], getattr(self._world.air.meter.traffic[kind], field))
             yield family
@@ -87,8 +87,8 @@ class Exporter(Collector):
         yield _counter("held_commands", "Commands held over because they came late, in real time.", counters.held)
         yield _counter("deadline_misses", "Ticks in which a command came late, in real time.", counters.deadline_misses)
         waiting = outbox.waiting
-        what = "Blocks of telemetry no ground station has acknowledged yet."
-        yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", what, waiting)
+        help_text = "Blocks of telemetry no ground station has acknowledged yet."
+        yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", help_text, waiting)
         yield _counter("telemetry_blocks_dropped", "Blocks given up because too many waited.", outbox.dropped)
 
     def _nodes(self) -> Iterator[Metric]:
@@ -128,9 +128,9 @@ def exported(world: World, address: Address) -> Iterator[str]:
         thread.join()
 
 
-def _counter(name: str, what: str, value: float) -> Metric:
-    return CounterMetricFamily(f"meanflock_{name}", what, value)
+def _counter(name: str, help_text: str, value: float) -> Metric:
+    return CounterMetricFamily(f"meanflock_{name}", help_text, value)
 
 
-def _histogram(name: str, what: str, durations: Durations) -> Metric:
-    return HistogramMetricFamily(f"meanflock_{name}", what, durations.cumulative, durations.total_s)
+def _histogram(name: str, help_text: str, durations: Durations) -> Metric:
+    return HistogramMetricFamily(f"meanflock_{name}", help_text, durations.cumulative, durations.total_s)

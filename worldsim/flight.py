@@ -263,13 +263,13 @@ class Flight:
         """(N,), UAVs that are out of the mission."""
         return self.status == LOST
 
-    def lose(self, uavs: NDArray[np.intp], kind: str, why: str) -> None:
+    def lose(self, uavs: NDArray[np.intp], kind: str, reason: str) -> None:
         """Take UAVs out of the mission. They fly on without commands, and the flight does not wait for them."""
         uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
             self.status[uavs] = LOST
             self._sort()
-            self._event(kind, f"{why}: UAV {', '.join(map(str, uavs))} lost", uavs)
+            self._event(kind, f"{reason}: UAV {', '.join(map(str, uavs))} lost", uavs)
 
     def rejoin(self, uavs: NDArray[np.intp], node: str) -> None:
         """Take lost UAVs back into the mission, with a new controller. Arrived UAVs keep that status."""

@@ -111,13 +111,13 @@ class Quotas:
         return Quota(name, self._leader if name == LEADER else self._agent)
 
 
-def _record(what: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
+def _record(label: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
     """Initial memory of a plug-in, as a record; raises BadInput if `init` fails or a checkpoint cannot store the
     memory.
     """
     try:
         memory = begin()
-        check_memory(what, memory)
+        check_memory(label, memory)
         return control.encode_record(memory)
     except BadInput:
         raise

@@ -24,8 +24,8 @@ class JoinRefused(MeanflockError):
         for_now: it could if another node were lost. over: the run never needs it.
     """
 
-    def __init__(self, why: str, *, for_now: bool = False, over: bool = False) -> None:
-        super().__init__(why)
+    def __init__(self, reason: str, *, for_now: bool = False, over: bool = False) -> None:
+        super().__init__(reason)
         self.for_now = for_now
         self.over = over
 
@@ -138,14 +138,14 @@ class Members:
             if len(ticks) >= rules.rejoins and place not in self._closed:
                 too_often = True
         if too_often:
-            why = f"joined again {rules.rejoins} times within {rules.rejoin_ticks} ticks, the most that "
-            self.close_places(member, math.inf, f"{why}`pace.rejoins` and `pace.rejoin_ticks` allow")
+            reason = f"joined again {rules.rejoins} times within {rules.rejoin_ticks} ticks, the most that "
+            self.close_places(member, math.inf, f"{reason}`pace.rejoins` and `pace.rejoin_ticks` allow")
         return too_often
 
-    def close_places(self, member: Member, until_s: float, why: str) -> None:
+    def close_places(self, member: Member, until_s: float, reason: str) -> None:
         """Close the places of a node until a time."""
         for place in member.places:
-            self._closed[place] = max(self._closed.get(place, (0.0, "")), (until_s, why))
+            self._closed[place] = max(self._closed.get(place, (0.0, "")), (until_s, reason))
 
     def lead(self) -> Member | None:
         """The elected leader among those that are ready; None if there is none."""
@@ -181,11 +181,11 @@ class Members:
 
     def _check_open(self, places: Sequence[int], now_s: float) -> None:
         for place in places:
-            until_s, why = self._closed.get(place, (0.0, ""))
+            until_s, reason = self._closed.get(place, (0.0, ""))
             if until_s > now_s:
                 holder = "the leader" if place == _LEADERS_PLACE else f"the agent of UAV {place}"
                 duration = "for good" if until_s == math.inf else f"for {until_s - now_s:.0f} s"
-                raise JoinRefused(f"refused {duration}: {holder} {why}", for_now=until_s < math.inf)
+                raise JoinRefused(f"refused {duration}: {holder} {reason}", for_now=until_s < math.inf)
 
     def _wanted(self, join: Join, now_s: float) -> NDArray[np.intp]:
         if join.uav >= self._uavs:

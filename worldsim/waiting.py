@@ -105,7 +105,7 @@ class Waiting:
                 self._barrier.ask_again()
         self._pace.charge(waited_before + waited, now, self._barrier)
         for verdict in self._pace.overdrawn():
-            self._admission.expel(verdict.node, verdict.why, verdict.out_s)
+            self._admission.expel(verdict.node, verdict.reason, verdict.out_s)
         return now
 
     def _until(self, end: float) -> float:
@@ -125,7 +125,7 @@ class Verdict(NamedTuple):
     """A node that must be lost, the reason, and for how many seconds no other node may take its place."""
 
     node: str
-    why: str
+    reason: str
     out_s: float = 0.0
 
 

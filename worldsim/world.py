@@ -268,10 +268,10 @@ class World:
             self._leave(str(error), linger_s=lambda: 5.0)
             raise
 
-    def _leave(self, why: str, linger_s: Callable[[], float]) -> None:
+    def _leave(self, reason: str, linger_s: Callable[[], float]) -> None:
         """Stop all nodes; wait until the telemetry is acknowledged, or nothing was for `linger_s`."""
         self._admission.closed = True
-        self.stop(why)
+        self.stop(reason)
         since = self._clock()
         # A message under way when the session closes can be lost, so the world waits for all acknowledgements, that of
         # the summary included. A station that was killed may be on its way back.
@@ -323,18 +323,18 @@ class World:
         if not self._scenario.faults:
             self._awake = ~self.flight.lost if self.flight.any_lost else self._all
             return
-        why = "killed by the fault script"
+        reason = "killed by the fault script"
         self._reporter.events += self._script.events(tick)
         killed = self._script.killed(tick)
-        self.flight.lose(killed, "lost", why)
+        self.flight.lose(killed, "lost", reason)
         lost = self.flight.lost
         for member in self.members.present if len(killed) else ():
             if np.isin(member.uavs, killed).any() and lost[member.uavs].all():
-                self._admission.dismiss(member, why)
+                self._admission.dismiss(member, reason)
         for _ in range(self._script.leaders_lost(tick)):
             if (leader := self.members.lead()) is not None:
-                self._admission.dismiss(leader, why)
-                self._note("lost", f"{leader.name}: {why}")
+                self._admission.dismiss(leader, reason)
+                self._note("lost", f"{leader.name}: {reason}")
         self._awake = ~lost & ~self._script.paused(tick)
 
     def _ask(self, tick: int) -> None:

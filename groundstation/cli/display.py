@@ -26,8 +26,8 @@ def check(instead: str) -> None:
     if os.environ.get("WAYLAND_SOCKET") or (wayland and _answers(_wayland(wayland))) or (x and _answers(_x(x))):
         return
     tried = [f"{name}={value}" for name, value in (("WAYLAND_DISPLAY", wayland), ("DISPLAY", x)) if value]
-    why = f"no server answers at {', '.join(tried)}" if tried else "neither DISPLAY nor WAYLAND_DISPLAY is set"
-    raise RunFailed(f"no display to open a window on: {why}; {instead}")
+    reason = f"no server answers at {', '.join(tried)}" if tried else "neither DISPLAY nor WAYLAND_DISPLAY is set"
+    raise RunFailed(f"no display to open a window on: {reason}; {instead}")
 
 
 def _wayland(name: str) -> list[str]:

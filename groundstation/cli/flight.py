@@ -127,10 +127,10 @@ def _fly(
                 f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
                 logging.WARNING,
             )
-        if done.summary["lost"] and (why := first_loss(done.folder)):
+        if done.summary["lost"] and (loss := first_loss(done.folder)):
             lost = done.summary["lost"]
             logs.show(
-                f"UAVs lost: {lost}; the first event: {why}; all events are in {done.folder / EVENTS}", logging.WARNING
+                f"UAVs lost: {lost}; the first event: {loss}; all events are in {done.folder / EVENTS}", logging.WARNING
             )
         logs.show(f"run folder {done.folder}")
     return done
@@ -152,4 +152,4 @@ def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_pr
 def _refuse_unless_ok(*needs: checks.Finding) -> None:
     for finding in needs:
         if finding.verdict == "fails":
-            raise BadInput(f"{finding.what}: {finding.found}; {finding.remedy}")
+            raise BadInput(f"{finding.check}: {finding.found}; {finding.remedy}")

@@ -24,8 +24,8 @@ _FIRST_SEED = 8001
 _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
-def _several(flag: str, what: str, complete: Any) -> Any:
-    about = f"{what}, or all.  [default: all]"
+def _several(flag: str, values: str, complete: Any) -> Any:
+    about = f"{values}, or all.  [default: all]"
     return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about, shell_complete=complete)
 
 

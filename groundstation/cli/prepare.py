@@ -51,7 +51,7 @@ def doctor(
     colours = {"ok": "green", "warning": "yellow", "fails": "red"}
     for finding in findings:
         colour = colours[finding.verdict]
-        table.add_row(finding.what, f"[{colour}]{finding.verdict}[/]", escape(finding.found), escape(finding.remedy))
+        table.add_row(finding.check, f"[{colour}]{finding.verdict}[/]", escape(finding.found), escape(finding.remedy))
     Console().print(table)
     if any(finding.verdict == "fails" for finding in findings):
         raise SystemExit(EXIT_RUN_FAILED)

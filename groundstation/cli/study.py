@@ -73,8 +73,8 @@ def compare(
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
     with terminable(out):
         flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
-        made = comparison.plot_compare({method: runs for (method,), runs in flown.items()})
-        report(plotstyle.write({"compare": made}, out))
+        figure = comparison.plot_compare({method: runs for (method,), runs in flown.items()})
+        report(plotstyle.write({"compare": figure}, out))
         if record:
             from meanflock.studies import side_by_side  # rerun takes a third of a second to load
 
@@ -144,7 +144,7 @@ def sweep(
 
 
 def _fly(
-    what: str,
+    verb: str,
     columns: tuple[str, ...],
     scenarios: "Mapping[Any, Scenario]",
     seeds: int,
@@ -161,15 +161,15 @@ def _fly(
 
     warn_before_take_off(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
-    with store_in(out) as store, progress_of(what, quiet) as progress:
+    with store_in(out) as store, progress_of(verb, quiet) as progress:
         flown = study.fly_all(points, jobs, progress, store)
     means = Means(columns, flown)
     sizes = {one.uavs for one in scenarios.values()}
-    title = f"{what}: {sizes.pop()} UAVs" if len(sizes) == 1 else what
+    title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
     for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
         console_for(table).print(table)
     study.save(flown.values(), out / "runs.jsonl")
-    report([out / "runs.jsonl", means.write_csv(out / f"{what}.csv")])
+    report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
     return flown
 
 

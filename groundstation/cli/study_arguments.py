@@ -60,14 +60,14 @@ scheduler_option = click.option(
 
 
 @contextmanager
-def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callable[[int, int], None]]:
+def progress_of(title: str, quiet: bool, units: str = "runs") -> Iterator[Callable[[int, int], None]]:
     """Progress bar with the time left, on stderr; called with the numbers of finished and of all units."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     bar = Progress(
-        TextColumn(f"[bold]{what}"),
+        TextColumn(f"[bold]{title}"),
         BarColumn(bar_width=24),
         MofNCompleteColumn(),
         TextColumn(units),
@@ -77,7 +77,7 @@ def progress_of(what: str, quiet: bool, units: str = "runs") -> Iterator[Callabl
         transient=True,
     )
     with bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 

@@ -235,6 +235,6 @@ def _failed(child: Child) -> MeanflockError:
     code = child.process.returncode
     assert code is not None
     if code == EXIT_BAD_INPUT:
-        why = child.log.errors()
-        return BadInput(why[-1] if why else f"{child.name} ended with bad input:\n{child.log.last_lines()}")
+        errors = child.log.errors()
+        return BadInput(errors[-1] if errors else f"{child.name} ended with bad input:\n{child.log.last_lines()}")
     return ProcessDied(f"{child.name} {how_it_ended(code)}; its last lines:\n{child.log.last_lines()}")

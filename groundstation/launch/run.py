@@ -100,9 +100,9 @@ def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted:
         except ProcessDied as error:
             died = error
     if died is not None or interrupted:
-        why = "interrupted; " if died is None else f"{died}\n"
+        reason = "interrupted; " if died is None else f"{died}\n"
         raise RunFailed(
-            f"{why}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
+            f"{reason}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
         ) from died
     return Run(outputs.folder.path, outputs.summary)
 
@@ -244,5 +244,5 @@ def _listen(bus: "ZenohBus", station: "Station", swarm: "Swarm", interrupted: In
         if delivery is None and swarm.world_ended:  # only deliveries under way can still arrive
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
-                why = "interrupted" if interrupted else "the world ended before this process had its last words"
-                raise RunFailed(f"{why}, {outputs.what_there_is}")
+                reason = "interrupted" if interrupted else "the world ended before this process had its last words"
+                raise RunFailed(f"{reason}, {outputs.what_there_is}")

@@ -22,13 +22,13 @@ FLIGHTS_BELOW = 0.32  # of the distance of two rows
 def _panels(metrics: Sequence[str], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
     """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
     rows = -(-len(metrics) // 2)
-    made = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
-    axes = list(made.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
+    figure = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
+    axes = list(figure.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
     for letter, metric, ax in zip("abcdefghij", metrics, axes, strict=False):
         plotstyle.titled(ax, letter, FIELDS[metric].remarked)
     for ax in axes[len(metrics) :]:
         ax.set_visible(False)
-    return made, axes
+    return figure, axes
 
 
 def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
@@ -38,7 +38,7 @@ def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
     """
     methods, looks = list(runs), plotstyle.looks(runs)
     with plotstyle.style():
-        made, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
+        figure, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
         for key, ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
@@ -54,8 +54,8 @@ def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(0.0, most)
             _never_negative(ax)
-        _explained(made, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
-    return made
+        _explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
+    return figure
 
 
 def _never_negative(ax: Axes) -> None:
@@ -77,11 +77,11 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
     ax.plot([estimate.value], [place], color=look.colour, **mean)
 
 
-def _explained(made: Figure, flights: Sequence[int], before: str = "") -> None:
+def _explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
     """Explain points and bars, below all panels."""
     least, most = min(flights), max(flights)
     caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
-    made.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
+    figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
 def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figure:
@@ -97,7 +97,7 @@ def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figur
     methods = list(dict.fromkeys(method for runs in points.values() for method in runs))
     looks = plotstyle.looks(methods)
     with plotstyle.style():
-        made, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
+        figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, method in enumerate(methods):
                 beside = 0.012 * (x.max() - x.min()) * (place - (len(methods) - 1) / 2)
@@ -113,6 +113,6 @@ def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figur
                 ax.set_xticks(x, [str(value) for value in values])
         for ax in axes[-2:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(made, methods, markers=True, looks=looks)
-        _explained(made, [len(summaries) for runs in points.values() for summaries in runs.values()])
-    return made
+        plotstyle.legend(figure, methods, markers=True, looks=looks)
+        _explained(figure, [len(summaries) for runs in points.values() for summaries in runs.values()])
+    return figure

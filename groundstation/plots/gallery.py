@@ -102,8 +102,10 @@ def _picture(run: StoredRun) -> str:
     try:
         return thumbnail(run.folder)
     except BadInput:
-        why = "the time series cannot be read" if run.status in ("finished", "damaged") else "the run has not finished"
-        return f"<div class='none'>no picture: {why}</div>"
+        reason = (
+            "the time series cannot be read" if run.status in ("finished", "damaged") else "the run has not finished"
+        )
+        return f"<div class='none'>no picture: {reason}</div>"
 
 
 def _status(run: StoredRun) -> str:

@@ -54,8 +54,8 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     position = per_uav(table, "x_m", "y_m")
     ticks, uavs, _ = position.shape
     step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
-    made = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
-    ax = made.subplots()
+    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
+    ax = figure.subplots()
     shaded = PHI_G in diagnostics_in(table.schema)
     plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
     ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
@@ -76,11 +76,11 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     arrived = int(_line(table, "arrived")[-1])
     name = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
     plotstyle.titled(ax, "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s")
-    made.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
+    figure.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
     if shaded:
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
-        made.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
-    return made
+        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
+    return figure
 
 
 def places_of(folder: Path, kind: str, position: Floats) -> Floats:
@@ -130,8 +130,8 @@ def _draw_mission(ax: Axes, flown: Flown) -> None:
 def _curves(table: pa.Table, flown: Flown) -> Figure:
     panels = _Panels(table, plotstyle.colour(flown.method)).all()
     rows = -(-len(panels) // 2)
-    made = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
-    axes = made.subplots(rows, 2, sharex=True, squeeze=False)
+    figure = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
     for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
         panel.draw(ax)
         plotstyle.titled(ax, plotstyle.letter(number), panel.title)
@@ -143,7 +143,7 @@ def _curves(table: pa.Table, flown: Flown) -> Figure:
         axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
-    return made
+    return figure
 
 
 def _grid(table: pa.Table, column: str) -> Floats:

@@ -258,5 +258,5 @@ def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
         raise error
 
 
-def _incomplete(path: Path | None, why: str) -> RunFailed:
-    return RunFailed(f"{path}: incomplete: {why}; is the disk full?")
+def _incomplete(path: Path | None, reason: str) -> RunFailed:
+    return RunFailed(f"{path}: incomplete: {reason}; is the disk full?")

@@ -153,16 +153,16 @@ def complete(folder: Path) -> None:
             recorder.write(block)
 
 
-def missing(folder: Path, series: Past, there: Recorded, uavs: int) -> Iterator[Telemetry]:
-    """Rows and events of the flight in `folder` that `there` lacks, in the order of the ticks.
+def missing(folder: Path, series: Past, present: Recorded, uavs: int) -> Iterator[Telemetry]:
+    """Rows and events of the flight in `folder` that `present` lacks, in the order of the ticks.
 
     The blocks have no links, which no file but a recording has.
 
     Raises:
         BadInput: the rows or events are not those of a flight of so many UAVs.
     """
-    rows = series.rows.filter(pc.invert(pc.is_in(series.rows["tick"], pa.array(there.ticks, pa.int32()))))
-    left = [event for event in _events(folder, series, uavs) if (event.tick, event_text(event)) not in there.lines]
+    rows = series.rows.filter(pc.invert(pc.is_in(series.rows["tick"], pa.array(present.ticks, pa.int32()))))
+    left = [event for event in _events(folder, series, uavs) if (event.tick, event_text(event)) not in present.lines]
     try:
         pieces = list(unbroken(rows, _BLOCK_TICKS))
         for number, piece in enumerate(pieces):

@@ -189,11 +189,11 @@ class RunFolder:
         record = control.encode_record(checkpoint)
         durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
-    def _holds(self, why: str) -> str:
+    def _holds(self, reason: str) -> str:
         resumable = (self.path / CHECKPOINT).exists()
         command = f"`meanflock resume {self.path}`" if resumable else f"`meanflock run {self.path / SCENARIO}`"
-        there = f"the flight up to tick {self.last_tick}" if self.last_tick >= 0 else "nothing of the flight yet"
-        return f"{self.path}: {why}; it holds {there}: make room, then {command}"
+        contents = f"the flight up to tick {self.last_tick}" if self.last_tick >= 0 else "nothing of the flight yet"
+        return f"{self.path}: {reason}; it holds {contents}: make room, then {command}"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json` atomically, and delete the checkpoint. A failed run has no summary.

@@ -103,5 +103,5 @@ def _block(rows: bytes) -> Telemetry | None:
     return None
 
 
-def _warn(path: Path, begins: int, what: str) -> None:
-    log.warning("%s: damaged at byte %d: %s", path, begins, what)
+def _warn(path: Path, begins: int, consequence: str) -> None:
+    log.warning("%s: damaged at byte %d: %s", path, begins, consequence)

@@ -26,7 +26,7 @@ def test_the_expected_share_is_the_share_lost(settings: tuple[str, ...]) -> None
     runs = [mf.fly(flown, seed=seed).summary["radio"]["traffic"] for seed in range(6)]
     names = {"upload": "uplink", "relay": "relay", "global model": "broadcast"}
     for one in outlooks(flown):
-        bills = [run[names[one.what]] for run in runs]
+        bills = [run[names[one.message]] for run in runs]
         sent, lost = sum(bill["sent"] for bill in bills), sum(bill["outages"] for bill in bills)
         assert abs(lost / sent - one.lost) < 4.0 * np.sqrt(one.lost / sent) + 0.01
 
@@ -35,10 +35,12 @@ def test_every_remedy_helps_alone() -> None:
     mf.register(Large)
     flown = load(None, method="large")
     for one in outlooks(flown):
-        settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.what))
+        settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.message))
         assert len(settings) == 3
         for setting, share in settings:
-            changed = next(other for other in outlooks(load(None, [setting], method="large")) if other.what == one.what)
+            changed = next(
+                other for other in outlooks(load(None, [setting], method="large")) if other.message == one.message
+            )
             assert 100 * changed.lost == pytest.approx(float(share), rel=0.05)
             assert changed.lost < 0.2 < one.lost
 
@@ -48,7 +50,7 @@ def test_where_fragments_get_through_no_longer_wait_is_advised() -> None:
     lossy = toml.FOLDER / "lossy.toml"
     for one in outlooks(flown := load(lossy, method="large")):
         assert one.is_bad
-        assert remedies(flown, one.what) == "Use federation.fragment=1 (50 % lost) or fewer parameters"
+        assert remedies(flown, one.message) == "Use federation.fragment=1 (50 % lost) or fewer parameters"
     for one in outlooks(load(lossy, ["federation.fragment=1"], method="large")):
         assert one.fragments == 8
         assert not one.is_bad

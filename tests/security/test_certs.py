@@ -112,7 +112,7 @@ def test_doctor_warns_of_keys_others_can_read_and_of_an_end_that_is_near(tmp_pat
     (folder / "ca.key").rename(tmp_path / "in a safe place")
     assert [one.verdict for one in certificates(folder, 1, 1)] == ["warning"]
     (problem, *_) = certs.problems(folder, ["world"], at=datetime.now(UTC) + timedelta(days=4))
-    assert "expired" in problem.why
+    assert "expired" in problem.reason
 
 
 def test_an_agent_finds_its_own_key_if_it_is_the_only_one(made: Path, tmp_path: Path) -> None:

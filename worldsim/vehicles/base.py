@@ -207,12 +207,12 @@ class Physics:
             raise RunFailed(f"`{method}` failed: {last_line(error)}") from error
 
 
-def _check_finite(what: str, array: NDArray, uavs: NDArray[np.intp] | None = None) -> None:
+def _check_finite(label: str, array: NDArray, uavs: NDArray[np.intp] | None = None) -> None:
     """Check that an array has finite numbers only; its rows are those of `uavs`, or of all UAVs."""
     if np.count_nonzero(finite := np.isfinite(array)) < array.size:
         row = int(np.flatnonzero(~finite.reshape(len(array), -1).all(axis=-1))[0])
         uav = row if uavs is None else uavs[row]
-        raise ValueError(f"{what} of UAV {uav}: {array[row]} is not finite")
+        raise ValueError(f"{label} of UAV {uav}: {array[row]} is not finite")
 
 
 def _put_back(part: NDArray, before: NDArray, rows: NDArray[np.intp]) -> NDArray:
