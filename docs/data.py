@@ -1,10 +1,11 @@
-"""Writes data.md, the data dictionary, from the registry of quantities, the events and the leaderboard's fields."""
+"""Writes data.md, the data dictionary: the registry of quantities, events, and fields of leaderboard and frontier."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 from meanflock.groundstation.results import event_log, quantities, series
 from meanflock.groundstation.results.quantities import Field
+from meanflock.studies.frontier import record
 from meanflock.studies.leaderboard import board
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
 
@@ -69,6 +70,13 @@ def page() -> str:
         "The measures, in the order of the tables:",
         "",
         *_table(("measure", "unit", "better", "what"), map(_measure, MEASURES)),
+        "",
+        "## frontier.json",
+        "",
+        "The result of `meanflock frontier`, one object. `targets`, `cells`, and `policies` and `reached` in each cell",
+        "are lists. A flight is free if there was no collision and no obstacle was hit, in flight or after arrival.",
+        "",
+        *_table(("field", "unit", "what"), map(_field, record.FIELDS)),
         "",
         "## events.jsonl",
         "",

@@ -3,6 +3,7 @@
 In DIR, the folder of `--out`:
     DIR/data/jobs/*.job    with checksums, written atomically
     DIR/data/*.parquet     tables made from them, if any
+    DIR/code.txt           version of the code, if the study mixes no codes
 """
 
 import hashlib
@@ -16,6 +17,7 @@ from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 
 DATA = "data"
+CODE = "code.txt"  # version of the code that flew the runs of a folder
 
 
 class Store:
@@ -29,6 +31,8 @@ class Store:
             BadInput: the folder cannot be made.
         """
         self._code = code or version()
+        self._runs: dict[str, StoredRun] | None = None  # those that were read or added
+        self._out = out
         self.data = out / DATA
         self._jobs = self.data / "jobs"
         try:
@@ -39,14 +43,28 @@ class Store:
             raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
 
     def finished(self) -> dict[str, StoredRun]:
-        """All valid runs, by key. Invalid files are deleted, and flown again."""
-        runs: dict[str, StoredRun] = {}
-        for path in sorted(self._jobs.glob("*.job")):
-            try:
-                runs.update((run.key, run) for run in decode(path.read_bytes(), self._code))
-            except ValueError:
-                path.unlink(missing_ok=True)
-        return runs
+        """All valid runs, by key. Invalid files are deleted, and flown again. Files are read once."""
+        if self._runs is None:
+            self._runs = {}
+            for path in sorted(self._jobs.glob("*.job")):
+                try:
+                    self._runs.update((run.key, run) for run in decode(path.read_bytes(), self._code))
+                except ValueError:
+                    path.unlink(missing_ok=True)
+        return dict(self._runs)
+
+    def claim(self) -> None:
+        """Mark the folder with the version of the code that flies.
+
+        Raises:
+            BadInput: the folder has flights of other code, which must not be mixed with these.
+        """
+        mark = self._out / CODE
+        if mark.exists() and (other := mark.read_text(encoding="utf-8").strip()) != self._code:
+            raise BadInput(
+                f"{self._out}: its flights are of code {other}, this is {self._code}; name another folder: --out DIR"
+            )
+        durable.replace(mark, f"{self._code}\n".encode())
 
     def add(self, raw: bytes) -> None:
         """Store the encoded runs of a job.
@@ -56,12 +74,14 @@ class Store:
                 finished before is kept.
         """
         try:
-            decode(raw, self._code)
+            runs = decode(raw, self._code)
         except ValueError as error:
             raise RunFailed(
                 f"a worker's result is {error}, this is {self._code}: give workers the same code"
             ) from error
         self.write(self._jobs / f"{hashlib.sha256(raw).hexdigest()[:24]}.job", raw)
+        if self._runs is not None:
+            self._runs.update((run.key, run) for run in runs)
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:
         """Write a file atomically; raises RunFailed."""

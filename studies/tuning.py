@@ -20,8 +20,9 @@ from meanflock.studies import published
 from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights, missions
 from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.store import Store
 from meanflock.studies.study import Summaries
-from meanflock.swarm import durable, process
+from meanflock.swarm import process
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -107,7 +108,7 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", metavar="NAME", help="tune these arms only, and keep the record of others")
     given = parser.parse_args()
     wanted = _chosen(given.arms)
-    _claim(given.out)
+    Store(given.out).claim()
     found = [tuned(wanted, given.jobs, given.out), *([_read(RECORD)] if given.arms and RECORD.exists() else [])]
     write({name: record for each in reversed(found) for name, record in each.items()})
     print(RECORD)
@@ -174,19 +175,6 @@ def _chosen(names: Sequence[str] | None) -> list[Arm]:
     if unknown := sorted(set(names or ()) - table.keys()):
         raise BadInput(f"--arms {unknown[0]}: no such arm; there are {', '.join(table)}")
     return [table[name] for name in names] if names else list(table.values())
-
-
-def _claim(out: Path) -> None:
-    """Mark a folder with the version of this code.
-
-    Raises:
-        BadInput: the folder has flights of other code, which must not be mixed with these.
-    """
-    mark = out / "code.txt"
-    if mark.exists() and (other := mark.read_text(encoding="utf-8").strip()) != version():
-        raise BadInput(f"{out}: its flights are of code {other}, this is {version()}; name another folder: --out DIR")
-    out.mkdir(parents=True, exist_ok=True)
-    durable.replace(mark, f"{version()}\n".encode())
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -37,6 +37,7 @@ _COMMANDS = {  # in the order of their use
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
     "sweep": _Listed("study", "sweep", "Compare several values of one scenario key."),
     "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),
+    "frontier": _Listed("frontier", "frontier", "Find the fewest bits for flights without collisions."),
     "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),
     "doctor": _Listed("prepare", "doctor", "Check whether a run would work on this machine."),
     "plugins": _Listed("prepare", "plugins_command", "List controllers and all other plug-ins, with their options."),

@@ -101,10 +101,10 @@ class Search:
         reached = self.reached(plan)
         if reached == name:
             return "reached"
-        if plan.answer(_free(flown.search)) == "rejected":
-            return "collisions"
         if reached is not None and self.order().index(name) > self.order().index(reached):
             return "not needed"
+        if plan.answer(_free(flown.search)) == "rejected":
+            return "collisions"
         if plan.flights > self.most:
             return "too few flights"
         if plan.answer(_free(flown.search)) == "open":

@@ -6,6 +6,7 @@ import pytest
 
 from meanflock.studies import tuning
 from meanflock.studies.leaderboard import flights, missions
+from meanflock.studies.store import Store
 from meanflock.studies.tuning import Arm, Score
 from meanflock.swarm.errors import BadInput
 
@@ -47,10 +48,10 @@ def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, 
     assert record["chosen"] in ARM.candidates
     monkeypatch.setattr(flights, "Engine", None)  # nothing is flown again
     assert tuning.tuned([ARM], 1, out)["cruise"] == record
-    tuning._claim(out)
+    Store(out).claim()
     (out / "code.txt").write_text("0.0.9+abc\n")
     with pytest.raises(BadInput, match=r"flights are of code 0\.0\.9\+abc.*--out DIR"):
-        tuning._claim(out)
+        Store(out).claim()
 
 
 def test_the_constants_are_those_of_the_record() -> None:

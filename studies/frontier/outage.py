@@ -1,0 +1,89 @@
+"""The SNR threshold at which a radio loses a wanted share of broadcast states, by the channel's closed form.
+
+The outage of a cell is the probability that one broadcast of a state of 64 bits fails, mean over all pairs of UAVs at
+their starts. It is set by `radio.target_snr_db`. A longer message fails at least as often.
+"""
+
+import math
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from meanflock.channel.base import Channel, Floats, closed_form
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION
+
+STATE_BITS = 64  # of an event
+_LOW_DB, _HIGH_DB, _STEP_DB = -300.0, 300.0, 5.0  # bounds of the key
+_BISECTIONS = 60
+_TOLERANCE = 1e-3  # relative
+
+
+class Outages:
+    """Outages that the radio of a scenario can give."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        places = starts(scenario)[:, POSITION]
+        first, second = np.triu_indices(len(places), 1)
+        distances = np.linalg.norm(places[first] - places[second], axis=-1)
+        self._distances: Floats = distances[distances <= scenario.radio.range_m]
+
+    def at(self, snr_db: float) -> float | None:
+        """The outage at an SNR threshold; None if the channel has no closed form or there are no links.
+
+        Raises:
+            RunFailed: the closed form fails.
+        """
+        radio = msgspec.structs.replace(self._scenario.radio, target_snr_db=snr_db)
+        scenario = msgspec.structs.replace(self._scenario, radio=radio)
+        channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
+        try:
+            expected = closed_form(channel.expected(self._distances, STATE_BITS)) if len(self._distances) else None
+        except FAILURES as error:
+            raise RunFailed(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+        return None if expected is None else expected[0] / len(self._distances)
+
+    def snr_db(self, outage: float) -> float:
+        """The highest SNR threshold with this outage.
+
+        Raises:
+            BadInput: the channel cannot give it.
+        """
+        name = self._scenario.radio.model
+        if not self._known:
+            raise BadInput(
+                f"--outages {100 * outage:g}: channel {name!r} has no closed form of its outages, so none can be set; "
+                "give missions with another `radio.model`, for example rice"
+            )
+        below = [snr for snr, value in self._known.items() if value <= outage]
+        low = max(below, default=math.nan)
+        high = low + _STEP_DB
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._value(middle) <= outage else (low, middle)
+        if not below or abs(self._value(low) - outage) > _TOLERANCE * outage:
+            raise BadInput(f"--outages {100 * outage:g}: channel {name!r} gives {self._range()}")
+        return round(low, 6)
+
+    def _value(self, snr_db: float) -> float:
+        value = self.at(min(snr_db, _HIGH_DB))
+        return math.inf if value is None else value
+
+    @cached_property
+    def _known(self) -> dict[float, float]:
+        """Outages on a grid of thresholds; empty without a closed form."""
+        grid = np.arange(_LOW_DB, _HIGH_DB + _STEP_DB, _STEP_DB).tolist()
+        found: dict[float, Any] = {snr: self.at(snr) for snr in grid}
+        return {} if None in found.values() else found
+
+    def _range(self) -> str:
+        least, most = min(self._known.values()), max(self._known.values())
+        if least == most:
+            return f"{100 * least:g} %, whatever `radio.target_snr_db` is"
+        return f"{100 * least:.3g} to {100 * most:.3g} %, by `radio.target_snr_db`"
