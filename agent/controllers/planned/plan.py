@@ -88,20 +88,22 @@ class Trajectory:
             common[rows] = math.fsum(common[rows]) / len(rows)
         self._profile = Trapezoid(common, cruise_m_s)
         self._way = way / np.where(common > 0.0, common, 1.0)[:, None]
+        self._tick = -1
+        self._now: tuple[state.States, Floats] = np.zeros((0, state.SIZE)), np.zeros((0, state.AXES))  # of that tick
 
-    def at(self, tick: int) -> tuple[Floats, Floats, Floats]:
-        """Positions, velocities and accelerations (N, 2) in a tick, m, m/s and m/s²."""
-        covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
-        return (
-            self.starts + covered[:, None] * self._way,
-            speed[:, None] * self._way,
-            change[:, None] * self._way,
-        )
+    def at(self, tick: int) -> tuple[state.States, Floats]:
+        """States (N, 4) and accelerations (N, 2), m/s², in a tick. Read-only: all who ask in a tick get the same."""
+        if tick != self._tick:
+            covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
+            states = np.concatenate([self.starts + covered[:, None] * self._way, speed[:, None] * self._way], axis=-1)
+            acceleration = change[:, None] * self._way
+            states.flags.writeable = acceleration.flags.writeable = False
+            self._tick, self._now = tick, (states, acceleration)
+        return self._now
 
     def states(self, tick: int) -> state.States:
         """States (N, 4) in a tick."""
-        position, velocity, _ = self.at(tick)
-        return np.concatenate([position, velocity], axis=-1)
+        return self.at(tick)[0]
 
 
 def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:
@@ -158,8 +160,9 @@ class Planned(Controller):
 
     def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
         """Errors of rows (M, 4) to their trajectories, (M, 2 axes, 2) m and m/s; and accelerations there, (M, 2)."""
-        position, velocity, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
-        return np.stack([own[:, POSITION] - position, own[:, VELOCITY] - velocity], axis=-1), acceleration
+        states, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
+        off = own - states
+        return np.stack([off[:, POSITION], off[:, VELOCITY]], axis=-1), acceleration
 
 
 class PlannedLearner(Planned):

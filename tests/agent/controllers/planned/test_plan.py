@@ -40,7 +40,7 @@ def test_all_uavs_arrive_together_and_keep_apart(uavs: int) -> None:
     scenario = Scenario(uavs=uavs)
     plan = starts(scenario)
     trajectory = Trajectory(scenario, plan)
-    positions = np.array([trajectory.at(tick)[0] for tick in range(0, 1000, 5)])
+    positions = np.array([trajectory.states(tick)[:, :2] for tick in range(0, 1000, 5)])
     assert (positions[0] == plan[:, :2]).all()
     assert positions[-1] == pytest.approx(trajectory.slots, abs=1e-9)
     assert np.hypot(*trajectory.slots.T).max() <= 0.84 * scenario.destination.radius + 1e-9
