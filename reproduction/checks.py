@@ -122,14 +122,14 @@ def _pairs(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str
 def _order(view: View, check: Check, found: Findings) -> Tests:
     judge = above if check.direction == "higher" else below
     for subject, other, where, columns in _pairs(view, check, found):
-        what = named(f"{check.metric}: {subject} − {other}", where)
-        yield where, judge(what, statistics.difference(*columns), 0.0, strict=True)
+        label = named(f"{check.metric}: {subject} − {other}", where)
+        yield where, judge(label, statistics.difference(*columns), 0.0, strict=True)
 
 
 def _ratio(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    for what, where, estimate in _ratios(view, check, found):
-        yield where, below(what, estimate, check.threshold)
+    for label, where, estimate in _ratios(view, check, found):
+        yield where, below(label, estimate, check.threshold)
 
 
 def _ratios(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str, Estimate]]:
@@ -145,20 +145,20 @@ def _means(view: View, check: Check, found: Findings) -> Iterator[tuple[str, str
 def _equal(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
     low, high = check.threshold * (1 - check.tolerance), check.threshold * (1 + check.tolerance)
-    for what, where, estimate in (_ratios if check.against else _means)(view, check, found):
-        yield where, within(what, estimate, low, high)
+    for label, where, estimate in (_ratios if check.against else _means)(view, check, found):
+        yield where, within(label, estimate, low, high)
 
 
 def _bound(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
     judge = above if check.direction == "higher" else below
-    for what, where, estimate in _means(view, check, found):
-        yield where, judge(what, estimate, check.threshold, strict=True)
+    for label, where, estimate in _means(view, check, found):
+        yield where, judge(label, estimate, check.threshold, strict=True)
 
 
 def _share(view: View, check: Check, found: Findings) -> Tests:
     assert check.threshold is not None
-    what = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
+    label = f"share of runs with {'some' if check.event == 'some' else 'no'} {check.metric}"
     for subject, where, point, by_seed in _single(view, check, found):
         values = np.array(list(by_seed.values()))
         values = values[~np.isnan(values)]
@@ -166,8 +166,8 @@ def _share(view: View, check: Check, found: Findings) -> Tests:
         certain = _is_certain(check, point) and len(hits) == 1
         estimate = statistics.exact(float(hits[0])) if certain else statistics.share(hits)
         if estimate.n:
-            found.values[what, subject, where] = estimate
-        yield where, above(named(what, subject, where), estimate, check.threshold, strict=True)
+            found.values[label, subject, where] = estimate
+        yield where, above(named(label, subject, where), estimate, check.threshold, strict=True)
 
 
 def _rate(view: View, check: Check, found: Findings) -> Tests:
@@ -192,14 +192,14 @@ def _trend(view: View, check: Check, found: Findings) -> Tests:
             found.missing.append(named(f"a grid of {check.experiment}", subject))
             continue
         rise = statistics.slopes(grid, rows) * (grid[-1] - grid[0])
-        what = f"{check.metric}: {subject}, fitted change over {_label(check, grid[0])}…{grid[-1]:g}"
+        label = f"{check.metric}: {subject}, fitted change over {_label(check, grid[0])}…{grid[-1]:g}"
         if check.direction == "little gain":
             assert check.threshold is not None
-            yield "", above(f"{what}, relative", statistics.ratio(rise, rows.mean(axis=-1)), -check.threshold)
+            yield "", above(f"{label}, relative", statistics.ratio(rise, rows.mean(axis=-1)), -check.threshold)
         elif check.direction == "falling":
-            yield "", below(what, statistics.mean(rise), 0.0, strict=True)
+            yield "", below(label, statistics.mean(rise), 0.0, strict=True)
         else:
-            yield "", above(what, statistics.mean(rise), 0.0, strict=True)
+            yield "", above(label, statistics.mean(rise), 0.0, strict=True)
 
 
 def _slope(view: View, check: Check, found: Findings) -> Tests:
@@ -222,8 +222,8 @@ def _point(view: View, check: Check, found: Findings) -> Tests:
             found.missing.append(named(check.metric, subject, _label(check, check.at)))
             continue
         here = rows[:, next(k for k in range(len(grid)) if k not in others)]
-        what = f"{check.metric}: {subject}, {_label(check, check.at)} − mean of the others"
-        yield "", above(what, statistics.difference(here, rows[:, others].mean(axis=-1)), 0.0, strict=True)
+        label = f"{check.metric}: {subject}, {_label(check, check.at)} − mean of the others"
+        yield "", above(label, statistics.difference(here, rows[:, others].mean(axis=-1)), 0.0, strict=True)
 
 
 @dataclass(frozen=True)
@@ -263,8 +263,8 @@ def _best(view: View, check: Check, found: Findings) -> Tests:
         remaining = statistics.ratio(*case.columns, confidence=level)
         saved = Estimate(1.0 - remaining.value, 1.0 - remaining.high, 1.0 - remaining.low, remaining.n)
         if not math.isnan(saved.value):
-            what = f"{check.metric}: best of {len(cases)} savings, {case.subject} against {case.other} at {case.where}"
-            tests.append((above(what, saved, check.threshold * (1 - check.tolerance)), case))
+            label = f"{check.metric}: best of {len(cases)} savings, {case.subject} against {case.other} at {case.where}"
+            tests.append((above(label, saved, check.threshold * (1 - check.tolerance)), case))
     if not tests:
         found.missing.append(named(check.metric, *check.experiments))
         return

@@ -28,8 +28,8 @@ def _four_panels(view: View, experiment: str, methods: Sequence[str]) -> Figure 
     points = view.points(experiment)
     if not points:
         return None
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 4.1)
-    axes = made.subplots(2, 2, sharex=True).ravel()
+    figure = plotstyle.figure(plotstyle.COLUMN_IN, 4.1)
+    axes = figure.subplots(2, 2, sharex=True).ravel()
     spread = 0.012 * (points[-1] - points[0])  # methods side by side, so that intervals do not hide each other
     for letter, (metric, title), ax in zip("abcd", CRITERIA, axes, strict=True):
         for k, method in enumerate(methods):
@@ -48,8 +48,8 @@ def _four_panels(view: View, experiment: str, methods: Sequence[str]) -> Figure 
         if len(points) > 1 and points[1] - points[0] < 0.12 * (points[-1] - points[0]):
             labels[0].label1.set_horizontalalignment("right")
         ax.set_xlabel(plotstyle.axis(COORDINATE[experiment]))
-    plotstyle.legend(made, methods, markers=True)
-    return made
+    plotstyle.legend(figure, methods, markers=True)
+    return figure
 
 
 def against_uavs(view: View) -> Figure | None:
@@ -117,8 +117,8 @@ def six_panels(view: View) -> Figure | None:
     """Figure 3: energy, bits, φ_A, φ_C, speed, distance."""
     if not len(view.series):
         return None
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 5.7)
-    axes = made.subplots(3, 2, sharex=True)
+    figure = plotstyle.figure(plotstyle.COLUMN_IN, 5.7)
+    axes = figure.subplots(3, 2, sharex=True)
     energy, bits, alignment, risk, speed, distance = axes.ravel()
     for method in COMPARED:
         frame = view.series.where(experiment="s0", method=method)
@@ -151,16 +151,16 @@ def six_panels(view: View) -> Figure | None:
     speed.set_ylim(bottom=0.0)
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
-    plotstyle.legend(made, COMPARED)
-    return made
+    plotstyle.legend(figure, COMPARED)
+    return figure
 
 
 def residuals(view: View) -> Figure | None:
     """Figure 4: |e_H| and |e_F|."""
     if not len(view.series):
         return None
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 2.45)
-    value, density = made.subplots(1, 2)
+    figure = plotstyle.figure(plotstyle.COLUMN_IN, 2.45)
+    value, density = figure.subplots(1, 2)
     for ax, prefix in ((value, "hjb"), (density, "fpk")):
         for method in COMPARED:
             frame = view.series.where(experiment="s0", method=method)
@@ -179,5 +179,5 @@ def residuals(view: View) -> Figure | None:
     plotstyle.titled(density, "b", f"{FIELDS['fpk_residual'].name}; < {FPK_BOUND:g}")
     value.set_ylabel(plotstyle.axis("hjb_residual"))
     density.set_ylabel(plotstyle.axis("fpk_residual"))
-    plotstyle.legend(made, COMPARED)
-    return made
+    plotstyle.legend(figure, COMPARED)
+    return figure

@@ -82,9 +82,9 @@ def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Wante
     """The missing runs, each once even if several experiments share it, the longest first."""
     missing: dict[str, Wanted] = {}
     for run in table:
-        there = finished.get(run.key)
+        kept = finished.get(run.key)
         # A run kept without what an experiment shows of it is flown again; the first to want it decides otherwise.
-        if there is not None and (there.series is not None or not _kept(run)[0]) and (there.trace or not run.traced):
+        if kept is not None and (kept.series is not None or not _kept(run)[0]) and (kept.trace or not run.traced):
             continue
         before = missing.get(run.key)
         if before is None or _kept(run) > _kept(before):
@@ -161,8 +161,8 @@ def _rows(
     table: Sequence[Wanted], finished: dict[str, StoredRun]
 ) -> Iterator[tuple[dict[str, Any], StoredRun, bool, bool]]:
     for run in table:
-        there = finished.get(run.key)
-        if there is None:
+        kept = finished.get(run.key)
+        if kept is None:
             continue
         flown = run.scenario
         coordinates = {
@@ -175,7 +175,7 @@ def _rows(
             "seed": run.seed,
             "trained": run.point.training is not None,
         }
-        yield coordinates, there, _kept(run)[0], run.traced
+        yield coordinates, kept, _kept(run)[0], run.traced
 
 
 @contextmanager

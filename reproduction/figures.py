@@ -27,8 +27,8 @@ def regime_map(view: View) -> Figure | None:
     found = regimes.places(view)
     if not found:
         return None
-    made = plotstyle.figure(plotstyle.COLUMN_IN, 3.4)
-    axes = made.subplots(1, 2, sharey=True)
+    figure = plotstyle.figure(plotstyle.COLUMN_IN, 3.4)
+    axes = figure.subplots(1, 2, sharey=True)
     most = max(place.score for place in found)
     named = [(next(p for p in found if not p.setting), "paper")] if any(not p.setting for p in found) else []
     named += [
@@ -65,8 +65,8 @@ def regime_map(view: View) -> Figure | None:
         ax.set_xlabel("$\\kappa$ (1/s)")
         plotstyle.titled(ax, letter, "multinomial coefficients" if multinomial else "all coefficients 1")
     axes[0].set_ylabel("velocity scale $L_v$ (m/s)")
-    made.colorbar(shown, ax=axes, label=f"claims that hold (of {len(found[0].held)})", fraction=0.04)
-    return made
+    figure.colorbar(shown, ax=axes, label=f"claims that hold (of {len(found[0].held)})", fraction=0.04)
+    return figure
 
 
 def _where(places: list[Place]) -> tuple[list[float], list[float]]:
@@ -154,7 +154,7 @@ def draw(results: Results, out: Path, only: Iterable[str] = ()) -> list[Path]:
     paths: list[Path] = []
     for name in chosen(only):
         with plotstyle.style():
-            made = FIGURES[name][0](view)
-        if made is not None:
-            paths += plotstyle.save(made, out, name)
+            figure = FIGURES[name][0](view)
+        if figure is not None:
+            paths += plotstyle.save(figure, out, name)
     return paths

@@ -22,7 +22,7 @@ class Outcome(enum.StrEnum):
 class Test:
     """An estimate that should lie in [floor, ceiling]; strict excludes the ends."""
 
-    what: str
+    label: str
     estimate: Estimate
     need: str
     outcome: Outcome
@@ -37,7 +37,7 @@ class Test:
         return self.floor < value < self.ceiling if self.strict else self.floor <= value <= self.ceiling
 
     def __str__(self) -> str:
-        return f"{self.what} = {show(self.estimate)}, needs {self.need}"
+        return f"{self.label} = {show(self.estimate)}, needs {self.need}"
 
 
 def number(value: float | None) -> str:
@@ -52,22 +52,22 @@ def show(estimate: Estimate) -> str:
     return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
 
 
-def below(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+def below(label: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
     """Holds if the whole interval is ≤ `limit` (< if strict), fails if all of it is not."""
-    return _judge(what, estimate, f"{'<' if strict else '≤'} {limit:.4g}", -math.inf, limit, strict)
+    return _judge(label, estimate, f"{'<' if strict else '≤'} {limit:.4g}", -math.inf, limit, strict)
 
 
-def above(what: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
+def above(label: str, estimate: Estimate, limit: float, strict: bool = False) -> Test:
     """Holds if the whole interval is ≥ `limit` (> if strict), fails if all of it is not."""
-    return _judge(what, estimate, f"{'>' if strict else '≥'} {limit:.4g}", limit, math.inf, strict)
+    return _judge(label, estimate, f"{'>' if strict else '≥'} {limit:.4g}", limit, math.inf, strict)
 
 
-def within(what: str, estimate: Estimate, low: float, high: float) -> Test:
+def within(label: str, estimate: Estimate, low: float, high: float) -> Test:
     """Holds if the whole interval lies in [low, high], fails if all of it lies outside on one side."""
-    return _judge(what, estimate, f"in [{low:.4g}, {high:.4g}]", low, high, strict=False)
+    return _judge(label, estimate, f"in [{low:.4g}, {high:.4g}]", low, high, strict=False)
 
 
-def _judge(what: str, estimate: Estimate, need: str, floor: float, ceiling: float, strict: bool) -> Test:
+def _judge(label: str, estimate: Estimate, need: str, floor: float, ceiling: float, strict: bool) -> Test:
     # An end that is infinite is no threshold: nothing lies on it.
     over, under = (operator.lt if strict and math.isfinite(end) else operator.le for end in (floor, ceiling))
     if math.isnan(estimate.value) or (estimate.n < 2 and estimate.low != estimate.high):
@@ -78,7 +78,7 @@ def _judge(what: str, estimate: Estimate, need: str, floor: float, ceiling: floa
         outcome = Outcome.UNDECIDED
     else:
         outcome = Outcome.FAILS
-    return Test(what, estimate, need, outcome, floor, ceiling, strict)
+    return Test(label, estimate, need, outcome, floor, ceiling, strict)
 
 
 _WORST_FIRST = (Outcome.FAILS, Outcome.UNDECIDED, Outcome.UNKNOWN)

@@ -72,8 +72,8 @@ def trajectories(view: View) -> Figure | None:
     if not trips:
         return None
     low, high = _box(list(trips.values()))
-    made = plotstyle.figure(8.6, 1.62 * len(trips) + 0.75)
-    grid = made.subplots(len(trips), 4, width_ratios=[1.0, 1.0, 1.0, 1.05], squeeze=False)
+    figure = plotstyle.figure(8.6, 1.62 * len(trips) + 0.75)
+    grid = figure.subplots(len(trips), 4, width_ratios=[1.0, 1.0, 1.0, 1.05], squeeze=False)
     for row, (method, trip) in enumerate(trips.items()):
         met = collisions(trip)
         drawn = Trace(trip.times[::_EVERY], trip.states[::_EVERY], trip.status[::_EVERY])
@@ -97,7 +97,7 @@ def trajectories(view: View) -> Figure | None:
         grid[row, -1].tick_params(labelbottom=last)
     grid[-1, -1].set_xlabel(plotstyle.axis("t_s"))
     grid[0, -1].set_title(r"value weights $\hat w_{H1}$ of UAV 0 (m/s)", loc="left", fontsize=8, pad=3)
-    bar = made.colorbar(
+    bar = figure.colorbar(
         ScalarMappable(**plotstyle.PHI_G),
         ax=grid[:, :-1],
         location="top",
@@ -107,7 +107,7 @@ def trajectories(view: View) -> Figure | None:
         pad=0.012,
     )
     bar.set_label(r"interaction term $\phi_G$ of a UAV (1/s$^2$)")
-    return made
+    return figure
 
 
 def _weights(ax: Axes, view: View, method: str) -> None:
@@ -148,8 +148,8 @@ def offline(view: View) -> Figure | None:
     if not panels:
         return None
     low, high = _box([flown for _, _, flown in panels])
-    made = plotstyle.figure(plotstyle.PAGE_IN, 2.75)
-    axes = made.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    figure = plotstyle.figure(plotstyle.PAGE_IN, 2.75)
+    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for letter, ax, (title, method, flown) in zip("abc", axes, panels, strict=False):
         _paths(ax, flown.states[..., state.POSITION], plotstyle.colour(method), 0.8)
         _marks(ax, flown)
@@ -163,5 +163,5 @@ def offline(view: View) -> Figure | None:
         ax.set_xlabel("$x$ (m)")
     axes[0].set_ylabel("$y$ (m)")
     star = Line2D([], [], linestyle="", marker="*", markersize=7, color="#CC2222", label="collision")
-    plotstyle.legend(made, list(dict.fromkeys(method for _, method, _ in panels)), extra=[star])
-    return made
+    plotstyle.legend(figure, list(dict.fromkeys(method for _, method, _ in panels)), extra=[star])
+    return figure

@@ -58,9 +58,9 @@ def places(view: View, experiment: str = MAP) -> list[Place]:
     for setting in dict.fromkeys(runs["setting"].tolist()):
         own = runs.where(setting=setting)
         flights = len(own.distinct("seed"))
-        there = View(own, view.series, view.trajectories, view.weights, {})
+        single = View(own, view.series, view.trajectories, view.weights, {})
         # A flight that has not the number a claim is about, as none of a UAV that diverged, is one it does not hold in.
-        held = {claim.id: counted(there, claim) or (0, flights) for claim in claimed}
+        held = {claim.id: counted(single, claim) or (0, flights) for claim in claimed}
         subject = own.where(method="mfgfl-hf")
         found.append(Place(setting, held, 1.0 - float(subject["arrived"].sum() / subject["uavs"].sum())))
     return found
@@ -90,14 +90,14 @@ def best(found: list[Place], count: int = 10) -> list[Place]:
 
 def slow(found: list[Place]) -> Place:
     """paper-slow: the best of slow steering, with rounds as printed and coefficients of one."""
-    there = [p for p in found if not p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) > 0]
-    return best([p for p in there if p.key("learner.velocity_scale", 20.0) >= SLOW_M_S], 1)[0]
+    allowed = [p for p in found if not p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) > 0]
+    return best([p for p in allowed if p.key("learner.velocity_scale", 20.0) >= SLOW_M_S], 1)[0]
 
 
 def printed(found: list[Place]) -> Place:
     """paper-printed: the best with the polynomial's coefficients and L_s = ½‖s‖², with rounds as printed."""
-    there = [p for p in found if p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) == 0]
-    return best(there, 1)[0]
+    allowed = [p for p in found if p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) == 0]
+    return best(allowed, 1)[0]
 
 
 def _of_motion(claim: Claim) -> bool:

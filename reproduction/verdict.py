@@ -117,7 +117,7 @@ def judge(view: View, claim: Claim) -> dict[str, Any]:
         "reason": ". ".join(part.rstrip(".") for part in (reason, *found.remarks, claim.note) if part) + ".",
         "tests": [
             {
-                "what": test.what,
+                "what": test.label,
                 "value": _number(test.estimate.value),
                 "ci95": [_number(test.estimate.low), _number(test.estimate.high)],
                 "seeds": test.estimate.n,

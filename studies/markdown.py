@@ -15,10 +15,10 @@ def replaced(page: str, begin: str, end: str, lines: Iterable[str]) -> str:
     Raises:
         ValueError: the page has no such part, or several.
     """
-    before, *there = page.split(begin)
-    if len(there) != 1 or end not in there[0]:
-        raise ValueError(f"the page has {len(there)} places for `{begin}` … `{end}`; it needs one")
-    return before + "\n".join([begin, *lines, end]) + there[0].partition(end)[2]
+    before, *rest = page.split(begin)
+    if len(rest) != 1 or end not in rest[0]:
+        raise ValueError(f"the page has {len(rest)} places for `{begin}` … `{end}`; it needs one")
+    return before + "\n".join([begin, *lines, end]) + rest[0].partition(end)[2]
 
 
 def _cell(text: str) -> str:

@@ -129,8 +129,8 @@ def _interval(values: Sequence[float]) -> str:
     return f"{middle:.1f} ± {half:.1f}"
 
 
-def _sentence(what: str, cases: Sequence[str]) -> str:
-    return f"- **{what}**: {', '.join(cases) if cases else 'none'}."
+def _sentence(label: str, cases: Sequence[str]) -> str:
+    return f"- **{label}**: {', '.join(cases) if cases else 'none'}."
 
 
 if __name__ == "__main__":

@@ -55,11 +55,11 @@ class Swept:
         refuse_setting(self.key, settings, "is what is swept")
 
 
-def refuse_setting(key: str, settings: Iterable[str], why: str) -> None:
+def refuse_setting(key: str, settings: Iterable[str], reason: str) -> None:
     """Raise BadInput if `--set` sets a key that another argument decides."""
     for setting in settings:
         if setting.partition("=")[0].strip() == key:
-            raise BadInput(f"--set {setting}: `{key}` {why}; leave out this --set")
+            raise BadInput(f"--set {setting}: `{key}` {reason}; leave out this --set")
 
 
 def _values(listed: str) -> list[Any]:

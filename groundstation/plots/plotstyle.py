@@ -191,12 +191,12 @@ def style() -> Iterator[None]:
 
 def figure(width_in: float, height_in: float) -> Figure:
     """An empty figure on the Agg canvas; no global state, no window."""
-    made = Figure(figsize=(width_in, height_in))
-    FigureCanvasAgg(made)
-    return made
+    result = Figure(figsize=(width_in, height_in))
+    FigureCanvasAgg(result)
+    return result
 
 
-def save(made: Figure, folder: Path, name: str) -> list[Path]:
+def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
     """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
 
     The layout is computed for the PNG, and reused for the SVG.
@@ -210,15 +210,15 @@ def save(made: Figure, folder: Path, name: str) -> list[Path]:
     except OSError as error:
         raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written") from error
     paths = []
-    layout = made.get_layout_engine()
+    layout = drawing.get_layout_engine()
     for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
         drawn = io.BytesIO()
         with style():
-            made.savefig(drawn, format=form, metadata=metadata)
+            drawing.savefig(drawn, format=form, metadata=metadata)
         paths.append(durable.put(folder / f"{name}.{form}", drawn.getbuffer()))
         with mpl.rc_context(_LAID_OUT):
-            made.set_layout_engine()
-    made.set_layout_engine(layout)
+            drawing.set_layout_engine()
+    drawing.set_layout_engine(layout)
     return paths
 
 
@@ -229,7 +229,7 @@ def write(figures: Mapping[str, Figure], out: Path) -> list[Path]:
         BadInput: the folder cannot be made.
         RunFailed: the disk is full.
     """
-    return [path for name, made in figures.items() for path in save(made, out, name)]
+    return [path for name, drawing in figures.items() for path in save(drawing, out, name)]
 
 
 def axis(field: str) -> str:
@@ -245,10 +245,10 @@ def letter(number: int) -> str:
 
 def titled(ax: Axes, letter: str, text: str) -> None:
     """Set a panel's letter and title, flush left, broken into lines that fit."""
-    place, made = ax.get_subplotspec(), ax.get_figure(root=True)
-    assert made is not None
+    place, drawing = ax.get_subplotspec(), ax.get_figure(root=True)
+    assert drawing is not None
     columns = place.get_gridspec().ncols if place is not None else 1
-    room = int(LETTERS_IN * made.get_figwidth() / columns)
+    room = int(LETTERS_IN * drawing.get_figwidth() / columns)
     lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
     ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
 
@@ -259,7 +259,7 @@ def tex(text: str) -> str:
 
 
 def legend(
-    made: Figure,
+    drawing: Figure,
     methods: Sequence[str],
     markers: bool = False,
     extra: Sequence[Line2D] = (),
@@ -274,7 +274,7 @@ def legend(
         handle.set_marker(seen.marker if markers else "")
         handles.append(handle)
     handles += list(extra)
-    made.legend(
+    drawing.legend(
         handles=handles, loc="outside upper center", ncols=min(len(handles), 4), handlelength=2.6, columnspacing=1.4
     )
 

@@ -67,8 +67,8 @@ def check_aggregator(
                     answer = rule.step(state, uploads)
                     weights = rule.weights(uploads)
                 except FAILURES as error:
-                    what = f"`step` with {len(uavs)} model{'s' * (len(uavs) > 1)} failed: {last_line(error)}"
-                    fail(aggregator, what, "any number from one on must do")
+                    problem = f"`step` with {len(uavs)} model{'s' * (len(uavs) > 1)} failed: {last_line(error)}"
+                    fail(aggregator, problem, "any number from one on must do")
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     fail(aggregator, f"`step` returns a {type(answer).__name__}", "return the state and the model")
                 state, model = answer
@@ -98,13 +98,13 @@ def check_aggregator(
         return with_other_randomness(run, seed)
 
     first, state = rounds(1)
-    for again, why, remedy in (
+    for again, problem, remedy in (
         (rounds(2), "the same rounds differed in a second run", "draw nothing from global generators"),
         (rounds(1, afresh=True), "rounds that continue from a checkpoint differ", "keep all you remember in the state"),
     ):
         models, after = again
         if not all(same(one, other) for one, other in zip(first, models, strict=True)) or alike(state, after):
-            fail(aggregator, why, remedy)
+            fail(aggregator, problem, remedy)
 
     rule: Aggregator = make(aggregator, options, flown)
     rule_state, uavs = _begun(rule, MODEL), np.arange(min(SWARM, flown.uavs))

@@ -41,13 +41,13 @@ def check_controller(
     flown = scenario or Scenario(uavs=UAVS)
     flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options or {}))
 
-    def made() -> Controller:
+    def instance() -> Controller:
         """Make the controller as a flight does, behind the scenario's filter."""
         alone: Controller = make(controller, options or {}, flown)
         behind: Controller = declared.filtered(alone, flown)
         return behind
 
-    swarm = PointSwarm(controller, flown, made)
+    swarm = PointSwarm(controller, flown, instance)
     vars(flown)["declared"] = swarm.declared  # the class need not be registered under its name
     check_swarm(swarm, slow_ms)
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
@@ -75,32 +75,32 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
 
 def _empty_rows(swarm: PointSwarm) -> None:
     """Check that arrays without rows have the right shapes."""
-    made, none = swarm.make(), np.zeros((0, 4))
-    memory = swarm.init(made, swarm.uavs[:0])
-    swarm.checked(swarm.step(made, memory, 0, none, ()), memory, 0)
+    instance, none = swarm.make(), np.zeros((0, 4))
+    memory = swarm.init(instance, swarm.uavs[:0])
+    swarm.checked(swarm.step(instance, memory, 0, none, ()), memory, 0)
 
 
 def _silence(swarm: PointSwarm) -> None:
     """Fly without received frames."""
-    made = swarm.make()
-    memory = swarm.init(made, swarm.uavs)
+    instance = swarm.make()
+    memory = swarm.init(instance, swarm.uavs)
     for tick in range(3):
-        step = swarm.step(made, memory, tick, swarm.plan, ())
+        step = swarm.step(instance, memory, tick, swarm.plan, ())
         swarm.checked(step, memory, len(swarm.uavs))
         memory = step.memory
 
 
 def _pure(swarm: PointSwarm) -> None:
     """Check that no argument is written to."""
-    made = swarm.make()
-    memory = swarm.init(made, swarm.uavs)
+    instance = swarm.make()
+    memory = swarm.init(instance, swarm.uavs)
     own = swarm.plan + 0.5
-    first = swarm.step(made, memory, 1, own.copy(), ())
+    first = swarm.step(instance, memory, 1, own.copy(), ())
     received = swarm.received(first, swarm.uavs, np.ones((len(own), len(own)), bool))
     memory = first.memory
     given = [own, *memory.values(), *(array for frames in received for array in (frames.payload, frames.links))]
     before = copies(given)
-    swarm.step(made, memory, 2, own, received)
+    swarm.step(instance, memory, 2, own, received)
     if not all(same(one, other) for one, other in zip(before, given, strict=True)):
         fail(swarm.controller, "`step` writes to an array it was given", _PURE)
 
@@ -130,12 +130,12 @@ def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
     """Check that `set` stores models in the given rows, and `get` returns them."""
-    made = swarm.make()
+    instance = swarm.make()
     parameters = swarm.declared.parameters
     plugin = swarm.controller
     for called, method, width, name in (
-        ("get", made.get, parameters, "parameters"),
-        ("report", made.report, swarm.declared.weights, "weights"),
+        ("get", instance.get, parameters, "parameters"),
+        ("report", instance.report, swarm.declared.weights, "weights"),
     ):
         if not width:
             continue
@@ -152,7 +152,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     before = {name: array.copy() for name, array in together.memory.items()}
     models = np.stack([model, model])
     remedy = "return the memory with `models` in its rows `rows`"
-    after = asked(plugin, made.set, together.memory, rows, models, remedy=remedy)
+    after = asked(plugin, instance.set, together.memory, rows, models, remedy=remedy)
     if not same(models, np.stack([model, model])) or not same(rows, np.array([0, len(swarm.uavs) - 1])):
         fail(plugin, "`set` writes to an array it was given", _PURE)
     if (written := alike(before, together.memory)) is not None:
@@ -161,7 +161,7 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
         check_same_form("memory", after, together.memory)
     except (TypeError, ValueError) as error:
         fail(plugin, f"`set` returns what a flight cannot use: {error}", remedy)
-    got, had = made.get(after), made.get(together.memory)
+    got, had = instance.get(after), instance.get(together.memory)
     if not np.allclose(got[rows], model):
         fail(plugin, "`get` does not return what was `set`", "store the model in the memory")
     if not same(np.delete(got, rows, axis=0), np.delete(had, rows, axis=0)):
@@ -169,11 +169,11 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
 
 
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:
-    made = swarm.make()
-    memory = swarm.init(made, swarm.uavs)
+    instance = swarm.make()
+    memory = swarm.init(instance, swarm.uavs)
 
     def tick(number: int) -> None:
         nonlocal memory
-        memory = swarm.step(made, memory, number, swarm.plan, ()).memory
+        memory = swarm.step(instance, memory, number, swarm.plan, ()).memory
 
     check_pace(swarm.controller, f"a tick of {len(swarm.uavs)} UAVs", slow_ms, tick)

@@ -19,9 +19,9 @@ class ConformanceError(AssertionError):
     """A plug-in fails a check of its conformance suite; the text says what to fix."""
 
 
-def fail(plugin: Any, what: str, remedy: str) -> NoReturn:
+def fail(plugin: Any, problem: str, remedy: str) -> NoReturn:
     """Raises ConformanceError."""
-    raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {what}; {remedy}")
+    raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {problem}; {remedy}")
 
 
 def check_class(plugin: Any, kind: PluginKind) -> None:
@@ -63,21 +63,21 @@ def asked(plugin: type, method: Callable[..., T], *given: Any, remedy: str) -> T
         fail(plugin, f"`{getattr(method, '__name__', 'it')}` failed: {last_line(error)}", remedy)
 
 
-def check_kept(plugin: type, what: str, arrays: Any, rows: int | None = None) -> None:
+def check_kept(plugin: type, label: str, arrays: Any, rows: int | None = None) -> None:
     """Check a memory: arrays by name, finite, of dtypes that a checkpoint stores."""
     try:
-        guard.check_memory(what, arrays, rows)
+        guard.check_memory(label, arrays, rows)
     except (TypeError, ValueError) as error:
         fail(plugin, str(error), "return what a checkpoint keeps")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
-            fail(plugin, f"{what}[{name!r}] is not finite", "guard divisions, roots and empty sums")
+            fail(plugin, f"{label}[{name!r}] is not finite", "guard divisions, roots and empty sums")
 
 
-def check_same_form(plugin: type, what: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
+def check_same_form(plugin: type, label: str, after: Any, begun: Mapping[str, NDArray[Any]]) -> None:
     """Check that a later memory has the arrays of the first one, with the same dtypes and shapes."""
     try:
-        guard.check_same_form(what, after, begun)
+        guard.check_same_form(label, after, begun)
     except (TypeError, ValueError) as error:
         fail(plugin, str(error), "begin with all names, and keep dtypes and shapes")
 

@@ -66,37 +66,39 @@ def check_filter(
     table = msgspec.structs.replace(flown.filter, kind=filter_.name, options=dict(given))
     flown = msgspec.structs.replace(flown, method=Hasty.name, controller={}, filter=table)
 
-    def made() -> Any:
+    def instance() -> Any:
         return make(filter_, given, flown, Hasty(Hasty.Options(), flown))
 
-    swarm = PointSwarm(filter_, flown, made)
+    swarm = PointSwarm(filter_, flown, instance)
     vars(flown)["declared"] = swarm.declared  # the controller is not registered
-    _admits(filter_, made(), swarm)
+    _admits(filter_, instance(), swarm)
     check_swarm(swarm, slow_ms)
 
 
-def _admits(plugin: type[Filter], made: Filter, swarm: PointSwarm) -> None:
+def _admits(plugin: type[Filter], instance: Filter, swarm: PointSwarm) -> None:
     """Check `admit`: shapes, no written arguments, and rows that are not finite stay so."""
     uavs = len(swarm.uavs)
     others = np.repeat(swarm.plan[None], uavs, axis=0)
     wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)
     given = [swarm.plan.copy(), others, swarm.uavs.copy(), wanted]
     before = copies(given)
-    answer = asked(plugin, made.admit, *given, remedy="any states must do")
+    answer = asked(plugin, instance.admit, *given, remedy="any states must do")
     if not isinstance(answer, tuple) or len(answer) != 2:
         fail(
             plugin,
             f"`admit` returns a {type(answer).__name__}",
             "return the accelerations and what is reported of them",
         )
-    expected = (uavs, 2), (uavs, len(made.columns))
+    expected = (uavs, 2), (uavs, len(instance.columns))
     if (shapes := tuple(map(np.shape, answer))) != expected:
         fail(plugin, f"`admit` returns shapes {shapes}, expected {expected}", "return a row a UAV, `columns` wide")
     if not all(same(one, other) for one, other in zip(before, given, strict=True)):
         fail(plugin, "`admit` writes to an array it was given", "return new arrays; copy before you write")
     wanted[0] = np.nan
     with np.errstate(invalid="ignore"):
-        admitted, _ = cast(Any, asked(plugin, made.admit, *given, remedy="a command that is no number must do, too"))
+        admitted, _ = cast(
+            Any, asked(plugin, instance.admit, *given, remedy="a command that is no number must do, too")
+        )
     if np.isfinite(admitted[0]).all():
         remedy = "let it pass, so that the UAV is lost and not flown by chance"
         fail(plugin, "it returns a finite command for one that is not finite", remedy)

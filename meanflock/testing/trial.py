@@ -60,10 +60,10 @@ class PointSwarm:
         draw = np.random.default_rng(0)
         self._shake = draw.standard_normal((TICKS, scenario.uavs, AXES))
         self._arrives = draw.random((TICKS, scenario.uavs, scenario.uavs)) > LOST
-        made = self.make()
+        instance = self.make()
         try:
             # Checks of a flight, of this instance.
-            self.declared = declarations_of(made, controller.name)
+            self.declared = declarations_of(instance, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
                 from meanflock.groundstation.results.quantities import check_diagnostics
 
@@ -71,11 +71,11 @@ class PointSwarm:
         except BadInput as error:
             fail(controller, str(error), "fix the declaration")
 
-    def init(self, made: Controller, uavs: NDArray[np.intp]) -> Memory:
+    def init(self, instance: Controller, uavs: NDArray[np.intp]) -> Memory:
         """Initial memory of UAVs with numbers (M,)."""
         given = uavs.copy(), self.plan.copy()
         try:
-            memory = made.init(*given)
+            memory = instance.init(*given)
             guard.check_memory("memory", memory, len(uavs))
         except FAILURES as error:
             fail(
@@ -88,10 +88,10 @@ class PointSwarm:
         check_kept(self.controller, "memory", memory)
         return memory
 
-    def step(self, made: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+    def step(self, instance: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """One step of UAVs with states `own`, (M, 4)."""
         try:
-            return made.step(memory, tick, own, received)
+            return instance.step(memory, tick, own, received)
         except FAILURES as error:
             fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "fix it")
 
@@ -137,8 +137,8 @@ class PointSwarm:
 
     def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool) -> Trial:
         """Fly with one instance for each group of UAVs."""
-        made = [self.make() for _ in groups]
-        memories = [self.init(one, group) for one, group in zip(made, groups, strict=True)]
+        instances = [self.make() for _ in groups]
+        memories = [self.init(one, group) for one, group in zip(instances, groups, strict=True)]
         own, columns = self.plan.copy(), AXES + len(self.declared.diagnostics)
         frames: list[Received] = []
         commands, broadcasts = [], []
@@ -147,8 +147,8 @@ class PointSwarm:
             now = np.zeros((len(own), columns))
             for k, group in enumerate(groups):
                 if afresh:
-                    made[k], memories[k] = self.make(), _read_back(memories[k])
-                step = self.step(made[k], memories[k], tick, own[group], _for(group, frames))
+                    instances[k], memories[k] = self.make(), _read_back(memories[k])
+                step = self.step(instances[k], memories[k], tick, own[group], _for(group, frames))
                 now[group] = self.checked(step, memories[k], len(group))
                 memories[k] = step.memory
                 for number, broadcast in enumerate(step.broadcasts):
@@ -169,7 +169,7 @@ class PointSwarm:
             remedy = "return one row a UAV, `parameters` wide"
             found = [
                 asked(self.controller, one.get, stored, remedy=remedy)
-                for one, stored in zip(made, memories, strict=True)
+                for one, stored in zip(instances, memories, strict=True)
             ]
             models = np.concatenate(found)
         return Trial(commands, broadcasts, memory, models)
@@ -179,8 +179,8 @@ class PointSwarm:
     ) -> tuple[NDArray[np.intp], NDArray[Any]]:
         """Join a broadcast of all groups, sources ascending."""
         if len({(payload.shape[1], payload.dtype.str) for _, payload in sent}) > 1:
-            what = f"broadcast {number} is {' and '.join(sorted({f'{p.shape[1]} × {p.dtype}' for _, p in sent}))}"
-            fail(self.controller, f"{what}, depending on the UAV", "broadcast equally many numbers of one type")
+            problem = f"broadcast {number} is {' and '.join(sorted({f'{p.shape[1]} × {p.dtype}' for _, p in sent}))}"
+            fail(self.controller, f"{problem}, depending on the UAV", "broadcast equally many numbers of one type")
         source, payload = np.concatenate([rows for rows, _ in sent]), np.concatenate([payload for _, payload in sent])
         order = np.argsort(source, kind="stable")
         return source[order], payload[order]

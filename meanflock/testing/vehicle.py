@@ -45,24 +45,24 @@ def check_vehicle(
 
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
-            made = make(vehicle, options or {}, flown)
+            instance = make(vehicle, options or {}, flown)
             states = start[rows].copy()
             trace = []
-            hidden = _begun(made, len(states))
+            hidden = _begun(instance, len(states))
             begun = hidden
             for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
                 if afresh:
-                    made = make(vehicle, options or {}, flown)
+                    instance = make(vehicle, options or {}, flown)
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, push, noise, *hidden.values()]
                 before = copies(given)
-                answer = asked(vehicle, made.step, states, hidden, push, noise, remedy="any number of UAVs must do")
+                answer = asked(vehicle, instance.step, states, hidden, push, noise, remedy="any number of UAVs must do")
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     came = f"`step` returns a {type(answer).__name__}"
                     fail(vehicle, came, "return the states and the hidden state")
                 states, hidden = answer
                 check_kept(vehicle, "hidden", hidden)
-                power = asked(vehicle, made.power, states, hidden, push, remedy="any number of UAVs must do")
+                power = asked(vehicle, instance.power, states, hidden, push, remedy="any number of UAVs must do")
                 check_same_form(vehicle, "hidden", hidden, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
@@ -78,7 +78,7 @@ def check_vehicle(
 
     together = flown_by(1)
     flown_by(1, slice(0, 0))
-    for again, what, remedy in (
+    for again, problem, remedy in (
         (flown_by(2), "the same flight differed in a second run", "all noise is in the argument `noise`"),
         (
             flown_by(1, afresh=True),
@@ -87,44 +87,46 @@ def check_vehicle(
         ),
     ):
         if not all(same(one, other) for one, other in zip(together, again, strict=True)):
-            fail(vehicle, what, remedy)
+            fail(vehicle, problem, remedy)
     for row in range(UAVS):
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
     _check_block(vehicle, make(vehicle, options or {}, flown), start, pushes, noises)
-    made, states = make(vehicle, options or {}, flown), start
-    hidden = _begun(made, UAVS)
+    instance, states = make(vehicle, options or {}, flown), start
+    hidden = _begun(instance, UAVS)
 
     def move(number: int) -> None:
         nonlocal states, hidden
-        states, hidden = made.step(states, hidden, pushes[number], noises[number])
-        made.power(states, hidden, pushes[number])
+        states, hidden = instance.step(states, hidden, pushes[number], noises[number])
+        instance.power(states, hidden, pushes[number])
 
     check_pace(vehicle, f"a tick of {UAVS} UAVs", slow_ms, move)
 
 
-def _begun(made: Any, uavs: int) -> dict[str, np.ndarray]:
+def _begun(instance: Any, uavs: int) -> dict[str, np.ndarray]:
     """The hidden state at take-off."""
-    hidden: dict[str, np.ndarray] = asked(type(made), made.init, uavs, remedy="return a dict of arrays, a row a UAV")
-    check_kept(type(made), "hidden", hidden, uavs)
+    hidden: dict[str, np.ndarray] = asked(
+        type(instance), instance.init, uavs, remedy="return a dict of arrays, a row a UAV"
+    )
+    check_kept(type(instance), "hidden", hidden, uavs)
     return hidden
 
 
-def _check_block(vehicle: type, made: Any, states: np.ndarray, pushes: np.ndarray, noises: np.ndarray) -> None:
+def _check_block(vehicle: type, instance: Any, states: np.ndarray, pushes: np.ndarray, noises: np.ndarray) -> None:
     """Check that the power of the rows of all ticks at once is that of each tick."""
-    hidden = _begun(made, len(states))
+    hidden = _begun(instance, len(states))
     flown, each = [], []
     for push, noise in zip(pushes, noises, strict=True):
-        states, hidden = made.step(states, hidden, push, noise)
+        states, hidden = instance.step(states, hidden, push, noise)
         flown.append((states, hidden))
-        each.append(made.power(states, hidden, push))
+        each.append(instance.power(states, hidden, push))
     rows = np.concatenate([states for states, _ in flown])
     kept = {name: np.concatenate([parts[name] for _, parts in flown]) for name in hidden}
     remedy = (
         "the world asks for several ticks at once: compute every row from that row alone, keep the rest in `hidden`"
     )
-    together = asked(vehicle, made.power, rows, kept, pushes.reshape(-1, pushes.shape[-1]), remedy=remedy)
+    together = asked(vehicle, instance.power, rows, kept, pushes.reshape(-1, pushes.shape[-1]), remedy=remedy)
     if not same(np.asarray(together), np.concatenate(each)):
         fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 

@@ -176,7 +176,7 @@ def rounded(value: float) -> float | None:
 
 def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
     """Cells of a row, without marks. columns: measures by key, (K,)."""
-    made = {}
+    result = {}
     for key, values in columns.items():
         known = values[np.isfinite(values)]
         if not len(known):
@@ -184,8 +184,8 @@ def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
         found = statistics.share(known > 0.5) if BY_KEY[key].share else statistics.mean(known)
         low, high = (found.low, found.high) if found.bounded else (None, None)
         least = float(known.min()) if BY_KEY[key].least else None
-        made[key] = Cell(found.value, low, high, found.n, least=least)
-    return made
+        result[key] = Cell(found.value, low, high, found.n, least=least)
+    return result
 
 
 def remarked(found: Board) -> Board:
@@ -201,17 +201,17 @@ def marked(standings: list[Standing]) -> list[Standing]:
     and cost only if they are safe as well. `infeasible` is compared among the rows of one filter or controller.
     """
     whole = [row for row in standings if not row.failed and row.cells]
-    there = [row for row in whole if row.cells["arrived"].mean >= marks.COMPETES]
-    safe = [row for row in there if marks.is_safe(row.column("free"))]
+    competing = [row for row in whole if row.cells["arrived"].mean >= marks.COMPETES]
+    safe = [row for row in competing if marks.is_safe(row.column("free"))]
     contests: list[marks.Contest] = []
     for key, measure in BY_KEY.items():
         if key == "infeasible":
             kinds: dict[str, list[Standing]] = {}
-            for row in there:
+            for row in competing:
                 kinds.setdefault(row.settings.get("filter.kind", row.controller), []).append(row)
             groups = list(kinds.values())
         else:
-            groups = [whole if key == "arrived" else safe if measure.of_safe else there]
+            groups = [whole if key == "arrived" else safe if measure.of_safe else competing]
         contests += [(measure, {row.name: row.column(key) for row in group}) for group in groups]
     best = marks.best(contests)
     return [

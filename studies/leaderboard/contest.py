@@ -69,8 +69,8 @@ class Contest:
                 for each, scenario in zip(under, first, strict=True):
                     self.points[mission.name, each.name] = study.seeded(scenario, seeds)
         if not self.points:
-            whys = {why for left in self.absent.values() for why in left.values()}
-            raise BadInput(f"nothing can be flown: {'; '.join(sorted(whys))}")
+            reasons = {reason for left in self.absent.values() for reason in left.values()}
+            raise BadInput(f"nothing can be flown: {'; '.join(sorted(reasons))}")
 
     def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> Board:
         """Fly the runs that `store` does not have; see `study.fly_all`.
@@ -83,13 +83,13 @@ class Contest:
         return Board(SCHEMA, __version__, version(), self._seeds, courses, self._policies)
 
     def _course(self, mission: Mission, flown: Mapping[tuple[str, str], study.Summaries]) -> Course:
-        there = self._rows[mission.name]
+        flying = self._rows[mission.name]
         standings: list[Standing] = []
         line: tuple[list[float], list[float]] = [], []
         uavs = 0
         duration = 0.0
         limit = None
-        for row in there:
+        for row in flying:
             scenario = self.points[mission.name, row.name][0]
             fronts = Fronts(scenario)
             standings.append(_standing(row, mission, fronts, flown[mission.name, row.name]))
@@ -121,7 +121,7 @@ def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries
     ]
     columns = {key: np.array([each[key] for each in numbers]) for key in BY_KEY}
     whole = [result for result in flown if flights.FAILED not in result]
-    whys = [result.get(flights.FAILED) or result.get(flights.LOST) or "" for result in flown]
+    reasons = [result.get(flights.FAILED) or result.get(flights.LOST) or "" for result in flown]
     return Standing(
         name=row.name,
         controller=row.controller,
@@ -133,7 +133,7 @@ def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries
         values={key: [rounded(value) for value in values.tolist()] for key, values in columns.items()},
         lost=sum(result["lost"] for result in whole),
         failed=len(flown) - len(whole),
-        why=next(filter(None, whys), ""),
+        why=next(filter(None, reasons), ""),
     )
 
 

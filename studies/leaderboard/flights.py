@@ -35,7 +35,9 @@ def fly(flown: Scenario) -> dict[str, Any]:
     arrived = flight.arrival_tick >= 0
     times = ((flight.arrival_tick - mission.launches(flown)) * flown.dt).tolist()
     result["radio"] = {name: value for name, value in result["radio"].items() if name != "links"}
-    result["travel_s"] = [time if there else None for time, there in zip(times, arrived.tolist(), strict=True)]
+    result["travel_s"] = [
+        time if has_arrived else None for time, has_arrived in zip(times, arrived.tolist(), strict=True)
+    ]
     result["energy_J"] = np.where(arrived, flight.arrival_energy, flight.energy).tolist()
     if result["lost"] and not flown.faults:
         result[LOST] = _why(flown)

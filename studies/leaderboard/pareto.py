@@ -33,16 +33,16 @@ def draw(course: Course) -> Figure:
     """Both plots of a mission, side by side."""
     rows = [row for row in course.standings if drawn(row)]
     with plotstyle.style():
-        made = plotstyle.figure(plotstyle.PAGE_IN * 1.25, 5.2)
-        left, right = made.subplots(1, 2)
+        figure = plotstyle.figure(plotstyle.PAGE_IN * 1.25, 5.2)
+        left, right = figure.subplots(1, 2)
         _time_energy(left, course, rows)
         _bits_collisions(right, rows)
-        made.draw_without_rendering()
+        figure.draw_without_rendering()
         front = [np.column_stack([course.front_s, course.front_J])]
         for ax, keys, lines in ((left, ("time_s", "energy_J"), front), (right, ("kbit", "collisions_all"), [])):
             named = [Named(row.name, *_means(row, keys), _tone(row), row.yours) for row in rows]
             label(ax, named, [*lines, *(bar for row in rows for bar in _bars(row, keys))])
-    return made
+    return figure
 
 
 def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:

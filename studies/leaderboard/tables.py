@@ -130,9 +130,9 @@ def notes(course: Course) -> list[str]:
                 f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
     by_reason: dict[str, list[str]] = {}
-    for name, why in course.absent.items():
-        by_reason.setdefault(why, []).append(name)
-    return remarks + [f"not flown: {', '.join(names)} ({why})" for why, names in by_reason.items()]
+    for name, reason in course.absent.items():
+        by_reason.setdefault(reason, []).append(name)
+    return remarks + [f"not flown: {', '.join(names)} ({reason})" for reason, names in by_reason.items()]
 
 
 def settings(rows: Sequence[Standing]) -> list[list[str]]:

@@ -13,15 +13,15 @@ CAPTION = "Means; bold: significantly best of all rows. Intervals and all column
 
 def table(course: Course) -> Table:
     """The table of a mission."""
-    made = Table(title=course.title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    made.show_edge = False
-    made.title_justify = "left"
-    made.caption_justify = "left"
-    made.add_column("row", no_wrap=True)
-    made.add_column("n", justify="right", no_wrap=True)
+    result = Table(title=course.title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    result.show_edge = False
+    result.title_justify = "left"
+    result.caption_justify = "left"
+    result.add_column("row", no_wrap=True)
+    result.add_column("n", justify="right", no_wrap=True)
     shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
     for measure in map(BY_KEY.__getitem__, shown):
-        made.add_column(f"{measure.short}\n({measure.unit})", justify="right", no_wrap=True)
+        result.add_column(f"{measure.short}\n({measure.unit})", justify="right", no_wrap=True)
     for row in course.standings:
         flown = max((cell.n for cell in row.cells.values()), default=0)
         cells = [
@@ -30,5 +30,5 @@ def table(course: Course) -> Table:
             )
             for key in shown
         ]
-        made.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
-    return made
+        result.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
+    return result
