@@ -1,8 +1,8 @@
 """Certificates of a swarm: an authority and a certificate for every node, made with the library `cryptography`.
 
-DIR/ca.pem, ca.key; world, leader, station and agent-0 … agent-(N-1), each as .pem and .key. The common name is the
-node's name, which the router's access-control list uses. Only the world's certificate is valid for a server, and the
-others are valid for clients only, so a node cannot impersonate the world.
+DIR/ca.pem, ca.key; world, leader, station, observer and agent-0 … agent-(N-1), each as .pem and .key. The common name
+is the node's name, which the router's access-control list uses. Only the world's certificate is valid for a server,
+and the others are valid for clients only, so a node cannot impersonate the world.
 """
 
 import ipaddress
@@ -24,7 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, STATION, WORLD, Identity
+from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, WORLD, Identity
 
 HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # names of the world: this machine, or its container
 DAYS = 90
@@ -46,7 +46,7 @@ class Problem:
 
 
 def names(uavs: int, uavs_per_process: int = 1) -> list[str]:
-    """Names of all nodes that need a certificate."""
+    """Names of all nodes that need a certificate; a flight needs no observer."""
     return [WORLD, LEADER, STATION, *(keys.requested_name("agent", uav) for uav in range(0, uavs, uavs_per_process))]
 
 
@@ -69,7 +69,7 @@ def init(folder: Path, uavs: int, days: int = DAYS, hosts: Sequence[str] = ()) -
         folder.chmod(0o700)
         authority = Authority(f"meanflock {os.urandom(4).hex()}", days)
         written = authority.write(folder)
-        for name in names(uavs):
+        for name in (*names(uavs), OBSERVER):
             issued = authority.issue(folder, name, days, (*HOSTS, *hosts) if name == WORLD else ())
             if os.getuid() == 0:  # so that containers need not run as root; others cannot enter the folder
                 _give(issued, IMAGE_USER)

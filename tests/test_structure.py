@@ -47,7 +47,8 @@ WITHIN = {  # of the other folders of groundstation; what lies beside them may b
     "plots": {"results"},
     "export": {"results"},
     "launch": {"results", "recording"},
-    "cli": {"results", "recording", "plots", "export", "launch"},
+    "bridge": {"results", "launch"},
+    "cli": {"results", "recording", "plots", "export", "bridge", "launch"},
 }
 
 
@@ -108,6 +109,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
             ("foxglove_schemas_protobuf", "google", "mcap", "mcap_protobuf", "rosbags"),
             tuple(f"groundstation/export/{name}.py" for name in ("columns", "foxglove", "rosbag")),
         ),
+        (("pymavlink",), ("swarm/wire/mavlink.py",)),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),
         (("gymnasium", "pettingzoo"), ("meanflock/env/",)),

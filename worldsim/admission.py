@@ -11,7 +11,7 @@ from meanflock.federation.post import Note
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import STATION
+from meanflock.swarm.net.access import OBSERVER, STATION
 from meanflock.swarm.net.bus import Bus, Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
@@ -276,14 +276,15 @@ class Admission:
             raise MessageRejected("wrong-kind", f"{type(join).__name__} as a question")
         if keys.node_of(delivery.key) != (expected := keys.requested_name(join.role, join.uav)):
             raise MessageRejected("wrong-name", f"a Join of {expected}")
-        if self.closed and join.role != STATION:  # a station may still get the telemetry that waits
+        listens = join.role in (STATION, OBSERVER)
+        if self.closed and not listens:  # a station may still get the telemetry that waits
             delivery.reply(control.encode(Refusal("the flight is over", over=True)))
             return
-        name = STATION
+        name = join.role
         uavs = np.zeros(0, dtype=np.intp)
         if join.role == STATION:
             self._outbox.rewind()
-        else:
+        elif not listens:
             try:
                 member = self.members.admit(join, self._clock())
             except JoinRefused as error:
@@ -300,7 +301,7 @@ class Admission:
                     node=name,
                     uavs=tuple(uavs.tolist()),
                     tick=self._flight.tick,
-                    scenario=scenario.encode(self._scenario if name == STATION else resolved(self._scenario.known())),
+                    scenario=scenario.encode(self._scenario if listens else resolved(self._scenario.known())),
                     initial_states=self._plan,
                     memory=b"" if past is None else past.memory(uavs),
                     plugins=self._plugins,

@@ -98,7 +98,7 @@ class Quotas:
     def _quota(self, key: str) -> Quota:
         if key == keys.received(self._run):
             return Quota(key, RECEIVED_BYTES)
-        if key == keys.telemetry(self._run):
+        if key in (keys.telemetry(self._run), keys.observed(self._run)):
             return Quota(key, 0)
         try:
             name = keys.node_of(key).partition(".")[0]  # nodes that succeed each other in a place share its quota

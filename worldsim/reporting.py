@@ -42,7 +42,7 @@ _STATE = int(FrameKind.STATE)  # comparing with the member of the enumeration co
 class Outbox:
     """Encoded blocks on their way to a ground station.
 
-    enabled: whether a station may ever listen; if not, nothing is encoded.
+    enabled: whether a station may ever listen; if not, nothing is added.
     dropped: blocks given up because too many waited.
     """
 
@@ -54,10 +54,8 @@ class Outbox:
         self._bytes = 0
         self._sent_up_to = -1
 
-    def add(self, block: Telemetry | Finished) -> None:
-        """Keep a block until it is acknowledged; drop the oldest ones beyond the limit."""
-        if not self.enabled:
-            return
+    def add(self, block: Telemetry | Finished) -> bytes:
+        """Keep a block until it is acknowledged; drop the oldest ones beyond the limit. Returns its bytes."""
         raw = control.encode(block)
         if isinstance(block, Telemetry) and block.checkpoint:
             self._checkpoint = block.block
@@ -66,6 +64,7 @@ class Outbox:
         while self._bytes > MAX_WAITING_BYTES:
             self._bytes -= len(self._waiting.popleft()[1])
             self.dropped += 1
+        return raw
 
     def acknowledge(self, block: int) -> None:
         """Forget every block up to this one: the station has them."""
@@ -242,7 +241,7 @@ class Reporter:
             self._parts = deque(checkpoint)
         n = self._filled
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
-        self.outbox.add(
+        self._send(
             Telemetry(
                 run=self._fingerprint,
                 block=self.block,
@@ -280,8 +279,13 @@ class Reporter:
         self._parts.clear()
         self.flush()
         finished = Finished(self._fingerprint, self.block, msgspec.json.encode(record))
-        self.outbox.add(finished)
+        self._send(finished)
         return finished
+
+    def _send(self, block: Telemetry | Finished) -> None:
+        """Keep a block for the stations, and tell the observers, who get it once."""
+        if self.outbox.enabled:
+            self._bus.tell(keys.observed(self._run), self.outbox.add(block))
 
     def repeat(self, finished: Finished) -> None:
         """Send the summary again, ahead of all unacknowledged blocks."""

@@ -76,8 +76,8 @@ def certs_group() -> None:
 def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> None:
     """Make a certificate for every node, in the new folder DIR.
 
-    That is a certificate authority, and one certificate each for the world, the leader, the ground station and N
-    agents. What TLS protects: docs/security.md.
+    That is a certificate authority, and one certificate each for the world, the leader, the ground station, an
+    observer and N agents. What TLS protects: docs/security.md.
 
     \b
     Example: meanflock certs init out/certs --uavs 4

@@ -15,6 +15,7 @@ from meanflock.swarm.net import keys
 WORLD = "world"
 LEADER = "leader"
 STATION = "station"
+OBSERVER = "observer"
 
 Rule = tuple[str, list[str], list[str]]  # direction as the router sees it, messages, keys
 
@@ -81,7 +82,7 @@ def only_agent(folder: Path) -> int:
 
 def rules(run: str, uavs: int, uavs_per_process: int) -> dict[str, Any]:
     """Zenoh's `access_control` for a run: each agent, the leader and the station may use their own keys only."""
-    rules_of_node = {LEADER: _node(run, LEADER, LEADER), STATION: _station(run)}
+    rules_of_node = {LEADER: _node(run, LEADER, LEADER), STATION: _station(run), OBSERVER: _observer(run)}
     for uav in range(0, uavs, uavs_per_process):
         name = keys.requested_name("agent", uav)
         rules_of_node[name] = _node(run, "agent", name)
@@ -124,16 +125,33 @@ def _station(run: str) -> list[Rule]:
     ]
 
 
+def _observer(run: str) -> list[Rule]:
+    """Rules of an observer: it may find the flight, ask what is flown, and read. It may put nothing."""
+    return [
+        *_asking(run, OBSERVER),
+        ("ingress", ["liveliness_query", "declare_liveliness_subscriber"], [keys.alive("*", WORLD, WORLD)]),
+        ("egress", ["liveliness_token"], [keys.alive(run, WORLD, WORLD)]),
+        ("ingress", ["declare_subscriber"], [keys.observed(run)]),
+        ("egress", ["put"], [keys.observed(run)]),
+    ]
+
+
 def _member(run: str, role: str, name: str) -> list[Rule]:
     """Rules of every node: it may ask to join and be alive under its own name, and watch the world's token."""
     world = keys.alive(run, WORLD, WORLD)
     return [
-        ("ingress", ["query"], [keys.join(run, name)]),
-        ("egress", ["reply"], [keys.join(run, name)]),
-        ("egress", ["declare_queryable"], [keys.join(run)]),
+        *_asking(run, name),
         ("ingress", ["liveliness_token"], [keys.alive(run, role, life) for life in _lives(name)]),
         ("ingress", ["liveliness_query", "declare_liveliness_subscriber"], [world]),
         ("egress", ["liveliness_token"], [world]),
+    ]
+
+
+def _asking(run: str, name: str) -> list[Rule]:
+    return [
+        ("ingress", ["query"], [keys.join(run, name)]),
+        ("egress", ["reply"], [keys.join(run, name)]),
+        ("egress", ["declare_queryable"], [keys.join(run)]),
     ]
 
 

@@ -47,6 +47,9 @@ class Bus(Protocol):
     def put(self, key: str, payload: bytes) -> None:
         """Sends `payload` to every subscriber of `key`."""
 
+    def tell(self, key: str, payload: bytes) -> None:
+        """Sends `payload` to those subscribers of `key` that can take it at once; never waits for one."""
+
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
         """From now on, messages under `key` (`*` stands for one part) are received.
 
@@ -109,6 +112,9 @@ class MemoryBus:
         for bus, offer in self._route(key):
             if offer is None or not offer(key, payload):
                 bus._deliver(Delivery("message", key, payload))
+
+    def tell(self, key: str, payload: bytes) -> None:
+        self.put(key, payload)
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
         self._subscriptions[key] = offer

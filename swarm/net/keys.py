@@ -56,6 +56,11 @@ def telemetry(run: str) -> str:
     return f"{ROOT}/{run}/telemetry"
 
 
+def observed(run: str) -> str:
+    """Key of the telemetry that need not be acknowledged: world → observers."""
+    return f"{ROOT}/{run}/observed"
+
+
 def received(run: str) -> str:
     """Key of acknowledgements: recording listener → world."""
     return f"{ROOT}/{run}/received"

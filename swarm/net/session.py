@@ -229,16 +229,16 @@ class ZenohBus:
             raise BusError(f"{error}; the world is not there{refuses}: start it, or wait longer (--wait)") from error
 
     def put(self, key: str, payload: bytes) -> None:
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            publisher = self._session.declare_publisher(
-                key,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                reliability=zenoh.Reliability.RELIABLE,
-                express=True,
-            )
-            self._publishers[key] = publisher
-        publisher.put(payload)
+        (self._publishers.get(key) or self._publisher(key, zenoh.CongestionControl.BLOCK)).put(payload)
+
+    def tell(self, key: str, payload: bytes) -> None:
+        (self._publishers.get(key) or self._publisher(key, zenoh.CongestionControl.DROP)).put(payload)
+
+    def _publisher(self, key: str, congestion: zenoh.CongestionControl) -> zenoh.Publisher:
+        self._publishers[key] = self._session.declare_publisher(
+            key, congestion_control=congestion, reliability=zenoh.Reliability.RELIABLE, express=True
+        )
+        return self._publishers[key]
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
         only = None if "*" in key else key

@@ -99,6 +99,7 @@ HEAVY = {"numpy", "msgspec", "rich", "pyarrow", "psutil", "matplotlib", "zenoh",
         ("run mine/", {"mine/"}),  # by the shell: a file
         ("show r", {"runs/b", "runs/a"}),
         ("diff runs/a runs/b", {"runs/b"}),
+        ("bridge mavlink runs", {"runs/b", "runs/a"}),
         ("new veh", {"vehicle"}),
         ("run --realtime -1 --tl", {"--tls"}),
     ],

@@ -108,6 +108,7 @@ def everything(path: Path) -> str:
         ("meanflock", ["compare", "mfg", "--uavs=2"], "matplotlib", "'meanflock[ground]'"),
         ("meanflock", ["export", "run", "--mcap=r"], "mcap", "'meanflock[export]'"),
         ("meanflock", ["export", "run", "--rosbag=r"], "rosbags", "'meanflock[export]'"),
+        ("meanflock", ["bridge", "mavlink", "run"], "pymavlink", "'meanflock[mavlink]'"),
         ("meanflock.agent", ["--run", "bare"], "numpy", "meanflock"),
         ("meanflock.leader", ["--run", "bare"], "msgspec", "meanflock"),
         ("meanflock.worldsim", ["--run", "bare"], "msgpack", "'meanflock[world]'"),

@@ -19,7 +19,7 @@ from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, WORLD, Identity
+from meanflock.swarm.net.access import LEADER, OBSERVER, WORLD, Identity
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.net.session import ZenohBus
@@ -52,7 +52,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     made = Folders(*(tmp_path_factory.mktemp(name) for name in ("good", "foreign", "expired", "stranger")))
     for folder in (made.good, made.foreign, made.expired, made.stranger):
         authority.write(folder)  # the attacker, too, believes the world's certificate
-    for name in names(UAVS):
+    for name in (*names(UAVS), OBSERVER):
         authority.issue(made.good, name, hosts=HOSTS if name == WORLD else ())
     Authority("another").issue(made.foreign, "agent-3")
     authority.issue(made.expired, "agent-3", days=-1)

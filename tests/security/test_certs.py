@@ -24,7 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> None:
-    wanted = ["ca", "world", "leader", "station", "agent-0", "agent-1", "agent-2"]
+    wanted = ["ca", "world", "leader", "station", "observer", "agent-0", "agent-1", "agent-2"]
     files = {f"{name}.{kind}" for name in wanted for kind in ("pem", "key")}
     assert {path.name for path in made.iterdir()} == {*files, certs.COMPOSE}
     assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*.key")} == {0o600}

@@ -10,7 +10,7 @@ their slots. So UAVs of a formation that only shrinks never meet.
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -73,6 +73,7 @@ class Trajectory:
 
     Attributes:
         starts, slots: (N, 2) m, the ends of the trajectories. A UAV departs when it leaves the ground.
+        at: a tick → states (N, 4) and accelerations (N, 2), m/s², in that tick.
     """
 
     def __init__(self, scenario: Scenario, plan: state.States, cruise_m_s: float = CRUISE_M_S) -> None:
@@ -88,18 +89,16 @@ class Trajectory:
             common[rows] = math.fsum(common[rows]) / len(rows)
         self._profile = Trapezoid(common, cruise_m_s)
         self._way = way / np.where(common > 0.0, common, 1.0)[:, None]
-        self._tick = -1
-        self._now: tuple[state.States, Floats] = np.zeros((0, state.SIZE)), np.zeros((0, state.AXES))  # of that tick
+        self.at = lru_cache(maxsize=2)(self._at)  # a controller asks several times for this tick and the one before
 
-    def at(self, tick: int) -> tuple[state.States, Floats]:
-        """States (N, 4) and accelerations (N, 2), m/s², in a tick. Read-only: all who ask in a tick get the same."""
-        if tick != self._tick:
-            covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
-            states = np.concatenate([self.starts + covered[:, None] * self._way, speed[:, None] * self._way], axis=-1)
-            acceleration = change[:, None] * self._way
-            states.flags.writeable = acceleration.flags.writeable = False
-            self._tick, self._now = tick, (states, acceleration)
-        return self._now
+    def _at(self, tick: int) -> tuple[state.States, Floats]:
+        """States (N, 4) and accelerations (N, 2), m/s², in a tick; read-only."""
+        covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
+        states = np.concatenate([self.starts + covered[:, None] * self._way, speed[:, None] * self._way], axis=-1)
+        acceleration = change[:, None] * self._way
+        states.flags.writeable = False
+        acceleration.flags.writeable = False
+        return states, acceleration
 
     def states(self, tick: int) -> state.States:
         """States (N, 4) in a tick."""

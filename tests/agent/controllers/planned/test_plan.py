@@ -48,8 +48,8 @@ def test_all_uavs_arrive_together_and_keep_apart(uavs: int) -> None:
     apart[:, np.arange(uavs), np.arange(uavs)] = np.inf
     ends = min(apart[0].min(), apart[-1].min())
     assert uavs == 1 or apart.min() >= ends - 1e-9
-    _, velocity, change = trajectory.at(200)
-    assert np.hypot(*velocity.T) == pytest.approx(CRUISE_M_S, rel=0.05)
+    states, change = trajectory.at(200)
+    assert np.hypot(*states[:, 2:].T) == pytest.approx(CRUISE_M_S, rel=0.05)
     assert (change == 0.0).all()
 
 
