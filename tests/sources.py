@@ -1,7 +1,6 @@
 """The modules of the project, as text and as trees."""
 
 import ast
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -86,26 +85,3 @@ def dotted(node: ast.AST) -> str:
     if isinstance(node, ast.Attribute):
         return f"{dotted(node.value)}.{node.attr}"
     return node.id if isinstance(node, ast.Name) else ""
-
-
-def documentable(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]:
-    """Public functions and classes, and public methods of those classes."""
-    for node in body:
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and node.name[0] != "_":
-            yield node
-            if isinstance(node, ast.ClassDef):
-                yield from documentable(node.body)
-
-
-@cache
-def promised() -> set[str]:
-    """Methods a Protocol, or the base class of a kind of plug-in, documents once for all who keep its promise."""
-    return {
-        method.name
-        for path in MODULES
-        for promise in nodes(path)
-        if isinstance(promise, ast.ClassDef)
-        and (path.name == "base.py" or any(dotted(base) == "Protocol" for base in promise.bases))
-        for method in documentable(promise.body)
-        if ast.get_docstring(method)
-    }

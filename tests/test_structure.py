@@ -13,14 +13,12 @@ from tests.sources import (
     ROOMS,
     ROOT,
     TESTS,
-    documentable,
     dotted,
     imported,
     module_of,
     name_of,
     needed,
     nodes,
-    promised,
     room_of,
     text,
     tree,
@@ -184,14 +182,3 @@ def test_one_file_makes_the_random_generators_of_a_flight() -> None:
         if isinstance(node, ast.Call) and dotted(node.func).endswith("default_rng")
     }
     assert makers == {"swarm/seeds.py"}
-
-
-def test_every_public_name_has_a_docstring() -> None:
-    for path in MODULES:
-        assert ast.get_docstring(tree(path)), f"{name_of(path)} has no docstring"
-        silent = [
-            f"{name_of(path)}:{node.lineno} {node.name}"
-            for node in documentable(tree(path).body)
-            if not ast.get_docstring(node) and node.name not in promised()
-        ]
-        assert not silent

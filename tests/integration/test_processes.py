@@ -100,3 +100,14 @@ def test_agents_forked_by_hand_end_with_the_process_that_forked_them(spawn: Spaw
     until(lambda: len(processes_of("three-of-one")) == 2, "all agents gone")
     world.terminate()
     world.communicate(timeout=DEADLINE_S)
+
+
+def test_processes_keep_to_real_time(command: Command) -> None:
+    paced = command.summary_of_a_process(*SHORT, "--no-record", "--realtime=15")
+    assert 2.0 <= paced["wall_time_s"] < DEADLINE_S  # 30 s, 15 times faster; a busy machine may be late
+    assert paced["real_time_factor"] == pytest.approx(30.0 / paced["wall_time_s"])
+    kept, jitter = paced["realtime"], paced["realtime"]["tick_start_jitter_ms"]
+    assert (kept["factor"], paced["lost"]) == (15.0, 0)
+    assert 0 <= kept["deadline_misses"] <= min(300, paced["held_commands"])
+    assert 0.0 <= jitter["mean"] <= jitter["max"] < 1e3 * DEADLINE_S
+    assert 0.0 < jitter["p99"] <= jitter["max"]
