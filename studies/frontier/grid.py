@@ -186,7 +186,7 @@ class Grid:
             error=chance_of_error(len(names)),
             policies=recorded,
             reached=[_reached(plan, search.reached(plan), search) for plan in self.plans],
-            best=max(tried, key=lambda policy: sum(policy.search.free[:survey])).name,
+            best=max(tried, key=lambda policy: (sum(policy.search.free[:survey]), len(policy.search.free))).name,
             why=why,
         )
 

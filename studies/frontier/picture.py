@@ -72,8 +72,9 @@ def _axes(ax: Axes, cells: Sequence[Cell]) -> None:
     losses = sorted({100.0 * cell.outage for cell in cells})
     ax.set_xticks(losses, [f"{loss:g}" for loss in losses])
     ax.set_xlim(min(losses) - 4.0, max(losses) + 4.0)
-    kbit = [one.kbit for cell in cells for one in cell.reached if one is not None]
-    kbit += [value for cell in cells for policy in cell.policies for value in policy.search.kbit if value > 0]
+    kbit = [one.kbit for cell in cells for one in cell.reached if one is not None and one.kbit > 0]
+    if not kbit:  # the range of what was flown
+        kbit = [value for cell in cells for policy in cell.policies for value in policy.search.kbit if value > 0]
     crosses = 3.0 if any(one is None for cell in cells for one in cell.reached) else 1.0
     ax.set_yscale("log")
     ax.set_ylim(min(kbit, default=1.0) / _ROOM, max(kbit, default=10.0) * _ROOM * crosses)
