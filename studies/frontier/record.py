@@ -52,7 +52,7 @@ FIELDS = (  # of `frontier.json`: a cell is a controller in a mission with a num
     Field("cells.reached.kbit", "kbit", "mean payload of the confirmation"),
     Field("cells.reached.kbit_low", "kbit", "lower end of its 95 % interval"),
     Field("cells.reached.kbit_high", "kbit", "upper end of its 95 % interval"),
-    Field("cells.best", "", "policy with the best share in the survey; of equals the one that flew most, then the cheapest"),
+    Field("cells.best", "", "policy with the best share in the survey; of equals the one that flew most"),
     Field("cells.why", "", "reason of the first flight that failed"),
 )
 
