@@ -13,7 +13,7 @@ from meanflock.groundstation.plots import plotstyle
 from meanflock.studies.frontier.record import Cell, Record
 
 _PANEL_IN = 3.0
-_ROOM = 1.6  # factor above and below the bits
+_ROOM = 2.3  # factor above and below the bits: two of 1, 2, 5, 10, … lie within its square
 _NEVER = 0.93  # height of the marks of a target that was never reached, of the panel
 _LEADS = (1.0, 2.0, 5.0)
 

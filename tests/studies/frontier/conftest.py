@@ -32,11 +32,13 @@ def ruled(monkeypatch: pytest.MonkeyPatch) -> list[Scenario]:
     sent twice fails, too, and `plan` always does. Returns the scenarios that were asked for.
     """
     asked: list[Scenario] = []
-    monkeypatch.setattr(flights, "fly", _following(asked))
+    monkeypatch.setattr(flights, "fly", following(asked))
     return asked
 
 
-def _following(asked: list[Scenario]) -> Callable[[Scenario], dict[str, Any]]:
+def following(asked: list[Scenario]) -> Callable[[Scenario], dict[str, Any]]:
+    """The rule of `ruled`, which appends each scenario to `asked`."""
+
     def fly(flown: Scenario) -> dict[str, Any]:
         asked.append(flown)
         rule = flown.sharing.rule
