@@ -1,6 +1,5 @@
 """`mf.Stepped`: the caller commands each tick, and the flight is that of `mf.fly`."""
 
-import gc
 import warnings
 from pathlib import Path
 from typing import Any
@@ -126,14 +125,3 @@ def test_a_flight_ended_early_is_a_run_with_a_folder(tmp_path: Path) -> None:
     assert run.folder is not None
     np.testing.assert_array_equal(mf.open(run.folder).states, run.states)
     assert len(run.states) == 111
-
-
-def test_abandoned_flights_leave_nothing_behind() -> None:
-    def flights() -> int:
-        gc.collect()
-        return sum(isinstance(thing, mf.Stepped) for thing in gc.get_objects())
-
-    before = flights()
-    for _ in range(3):
-        mf.Stepped(**SMALL).step(np.zeros((4, 2)))
-    assert flights() == before

@@ -14,7 +14,7 @@ from meanflock.groundstation.plots import comparison, plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from meanflock.swarm.scenario import load
-from tests.groundstation.axes import every_axis
+from tests.groundstation.conftest import every_axis
 
 
 @pytest.fixture(scope="module")

@@ -96,7 +96,7 @@ def command(tmp_path: Path, spawn: Spawn) -> Command:
     return Command(tmp_path / "runs", spawn)
 
 
-SHORT = ("--uavs", "3", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
+WATCHED = ("--uavs", "3", "--seed", "7", "--duration", "30", "--set", "federation.period=40", "--no-record")
 ENDLESS = ("--duration", "100000", "--set", "stop=duration")
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "federation.period=40")
 

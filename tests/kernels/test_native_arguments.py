@@ -1,11 +1,16 @@
-"""Arguments of the compiled functions: a wrong one is refused before anything is written, at any alignment."""
+"""Compiled functions: an extension of other sources is refused, and wrong arguments before anything is written."""
 
+import importlib
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from meanflock import kernels
 from meanflock.agent.controllers.mean_field.learner import tables
+from meanflock.kernels import sources
 from meanflock.kernels.mean_field.layout import packed
 from meanflock.swarm.scenario import load
 
@@ -113,3 +118,18 @@ def test_an_array_may_begin_at_any_byte(function: str) -> None:
     assert getattr(native, function)(*odd.values()) == getattr(native, function)(*aligned.values())
     for name, value in aligned.items():
         np.testing.assert_array_equal(odd[name], value)
+
+
+def test_an_extension_of_other_sources_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An update brings new sources, and the extension of the old ones is still there."""
+    if kernels.BACKEND != "compiled":
+        pytest.skip("nothing is compiled here")
+    compiled = importlib.import_module("meanflock.kernels.compiled")
+    assert sources.checksum() == compiled.SOURCES
+    copy = shutil.copytree(sources.HERE, tmp_path / "kernels")
+    monkeypatch.setattr(sources, "HERE", copy)
+    importlib.reload(compiled)  # where they are does not matter
+    with (copy / "all_pairs.c").open("a") as file:
+        file.write("/* changed */\n")
+    with pytest.raises(ImportError, match="other sources"):
+        importlib.reload(compiled)

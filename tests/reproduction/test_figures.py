@@ -14,7 +14,7 @@ from reproduction import figures, report
 from reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
 from reproduction.tables import Results, View
 from reproduction.verdict import evaluate
-from tests.groundstation.axes import every_axis
+from tests.groundstation.conftest import every_axis
 from tests.reproduction.synthetic import map_rows, results, row
 
 METRICS = ("energy_mean_J", "t_avg_censored_s", "phi_A_tavg", "phi_C_tavg")

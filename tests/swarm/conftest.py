@@ -1,14 +1,40 @@
-"""What tests of `swarm` share."""
+"""What tests of `swarm` share: networks, and the forms of the reader and the writer of a tick's messages."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import pytest
 
 from meanflock import kernels
 from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.kernels import reference, wire
 from meanflock.swarm.net.bus import Bus, MemoryNetwork
 from meanflock.swarm.net.session import ZenohBus
-from tests.swarm.backends import BACKENDS, Backend
+
+
+class Backend(NamedTuple):
+    """`read` and `write` of one form."""
+
+    read: Callable[..., wire.Message]
+    write: Callable[..., bytes]
+
+
+REFERENCE = Backend(wire.read, wire.write)
+BACKENDS: dict[str, Backend] = {"NumPy": Backend(reference.read, reference.write)}
+with suppress(ImportError):  # where there was no C compiler
+    from meanflock.kernels import compiled
+
+    BACKENDS["compiled"] = Backend(compiled.read, compiled.write)
+
+
+def outcome(call: Callable[..., Any], *given: Any) -> Any:
+    """What a call returns, or the reason with which it rejects what it was given."""
+    try:
+        return call(*given)
+    except ValueError as error:
+        return str(error).partition(":")[0]
+
 
 Open = Callable[[], Bus]
 

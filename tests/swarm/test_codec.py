@@ -15,7 +15,7 @@ from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
-from tests.swarm.backends import Backend
+from tests.swarm.conftest import Backend
 from tests.swarm.examples import DTYPES, EXAMPLES, GOLDEN, TYPES, arrays_in, read, same, written
 from tests.swarm.ticks import QUICK, acts, as_documented, batches, senses
 

@@ -1,7 +1,7 @@
 """Hostile bytes: every reader accepts messages and rejects all else with a reason, in both forms of the kernels."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgpack
@@ -15,10 +15,31 @@ from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Ready, Sense, Welcome
-from tests.swarm.backends import BACKENDS, REFERENCE, Backend, outcome
-from tests.swarm.damage import damaged
+from tests.swarm.conftest import BACKENDS, REFERENCE, Backend, outcome
 from tests.swarm.examples import DTYPES, EXAMPLES, OF_A_TICK, RAW, TYPES, arrays_in, read, same, written
 from tests.swarm.ticks import QUICK, as_documented
+
+
+@st.composite
+def damaged(draw: st.DrawFn, honest: Sequence[bytes]) -> bytes:
+    """An honest message, hurt in up to four places: bytes changed, cut out, put in, cut off, spliced with another."""
+    raw = bytearray(draw(st.sampled_from(honest)))
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, min(len(raw), 400)) | st.integers(0, len(raw)))
+        how = draw(st.sampled_from(["change", "change", "change", "cut", "insert", "truncate", "splice"]))
+        if how == "change" and at < len(raw):
+            raw[at] = draw(st.integers(0, 255))
+        elif how == "cut":
+            del raw[at : at + draw(st.integers(1, 9))]
+        elif how == "insert":
+            raw[at:at] = draw(st.binary(min_size=1, max_size=9))
+        elif how == "truncate":
+            del raw[at:]
+        elif how == "splice":
+            other = draw(st.sampled_from(honest))
+            raw[at:] = other[draw(st.integers(0, min(len(other), 400))) :]
+    return bytes(raw)
+
 
 pytestmark = pytest.mark.usefixtures("backend")
 
