@@ -28,9 +28,9 @@ help: ## List the targets
 run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and world (ARGS="--method mfg --uavs 50")
 	@$(BIN)/meanflock run $(ARGS)
 
-# What starts whole swarms comes last (tests/conftest.py), so that its deadlines do not compete with the unit tests for
-# the cores; half of the time it waits, so three go at once, also on two cores. What shares a swarm, or something dear,
-# is a group: all on one worker.
+# Tests that start whole swarms come last (tests/conftest.py), so that their deadlines do not compete with unit tests for
+# the cores; half of the time they wait, so three go at once, also on two cores. Tests that share a swarm, or something
+# dear, are a group: all on one worker.
 # Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
 test: $(VENV)/.dev ## Run all tests but those of the containers and the judges (ARGS="-k rician")
 	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges $(ARGS)

@@ -87,9 +87,22 @@ def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
         raise
 
 
+def _order(item: pytest.Item) -> tuple[int, int]:
+    """Sorting key of the tests: the longer a group takes, the earlier it begins, so that no worker is left with it.
+
+    Packages are installed first: that waits for disks and network while other workers compute. Tests that start
+    processes come last, and the long ones first among them: groups, the soak, whole pages.
+    """
+    group = item.get_closest_marker("xdist_group")
+    if group is not None and group.args[0] == "packaging":
+        return 0, 0
+    if item.get_closest_marker("processes") is None:
+        return 1, len(item.path.parts)
+    return (2 if group is not None else 3), len(item.path.parts)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests that start processes come last, and the long trials of whole pages first among them."""
-    items.sort(key=lambda item: (item.get_closest_marker("processes") is not None, len(item.path.parts)))
+    items.sort(key=_order)
     for item in items:
         if item.get_closest_marker("processes") is not None:
             item.add_marker(AGAIN)

@@ -54,6 +54,7 @@ def shown_at(page: str) -> str:
 
 
 @pytest.mark.processes
+@pytest.mark.xdist_group("browser")
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> None:
     recorder = Recorder(Scenario(uavs=4), "test", tmp_path / "recording.rrd", serve=("127.0.0.1", 0))
