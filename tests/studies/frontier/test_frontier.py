@@ -104,6 +104,18 @@ def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, r
     assert records[0] == records[1]
 
 
+@pytest.mark.processes
+@pytest.mark.usefixtures("undrawn", "environment")
+def test_a_dask_cluster_flies_the_same_frontier(run, tmp_path, near) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed")
+    flags = ("frontier", "--missions", near, "--controllers", "orca", "--uavs", "2", "--outages", "30", "--seeds", "3")
+    flags += ("--policies", "event", "--jobs", "1", "--quiet")
+    assert run(*flags, "--out", "here")[0] == EXIT_DONE
+    assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
+    here, there = ((tmp_path / folder / "frontier.json").read_bytes() for folder in ("here", "there"))
+    assert here == there
+
+
 def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, near, ruled, monkeypatch) -> None:
     monkeypatch.setattr(flights, "fly", lambda _: {flights.FAILED: "out of ideas"})
     flags = ("--missions", near, "--controllers", "plan", "straight", "--uavs", "2", "--outages", "3", "--seeds", "2")
