@@ -4,6 +4,7 @@ A test of processes that fails while the machine stands still for seconds is rep
 counts.
 """
 
+import gc
 import os
 import signal
 import threading
@@ -41,7 +42,11 @@ def _temporary(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 def pytest_configure() -> None:
-    """Processes that a shell starts in the background ignore Ctrl-C; those of the tests must not."""
+    """Processes that a shell starts in the background ignore Ctrl-C; those of the tests must not.
+
+    Collection makes half a million objects that stay: a third of its time would be a search for garbage among them.
+    """
+    gc.disable()
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -85,6 +90,11 @@ def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
         if (stood_s := _machine().total_s - before) > 0:
             raise MachineStoodStill(f"for {stood_s:.1f} s while this test ran, which failed") from error
         raise
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def _order(item: pytest.Item) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
-from meanflock.studies import communication, published, robustness
+from meanflock.studies import communication, published, robustness, runner
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.commands import printed
@@ -80,7 +80,9 @@ def test_every_controller_of_ours_is_described() -> None:
 @pytest.mark.processes
 @pytest.mark.parametrize("line", lines(CLI))
 def test_every_command_of_the_reference_works(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies fly in this process; that their flights are the same in a pool: tests/studies/test_runner.py."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(runner, "cores", lambda: 1)
     assert main(shlex.split(line)[1:]) == 0
 
 
