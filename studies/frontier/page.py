@@ -2,12 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
+from meanflock.groundstation import statistics
 from meanflock.studies.frontier import terminal
 from meanflock.studies.frontier.plan import Plan
 from meanflock.studies.frontier.policies import SILENT
-from meanflock.studies.frontier.record import Cell, Reached, Record
+from meanflock.studies.frontier.record import Cell, Flight, Reached, Record
 from meanflock.studies.frontier.search import ARRIVES, PILOT
 from meanflock.studies.markdown import table
 
@@ -73,15 +75,18 @@ def _cheapest(record: Record, mission: str, target: int) -> Iterator[str]:
             if not shown:
                 texts.append(f"none reaches it with {100 * loss:g} % lost")
                 continue
-            (row, least), *_, (last, most) = [*shown, *shown[-1:]]
-            text = f"{100 * loss:g} % lost: `{row}` {least.kbit:,.0f} kbit (`{least.policy}`)"
-            if last != row:
-                text += f", 1/{most.kbit / least.kbit:.1f} of `{last}`"
+            cell, *others = shown
+            least = cell.reached[target]
+            assert least is not None
+            text = f"{100 * loss:g} % lost: `{cell.row}` {least.kbit:,.0f} kbit (`{least.policy}`)"
+            if others:
+                ratio = statistics.ratio(_confirmed(record, cell, target), _confirmed(record, others[0], target))
+                text += f", {ratio.value:.2f} times `{others[0].row}` ({ratio.low:.2f}…{ratio.high:.2f})"
             texts.append(text)
         if texts:
             shown_by = f"the fewest bits that show {record.targets[target].name} free flights"
             yield (
-                f"**With {uavs} UAVs on `{mission}`, {shown_by}**, beside the dearest controller that reaches it: "
+                f"**With {uavs} UAVs on `{mission}`, {shown_by}**, beside the next controller by bits (95 % interval): "
                 f"{'; '.join(texts)}."
             )
 
@@ -201,12 +206,45 @@ def negative(record: Record) -> list[str]:
         results.append(f"A state every tick costs {_range(factors)} times the bits of the cheapest safe policy.")
     return [
         *results,
+        *_not_safer(record, sharing),
+        *_compared(record, sharing, "event-v", "event-r4"),
         "The bits are the fewest that these flights show, among these policies. A cheaper policy that was dropped "
         f"may be safe enough: a share of 99 % passes the plan for {last.name} with a probability of only "
         f"{100 * longest.acceptance(0.99):.0f} %.",
         "Constants of the controllers are those of the leaderboard, tuned on seeds 1 to 10 with one policy and the "
         "radio of each mission. None was tuned for a policy or an outage.",
     ]
+
+
+def _not_safer(record: Record, cells: Sequence[Cell]) -> Iterator[str]:
+    """How often the dearer one of two policies next to each other by bits had fewer free flights in the survey."""
+    falls = []
+    for cell in cells:
+        free = [sum(policy.search.free[: record.survey]) for policy in _surveyed(record, cell)]
+        falls += [second < first for first, second in pairwise(free)]
+    if falls:
+        yield (
+            f"More bits are not always safer: of {len(falls)} pairs of policies next to each other by their bits, the "
+            f"dearer one had fewer free flights among the first {record.survey} in {sum(falls)}."
+        )
+
+
+def _compared(record: Record, cells: Sequence[Cell], *names: str) -> Iterator[str]:
+    """Two policies in the cells in which both flew the survey: their free flights and their bits."""
+    both = [cell for cell in cells if {*names} <= {policy.name for policy in _surveyed(record, cell)}]
+    if not both:
+        return
+    texts = []
+    for name in names:
+        flown = [cell.policy(name).search for cell in both]
+        free = sum(sum(each.free[: record.survey]) for each in flown)
+        kbit = [value for each in flown for value in each.kbit[: record.survey]]
+        texts.append(f"`{name}` {free} of {len(kbit)} flights free at {sum(kbit) / len(kbit):,.0f} kbit")
+    yield f"What to send beside how often, in the {len(both)} cells where both flew the survey: {'; '.join(texts)}."
+
+
+def _surveyed(record: Record, cell: Cell) -> list[Flight]:
+    return [policy for policy in cell.policies if len(policy.search.free) >= record.survey]
 
 
 def _of_every_tick(cells: Sequence[Cell]) -> Iterator[float]:
@@ -258,11 +296,17 @@ def _picture(mission: str) -> str:
     return f"![{about}]({PICTURES}/{Path(mission).stem}.png)"
 
 
-def _shown(record: Record, mission: str, uavs: int, loss: float, target: int) -> list[tuple[str, Reached]]:
-    """Rows that share and reached a target, from the cheapest to the dearest."""
+def _shown(record: Record, mission: str, uavs: int, loss: float, target: int) -> list[Cell]:
+    """Cells of a loss whose controllers broadcast and reached a target, from the cheapest to the dearest."""
     cells = [cell for cell in record.of(mission, uavs) if cell.outage == loss and not _is_silent(cell)]
-    found = [(cell.row, one) for cell in cells if (one := cell.reached[target]) is not None]
-    return sorted(found, key=lambda each: each[1].kbit)
+    found = [(one.kbit, cell) for cell in cells if (one := cell.reached[target]) is not None]
+    return [cell for _, cell in sorted(found, key=lambda each: each[0])]
+
+
+def _confirmed(record: Record, cell: Cell, target: int) -> list[float]:
+    """Payloads of the flights that confirmed a target, kbit, in the order of their seeds."""
+    reached = cell.reached[target]
+    return [] if reached is None else cell.policy(reached.policy).confirmation.kbit[: record.targets[target].flights]
 
 
 def _same(cell: Cell, other: Cell) -> bool:
