@@ -61,7 +61,8 @@ class MessageRejected(MeanflockError):
     """Bytes from the network that are not a message of this run; `reason` is the name it is counted under.
 
     Reasons: `malformed`, `oversized`, `wrong-kind`, `wrong-shape`, `non-finite`, `wrong-run`, `stale`,
-    `duplicate`, `unknown-node`, `wrong-name`, `wrong-round`, `wrong-key`. The detail may quote what came: it is shown
+    `duplicate`, `unknown-node`, `wrong-name`, `wrong-round`, `wrong-key`; of MAVLink
+    also `unknown-system`, `wrong-frame`, `wrong-mask`. The detail may quote what came: it is shown
     as printable text.
     """
 

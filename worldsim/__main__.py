@@ -31,6 +31,7 @@ with needed("the world", "world"):
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
+    from meanflock.worldsim.steering import LOCKSTEP
     from meanflock.worldsim.summary import every_uav_was_lost, factor
     from meanflock.worldsim.world import World
 
@@ -50,6 +51,7 @@ def run() -> None:
     flag(options, "--barrier", "10", "how long a tick waits for a node", seconds("--barrier", 0.1), "SECONDS")
     flag(options, "--stations", "0", "ground stations that must listen before the first tick", int, "N")
     flag(options, "--realtime", "", "follow the wall clock, FACTOR times faster", metavar="FACTOR")
+    flag(options, "--steer", "", "with --realtime: let MAVLink clients steer UAVs, by UDP", metavar="[HOST:]PORT")
     flag(options, "--metrics", "", "serve metrics to Prometheus here; port 0: any free one", metavar="[HOST:]PORT")
     flag(options, "--uavs-per-process", "1", "with --tls: UAVs that each agent may fly", int, "M")
     flag(options, "--resume", "", "file from which to resume, written by `meanflock resume`", metavar="FILE")
@@ -64,6 +66,9 @@ def run() -> None:
     logs.start(given.log_format, run=given.run, node=WORLD)
     metrics = Address.parse("--metrics", given.metrics).free("--metrics") if given.metrics else None
     realtime = factor(given.realtime) if given.realtime else None
+    steer = Address.parse("--steer", given.steer) if given.steer else None
+    if steer is not None and realtime is None:
+        raise BadInput(LOCKSTEP)
     flown = scenario.load(Path(given.scenario) if given.scenario else None, given.set)
     rows = given.uavs_per_process
     if rows < 1:
@@ -86,6 +91,11 @@ def run() -> None:
     )
     with ExitStack() as stack:
         stack.callback(bus.close)
+        port = None
+        if steer is not None:
+            with needed("--steer", "mavlink"):
+                from meanflock.worldsim.steering_port import SteeringPort
+            port = stack.enter_context(SteeringPort(steer, flown.uavs, flown.dt))
         bus.announce(keys.alive(given.run, "world", "world"))
         world = World(
             flown,
@@ -94,6 +104,7 @@ def run() -> None:
             barrier_s=given.barrier,
             stations=given.stations,
             realtime=realtime,
+            steer=port,
             limits=limits,
             resume=Resumption.load(Path(given.resume)) if given.resume else None,
             rows_at_most=rows_at_most,

@@ -143,18 +143,25 @@ class Commands:
     Diagnostics are added up for a block of ticks at once, in the order of the ticks.
 
     Attributes:
-        accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
+        accelerations: (N, 2), m/s², of the controllers. The row of a UAV without a reply stays.
+        steered: (N, 2), m/s², what is flown in their place if a client steers; None if none can.
         diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
     """
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
+        self.steered: state.Plane | None = None
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
         self._largest: Floats = np.zeros(diagnostics)
         self._summed: Floats = np.zeros(diagnostics)
         self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
         self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
+
+    @property
+    def flown(self) -> state.Plane:
+        """(N, 2), m/s², the commands that the UAVs fly."""
+        return self.accelerations if self.steered is None else self.steered
 
     @property
     def largest(self) -> Floats:

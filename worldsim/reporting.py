@@ -204,7 +204,7 @@ class Reporter:
         k = self._filled
         columns = self._columns
         columns["states"][k] = flight.states
-        columns["accelerations"][k] = self._commands.accelerations
+        columns["accelerations"][k] = self._commands.flown
         columns["diagnostics"][k] = self._commands.diagnostics
         columns["status"][k] = flight.status
         *_, outages, _ = radio = meter.figures()

@@ -110,6 +110,7 @@ class Counters:
     Attributes:
         held: commands held over because they were late, in real time.
         deadline_misses: ticks with at least one such command.
+        steered: commands replaced by those of clients; one for each UAV and tick.
         nodes_lost: nodes lost in flight.
         nodes_rejoined: nodes that joined in flight, in the place of a lost one or as a standby.
         uploads_refused: models that a node did not average.
@@ -125,6 +126,7 @@ class Counters:
         self._refused = refused if refused is not None else Counter()
         self.held = 0
         self.deadline_misses = 0
+        self.steered = 0
         self.nodes_lost = 0
         self.nodes_rejoined = 0
         self.uploads_refused = 0
@@ -157,7 +159,7 @@ class Counters:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue with the counts of a snapshot."""
         for name, number in self._numbers().items():
-            setattr(self, name, type(number)(snapshot[name]))
+            setattr(self, name, type(number)(snapshot.get(name, 0)))
         self.spread = snapshot["spread"]
         self.drops = Counter(snapshot["drops"])
         self.implausible = set(snapshot["implausible"])
@@ -284,8 +286,12 @@ def protocol_summary(
     names: Sequence[str],
     schedule: Schedule | None,
     blocks_dropped: int,
+    *,
+    can_be_steered: bool = False,
 ) -> dict[str, Any]:
-    """Fields from the protocol. `names`: of the diagnostics. `schedule`: of a flight in real time."""
+    """Fields from the protocol. `names`: of the diagnostics. `schedule`: of a flight in real time.
+    `can_be_steered`: whether clients could.
+    """
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     return {
         "rounds": post.rounds,
@@ -311,6 +317,9 @@ def protocol_summary(
             "deadline_misses": counters.deadline_misses,
             "tick_start_jitter_ms": schedule.jitter_ms(),
         },
+        "steered": {"uav_ticks": counters.steered, "replayable": not counters.steered}
+        if can_be_steered or counters.steered
+        else None,
         "telemetry_blocks_dropped": blocks_dropped,
     }
 

@@ -11,7 +11,7 @@ from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
 from meanflock.federation.post import Post
 from meanflock.swarm import state
-from meanflock.swarm.errors import RunFailed
+from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.scenario import Scenario
@@ -24,6 +24,7 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.limits import Limits
 from meanflock.worldsim.members import LEADER, Member, Members
 from meanflock.worldsim.reporting import Reporter
+from meanflock.worldsim.steering import LOCKSTEP, Port, Steering
 from meanflock.worldsim.summary import Counters, Durations, Schedule, protocol_summary, summary
 from meanflock.worldsim.waiting import Pace, Waiting
 
@@ -62,6 +63,7 @@ class World:
         stations: int = 0,
         barrier_s: float = 10.0,
         realtime: float | None = None,
+        steer: Port | None = None,
         rows_at_most: int | None = None,
         refused: Counter[str] | None = None,
         resume: Resumption | None = None,
@@ -80,6 +82,7 @@ class World:
             stations: ground stations that must listen before the first tick.
             barrier_s: how long a tick waits for a node before the node is lost.
             realtime: how many times faster than the wall clock ticks go; None: as fast as they can.
+            steer: where clients command UAVs in place of their controllers; only in real time.
             rows_at_most: most UAVs that an agent may hold; None: any number.
             refused: messages that the bus dropped, by reason.
             resume: the checkpoint to continue from; None: start at tick 0.
@@ -90,8 +93,10 @@ class World:
             clock: seconds, monotonic.
 
         Raises:
-            BadInput: the checkpoint belongs to another scenario, or is incomplete.
+            BadInput: the checkpoint belongs to another scenario, or is incomplete; or lockstep would be steered.
         """
+        if steer is not None and realtime is None:
+            raise BadInput(LOCKSTEP)
         self.run = run
         self.mode = mode
         self._scenario = scenario
@@ -162,6 +167,9 @@ class World:
         self.handle = self._admission.handle
         self.stop = self._admission.stop
         self.listeners = self._admission.listeners
+        self._steering = (
+            None if steer is None else Steering(steer, self.counters, self._note, self._admission.drop, clock)
+        )
         self._merger = FrameMerger(self.post, self._admission.drop)
         self._waiting = Waiting(
             self._barrier,
@@ -222,6 +230,8 @@ class World:
         self._started = self._clock()
         self._admission.flying = True
         self._leading = leader.name if (leader := self.members.lead()) is not None else None
+        if self._steering is not None:
+            self._steering.begin()
         if self._resumed is None:
             self._reporter.add(NO_LINKS)
 
@@ -240,7 +250,13 @@ class World:
         """
         record = summary(self.flight, self.air.meter, self.run, self.mode, self.wall_s())
         record |= protocol_summary(
-            self.counters, self.post, self._commands, self._declared.diagnostics, self._schedule, self.outbox.dropped
+            self.counters,
+            self.post,
+            self._commands,
+            self._declared.diagnostics,
+            self._schedule,
+            self.outbox.dropped,
+            can_be_steered=self._steering is not None,
         )
         record["models_sha256"] = self.models.hexdigest
         self._note("finished", f"{record['arrived']} of {self._scenario.uavs} arrived")
@@ -311,12 +327,16 @@ class World:
         links = self.air.send(tick, on_air, self.flight.states, self._script.cut(tick, self.flight.states))
         self.post.close(tick, frames, on_air, links, self._awake, self._has_leader, self._note)
         # 5. Move.
-        self.flight.advance(self._commands.accelerations, self._script.gust(tick, self.flight.states))
+        if self._steering is not None:
+            self._commands.steered = self._steering.replaced(self._commands.accelerations, self.flight.idle)
+        self.flight.advance(self._commands.flown, self._script.gust(tick, self.flight.states))
         # 6. Report.
         if self._reporting:
             self._report(tick)
         self._reporter.add(links)
         self._reporter.publish()
+        if self._steering is not None:
+            self._steering.tell(self.flight.tick, self.flight.states, self.flight.status)
 
     def _begin_faults(self, tick: int) -> None:
         """Kill and pause UAVs as the fault script says; sets the UAVs that are awake."""

@@ -57,6 +57,8 @@ def run(
     if view and not web:
         display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
     given["realtime"] = factor(realtime) if realtime is not None else None
+    if (where := given["steer"]) is not None:
+        given["steer"] = Address.parse("--steer", where)
     given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
     if web:
         _fly_in_a_browser(flown, as_json, **given)

@@ -49,6 +49,11 @@ class _Run(click.Command):
     metavar="[FACTOR]",
     help="Fly in real time, or FACTOR times faster; late commands are held.",
 )
+@click.option(
+    "--steer",
+    metavar="[HOST:]PORT",
+    help="With --realtime: let MAVLink clients steer UAVs, by UDP; port 0: any free one.",
+)
 @click.option("--faults", type=PATH, metavar="FILE", help="Inject the faults of this script (TOML).")
 @click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd for the Rerun viewer.")
 @click.option("--view", is_flag=True, help="Watch live in the Rerun viewer; needs a display.")

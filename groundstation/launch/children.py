@@ -19,7 +19,7 @@ from meanflock.swarm.process import CHILD, READY
 LAST_LINES = 8
 # Variables of processes that are started by hand. Here the launcher sets these options.
 _FLAGS = ("ENDPOINT", "RUN", "TLS", "WAIT", "SCENARIO", "SET", "STATIONS", "REALTIME", "METRICS", "UAVS_PER_PROCESS")
-_OURS = {f"MEANFLOCK_{flag}" for flag in (*_FLAGS, "RESUME", "ROWS", "UAV", "COUNT")} | {READY}
+_OURS = {f"MEANFLOCK_{flag}" for flag in (*_FLAGS, "STEER", "RESUME", "ROWS", "UAV", "COUNT")} | {READY}
 _ERROR = "error: "  # prefix of the last line of a process that fails
 _GONE_S = 5.0  # most time that a killed process group may take to end
 

@@ -17,6 +17,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import encode_record
 from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
+from meanflock.worldsim.steering import Port
 from meanflock.worldsim.world import World
 
 # Of a block of telemetry. Here the recorder runs within a tick, and each call has a cost. A small swarm flies so many
@@ -41,15 +42,16 @@ class Engine:
         uavs_per_node: int | None = None,
         sinks: Sequence[Sink] = (),
         realtime: float | None = None,
+        steer: Port | None = None,
         resume: Resumption | None = None,
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
         stepped: bool = False,
     ) -> None:
         """`uavs_per_node`: None for all in one node. `sinks` get the telemetry; without any, nothing is encoded or
-        stored. `resume`: the checkpoint to continue from. `leaders`: one and its standbys; None: as many as the fault
-        script needs. `memory`: arrays of N rows that replace the memory of `init`. `stepped`: one node of all UAVs,
-        commanded through `outside`; its scenario flies the controller `stepped`.
+        stored. `steer`: where clients steer UAVs. `resume`: the checkpoint to continue from. `leaders`: one and its
+        standbys; None: as many as the fault script needs. `memory`: arrays of N rows that replace the memory of `init`.
+        `stepped`: one node of all UAVs, commanded through `outside`; its scenario flies the controller `stepped`.
 
         Raises:
             BadInput: the checkpoint does not fit the scenario.
@@ -65,6 +67,7 @@ class Engine:
             run,
             mode="in-process",
             realtime=realtime,
+            steer=steer,
             resume=resume,
             checkpoint_every=_checkpoint_every(scenario, realtime) if sinks else 0,
             block_rows=_BLOCK_ROWS,

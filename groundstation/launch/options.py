@@ -19,6 +19,7 @@ class Options:
     in_process: bool = False
     uavs_per_process: int = 1
     realtime: float | None = None
+    steer: Address | None = None  # where MAVLink clients steer UAVs
     record: bool = True
     serve: tuple[str, int] | None = None  # where a live viewer connects
     endpoint: str | None = None

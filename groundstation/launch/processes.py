@@ -71,11 +71,14 @@ class Swarm(Family):
         rows: int = 1,
         resume: bytes | None = None,
         metrics: Address | None = None,
+        steer: Address | None = None,
     ) -> None:
-        """Start the world with a scenario as TOML. `resume`: encoded Resumption. `metrics`: address for Prometheus."""
+        """Start the world with a scenario as TOML. `resume`: encoded Resumption. `metrics`: address for Prometheus.
+        `steer`: address for MAVLink clients.
+        """
         path = self.folder / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
-        extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}"]
+        extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}", f"--steer={steer or ''}"]
         extra += ["--uavs-per-process", str(rows)] if self._tls is not None else []
         if resume is not None:
             target = path.with_name("resume.msgpack")

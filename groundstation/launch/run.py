@@ -12,11 +12,12 @@ from meanflock.groundstation import doctor
 from meanflock.groundstation.launch.options import Options
 from meanflock.swarm import logs
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed
-from meanflock.swarm.net.access import STATION, check_free
+from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed, needed
+from meanflock.swarm.net.access import STATION, Address, check_free
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.steering import LOCKSTEP
 from meanflock.worldsim.summary import every_uav_was_lost
 
 if TYPE_CHECKING:
@@ -81,6 +82,8 @@ def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted:
         check_free(options.endpoint)
     if options.metrics is not None:
         options = replace(options, metrics=options.metrics.free("--metrics"))
+    if options.steer is not None:
+        options = replace(options, steer=_steered(options))
     doctor.tell_if_slow()
     start = None if back is None else back.start
     died: ProcessDied | None = None
@@ -107,6 +110,23 @@ def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted:
     return Run(outputs.folder.path, outputs.summary)
 
 
+def _steered(options: Options) -> Address:
+    """The free port at which a flight is steered.
+
+    Raises:
+        BadInput: the port is taken, or the flight does not follow the wall clock.
+    """
+    assert options.steer is not None
+    if options.realtime is None:
+        raise BadInput(LOCKSTEP)
+    with needed("--steer", "mavlink"):
+        import meanflock.swarm.wire.mavlink  # noqa: F401  # the world needs it, perhaps in a process of its own
+    address = options.steer.free("--steer", datagrams=True)
+    if not options.quiet:
+        logs.show(f"MAVLink clients steer at udp {address}")
+    return address
+
+
 def _in_process(
     scenario: Scenario,
     run_id: str,
@@ -118,8 +138,15 @@ def _in_process(
     from meanflock.groundstation.launch.engine import Engine
 
     rows = options.uavs_per_process if options.uavs_per_process > 1 else None
-    engine = Engine(scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, resume=start)
     with ExitStack() as stack:
+        port = None
+        if options.steer is not None:
+            from meanflock.worldsim.steering_port import SteeringPort  # it loads pymavlink
+
+            port = stack.enter_context(SteeringPort(options.steer, scenario.uavs, scenario.dt))
+        engine = Engine(
+            scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, steer=port, resume=start
+        )
         if options.metrics is not None:
             from meanflock.worldsim.exporter import exported  # a library that most runs need not load
 
@@ -143,6 +170,7 @@ def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption 
             rows=options.uavs_per_process,
             resume=None if start is None else start.encode(),
             metrics=options.metrics,
+            steer=options.steer,
         )
     except BaseException:
         swarm.close()

@@ -33,6 +33,8 @@ KINDS = {  # of events
     "diverged": "UAVs are lost because their numbers are not finite or their controller failed",
     "rejoined": "lost UAVs have an agent again, or a standby leader has joined",
     "arrived": "UAVs arrived",
+    "steered": "a client of `--steer` commands a UAV in place of its controller",
+    "released": "the client was silent, and the UAV flies by its controller again",
     "collision": "two UAVs came nearer than r_coll in this tick, and both were on the way at its start",
     "hit": "a UAV entered a disc of `[[obstacles]]` for the first time, in this tick",
     "fault": "a fault of the script begins or ends",

@@ -239,6 +239,9 @@ SUMMARY = (
     Field("realtime.tick_start_jitter_ms.mean", "ms", "delay with which a tick began: mean"),
     Field("realtime.tick_start_jitter_ms.p99", "ms", "the same delay: 99th percentile"),
     Field("realtime.tick_start_jitter_ms.max", "ms", "the same delay: maximum"),
+    Field("steered", "", "null if no client could steer"),
+    Field("steered.uav_ticks", "1", "commands replaced by those of clients; one for each UAV and tick"),
+    Field("steered.replayable", "", "false if a client steered: scenario and seed do not fly it again"),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
 

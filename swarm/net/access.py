@@ -196,14 +196,24 @@ class Address(NamedTuple):
         """A socket that listens there; raises OSError if none can."""
         return socket.create_server(self, family=socket.AF_INET6 if ":" in self.host else socket.AF_INET)
 
-    def free(self, flag: str) -> "Address":
-        """This address if no process listens there; port 0 becomes a free one.
+    def bind(self) -> socket.socket:
+        """A socket that gets the datagrams sent there; raises OSError if none can."""
+        link = socket.socket(socket.AF_INET6 if ":" in self.host else socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            link.bind(self)
+        except OSError:
+            link.close()
+            raise
+        return link
+
+    def free(self, flag: str, *, datagrams: bool = False) -> "Address":
+        """This address if no process listens there, or gets its `datagrams`; port 0 becomes a free one.
 
         Raises:
             BadInput: a process listens there, or the host is not this machine.
         """
         try:
-            with self.listen() as server:
+            with self.bind() if datagrams else self.listen() as server:
                 return Address(self.host, server.getsockname()[1])
         except OSError as error:
             raise self.refused(flag, error) from error

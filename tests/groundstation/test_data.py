@@ -86,8 +86,9 @@ def test_every_field_of_the_summary_is_described_and_every_described_field_is_th
     assert len(known) == len(quantities.SUMMARY)
     found = {key: described(key, known) for key in flat(summary)}
     assert not [key for key, entry in found.items() if entry is None]
-    of_realtime = {key for key in known if key.startswith("realtime")}
-    absent = of_realtime - {"realtime"} if summary["realtime"] is None else {"realtime"}
+    absent = set()
+    for table in ("realtime", "steered"):
+        absent |= {key for key in known if key.startswith(f"{table}.")} if summary[table] is None else {table}
     assert known - set(found.values()) == absent
 
 

@@ -109,6 +109,7 @@ def everything(path: Path) -> str:
         ("meanflock", ["export", "run", "--mcap=r"], "mcap", "'meanflock[export]'"),
         ("meanflock", ["export", "run", "--rosbag=r"], "rosbags", "'meanflock[export]'"),
         ("meanflock", ["bridge", "mavlink", "run"], "pymavlink", "'meanflock[mavlink]'"),
+        ("meanflock", ["run", "--realtime", "--steer=0"], "pymavlink", "'meanflock[mavlink]'"),
         ("meanflock.agent", ["--run", "bare"], "numpy", "meanflock"),
         ("meanflock.leader", ["--run", "bare"], "msgspec", "meanflock"),
         ("meanflock.worldsim", ["--run", "bare"], "msgpack", "'meanflock[world]'"),

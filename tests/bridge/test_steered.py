@@ -1,0 +1,158 @@
+"""Flights that a raw client of MAVLink steers: one on processes, or the one that flies at port 14540 already."""
+
+import json
+import re
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from meanflock.groundstation.cli.command import main
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.net.access import Address
+from tests.bridge.client import Client, heartbeat, setpoint
+from tests.commands import COMMAND
+from tests.polling import DEADLINE_S, until
+
+UAVS = 5
+STEERED = 3  # the system; UAV 2
+THERE = 14540  # where `meanflock run --realtime --steer 14540 --uavs 5` may fly
+STRONG = 4.0  # m/s²
+
+
+def free_port() -> int:
+    return Address("127.0.0.1", 0).free("--steer", datagrams=True).port
+
+
+@pytest.fixture
+def there() -> Iterator[int | None]:
+    """The port of a flight that somebody else has started."""
+    with Client() as client:
+        for _ in range(20):
+            with suppress(ConnectionRefusedError):
+                client.send(THERE, heartbeat())
+                client.receive()
+        yield THERE if len(client.systems()) == UAVS else None
+
+
+class Speeds:
+    """The velocities of all vehicles, as they tell a client."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def ticks(self, count: int, send: Any = None, port: int = 0) -> dict[int, list[Any]]:
+        """Receive so many more positions of every vehicle, sending a message before each look."""
+        self._client.messages.clear()
+        places: dict[int, list[Any]] = {}
+
+        def enough() -> bool:
+            self._client.send(port, send or heartbeat())
+            self._client.receive()
+            for system in range(1, UAVS + 1):
+                places[system] = list(self._client.of("LOCAL_POSITION_NED", system))
+            return min(map(len, places.values())) >= count
+
+        until(enough, f"{count} ticks")
+        return places
+
+
+def accelerations(places: list[Any]) -> list[float]:
+    """Mean accelerations to the north between ticks."""
+    return [
+        1e3 * (after.vx - before.vx) / (after.time_boot_ms - before.time_boot_ms)
+        for before, after in pairwise(places)
+        if after.time_boot_ms > before.time_boot_ms
+    ]
+
+
+def steer_and_give_back(port: int) -> None:
+    """Steer one vehicle to the north; only it speeds up, and after a second of silence it does so no longer."""
+    with Client() as client:
+        client.send(port, heartbeat())
+        speeds = Speeds(client)
+        speeds.ticks(3, port=port)
+        pushed = speeds.ticks(12, setpoint(STEERED, north=STRONG), port)
+        for system, places in pushed.items():
+            gain = sum(accelerations(places)[3:]) / max(1, len(accelerations(places)[3:]))
+            assert (gain > 0.5 * STRONG) == (system == STEERED), (system, gain)
+        for message in (setpoint(200, 1.0), setpoint(STEERED, mask=0), setpoint(STEERED, frame=8), b"\xfd\x00nothing"):
+            client.send(port, message)
+        back = speeds.ticks(25, port=port)[STEERED]
+        assert max(accelerations(back)[-5:]) < 0.5 * STRONG
+
+
+@pytest.mark.processes
+def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(there: int | None, tmp_path: Path) -> None:
+    if there is not None:
+        steer_and_give_back(there)
+    port = free_port()
+    line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
+    with subprocess.Popen(
+        [*map(str, [*COMMAND, *line, "--out", tmp_path])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as flight:
+        try:
+            steer_and_give_back(port)
+            out, said = flight.communicate(timeout=DEADLINE_S)
+        finally:
+            flight.kill()
+    assert flight.returncode == 0, said
+    assert f"MAVLink clients steer at udp 127.0.0.1:{port}" in said
+    summary = json.loads(out)
+    assert summary["steered"]["uav_ticks"] >= 10
+    assert summary["steered"]["replayable"] is False
+    assert summary["lost"] == 0
+    expected = {"malformed": 1, "unknown-system": 1, "wrong-frame": 1, "wrong-mask": 1}
+    assert {reason: summary["dropped_messages"].get(reason) for reason in expected} == expected
+    (folder,) = tmp_path.iterdir()
+    events = [json.loads(row) for row in (folder / "events.jsonl").read_text().splitlines()]
+    kinds = [(event["kind"], event["uavs"]) for event in events if event["kind"] in ("steered", "released")]
+    assert kinds == [("steered", [STEERED - 1]), ("released", [STEERED - 1])]
+    assert sum(event["kind"] == "dropped" and "steering from" in event["text"] for event in events) == 4
+
+
+def test_a_flight_in_lockstep_cannot_be_steered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(["run", "--steer", "14540", "--uavs", "2", "--quiet", "--out", str(tmp_path / "runs")]) == EXIT_BAD_INPUT
+    )
+    said = capsys.readouterr().err
+    assert (said, list(tmp_path.iterdir())) == (
+        "error: --steer: only a flight in real time can be steered; add --realtime\n",
+        [],
+    )
+
+
+@pytest.mark.parametrize("bus", [[], ["--in-process"]])
+def test_a_taken_port_is_refused_before_take_off(bus: list[str], tmp_path: Path, capsys) -> None:
+    with Client() as client:
+        line = ["run", "--realtime", "--steer", str(client.port), "--uavs", "2", "--out", str(tmp_path / "runs")]
+        assert main([*line, *bus]) == EXIT_BAD_INPUT
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"--steer 127.0.0.1:{client.port}: Address already in use; choose a free port" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_flight_that_nobody_steers_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["run", "--in-process", "--uavs", "2", "--duration", "2", "--quiet", "--no-record", "--json"]
+    summaries = []
+    for more in ([], ["--realtime", "100", "--steer", "0"]):
+        assert main([*line, *more, "--out", str(tmp_path)]) == EXIT_DONE
+        summaries.append(json.loads(capsys.readouterr().out))
+    assert summaries[0]["trajectory_sha256"] == summaries[1]["trajectory_sha256"]
+    assert [summary["steered"] for summary in summaries] == [None, {"uav_ticks": 0, "replayable": True}]
+
+
+def test_the_code_of_the_page_pushes_uav_2_to_the_north() -> None:
+    page = Path(__file__).parents[2] / "docs" / "mavlink.md"
+    (code,) = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    with Client() as client:
+        exec(code.replace("14540", str(client.port)), {})
+        client.receive()
+        (message,) = client.of("SET_POSITION_TARGET_LOCAL_NED", 250)
+    expected = setpoint(STEERED, north=2.0)
+    assert message.to_dict() == expected.to_dict()

@@ -1,0 +1,141 @@
+"""Steering on a clock of the test: whose commands are replaced, when they are given back, and what is counted."""
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.mavlink import Reader
+from meanflock.swarm.wire.mavlink import Setpoint as Read
+from meanflock.worldsim.steering import Setpoint, Steering
+from meanflock.worldsim.summary import Counters
+from meanflock.worldsim.world import World
+from tests.bridge.client import heartbeat, setpoint
+
+WRITER = mavlink.MAVLink(None, srcSystem=250)
+
+
+class Heard:
+    """A port whose clients are the test."""
+
+    def __init__(self) -> None:
+        self.coming: list[Setpoint | tuple[MessageRejected, str]] = []
+
+    def receive(self) -> list[Setpoint | tuple[MessageRejected, str]]:
+        came, self.coming = self.coming, []
+        return came
+
+    def tell(self, tick: int, states: np.ndarray, status: np.ndarray) -> None:
+        pass
+
+
+class Steered:
+    """Steering of three UAVs, with its port, its clock and its events."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.port, self.counters = Heard(), Counters()
+        self.events: list[tuple[str, list[int]]] = []
+        self.drops: list[str] = []
+
+        def note(kind: str, _text: str, uavs=()) -> None:
+            self.events.append((kind, list(uavs)))
+
+        def drop(error: MessageRejected, _where: str) -> None:
+            self.drops.append(error.reason)
+
+        self.steering = Steering(self.port, self.counters, note, drop, lambda: self.now)
+
+    def tick(self, now: float, *came: Setpoint, idle: np.ndarray | None = None) -> list[list[float]]:
+        self.now = now
+        self.port.coming += came
+        commands = np.zeros((3, 2))
+        flown = self.steering.replaced(commands, idle)
+        assert not commands.any()
+        return flown.tolist()
+
+
+OWN = [0.0, 0.0]
+PUSH = Setpoint(1, (3.0, -4.0), "127.0.0.1:5000")
+
+
+def test_a_setpoint_replaces_the_command_of_its_uav_until_a_second_of_silence() -> None:
+    steered = Steered()
+    assert steered.tick(0.0) == [OWN, OWN, OWN]
+    for now in (0.1, 0.6, 1.1):  # the last one is not old enough
+        assert steered.tick(now, *[PUSH] * (now == 0.1)) == [OWN, [3.0, -4.0], OWN]
+    assert steered.tick(1.2) == [OWN, OWN, OWN]
+    assert steered.tick(1.3, PUSH, PUSH._replace(acceleration=(1.0, 0.0))) == [OWN, [1.0, 0.0], OWN]  # the last counts
+    assert steered.events == [("steered", [1]), ("released", [1]), ("steered", [1])]
+    assert steered.counters.steered == 4
+
+
+def test_an_idle_uav_is_not_steered() -> None:
+    steered = Steered()
+    idle = np.array([False, True, False])
+    assert steered.tick(0.0, PUSH, idle=idle) == [OWN, OWN, OWN]
+    assert steered.tick(0.1) == [OWN, [3.0, -4.0], OWN]
+    assert steered.tick(0.2, idle=idle) == [OWN, OWN, OWN]
+    assert steered.events == [("steered", [1]), ("released", [1])]
+
+
+def test_what_came_before_take_off_is_discarded() -> None:
+    steered = Steered()
+    steered.port.coming = [PUSH]
+    steered.steering.begin()
+    assert steered.tick(0.1) == [OWN, OWN, OWN]
+
+
+def test_lockstep_cannot_be_steered() -> None:
+    with pytest.raises(BadInput, match="add --realtime"):
+        World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), "run", steer=Heard())
+
+
+def frame(message) -> bytes:
+    return message.pack(WRITER)
+
+
+GOOD = frame(setpoint(2, north=-4.0, east=3.0))
+
+
+@pytest.mark.parametrize(
+    ("datagram", "read"),
+    [
+        (GOOD, [Read(1, (3.0, -4.0))]),
+        (frame(heartbeat()) + GOOD, [None, Read(1, (3.0, -4.0))]),
+        (setpoint(3, 1.0).pack(WRITER, force_mavlink1=True), [Read(2, (0.0, 1.0))]),
+        (frame(setpoint(1, mask=0x0C3F | 0x100)), [Read(0, (0.0, 0.0))]),  # the vertical one may be ignored
+        (frame(setpoint(0, 1.0)), ["unknown-system"]),
+        (frame(setpoint(4, 1.0)), ["unknown-system"]),
+        (frame(setpoint(1, frame=8)), ["wrong-frame"]),
+        (frame(setpoint(1, mask=0x0C3F & ~1)), ["wrong-mask"]),  # a position is wanted
+        (frame(setpoint(1, mask=0x0C3F | 0x200)), ["wrong-mask"]),  # a force is meant
+        (frame(setpoint(1, mask=0x0C3F | 0x40)), ["wrong-mask"]),  # no acceleration to the north
+        (frame(setpoint(1, float("nan"))), ["non-finite"]),
+        (frame(setpoint(1, 0.0, float("inf"))), ["non-finite"]),
+        (frame(setpoint(1, 2e30)), ["non-finite"]),
+        (GOOD[:-1], ["malformed"]),
+        (GOOD[:-1] + bytes([GOOD[-1] ^ 1]), ["malformed"]),
+        (GOOD[:20] + bytes([GOOD[20] ^ 1]) + GOOD[21:], ["malformed"]),
+        (GOOD + b"rest", [Read(1, (3.0, -4.0)), "malformed"]),
+        (b"\xfd", ["malformed"]),
+        (b"nonsense", ["malformed"]),
+        (b"", []),
+    ],
+)
+def test_a_datagram_is_read_frame_by_frame(datagram: bytes, read: list) -> None:
+    found = [one.reason if isinstance(one, MessageRejected) else one for one in Reader(3).read(datagram)]
+    assert found == read
+
+
+def test_no_damage_of_a_datagram_is_more_than_an_error() -> None:
+    random = np.random.default_rng(7)
+    reader = Reader(3)
+    for _ in range(3000):
+        damaged = bytearray(GOOD + frame(heartbeat()))
+        for _ in range(random.integers(1, 4)):
+            damaged[random.integers(len(damaged))] = random.integers(256)
+        for one in reader.read(bytes(damaged[: random.integers(len(damaged) + 1)])):
+            assert one is None or isinstance(one, Read | MessageRejected)
