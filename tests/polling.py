@@ -11,7 +11,7 @@ LINK_SURE_S = 7.0
 
 def until(
     true: Callable[[], Any],
-    what: str,
+    condition: str,
     deadline_s: float = DEADLINE_S,
     pause_s: float = 0.02,
     seen: Callable[[], object] = str,
@@ -21,5 +21,5 @@ def until(
     while True:
         if result := true():
             return result
-        assert time.monotonic() < end, f"not within {deadline_s:.0f} s: {what} {seen()}"
+        assert time.monotonic() < end, f"not within {deadline_s:.0f} s: {condition} {seen()}"
         time.sleep(pause_s)

@@ -50,9 +50,9 @@ class Honest(GoodController):
         return bool(((memory["uav"] == BAD) & (memory["ticks"] >= WHEN)).any())
 
 
-def flown(made: type[Controller], *settings: str) -> Scenario:
-    plugins.register(made)
-    return load(None, [f"uavs={UAVS}", "duration=3", 'stop="duration"', *settings], method=made.name)
+def flown(controller: type[Controller], *settings: str) -> Scenario:
+    plugins.register(controller)
+    return load(None, [f"uavs={UAVS}", "duration=3", 'stop="duration"', *settings], method=controller.name)
 
 
 def wrong(**methods: Any) -> type[Controller]:
@@ -117,9 +117,9 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("what", BEGINS_WRONG)
-def test_a_controller_that_cannot_begin_is_bad_input_of_one_line(what: str) -> None:
-    attributes, text = BEGINS_WRONG[what]
+@pytest.mark.parametrize("mistake", BEGINS_WRONG)
+def test_a_controller_that_cannot_begin_is_bad_input_of_one_line(mistake: str) -> None:
+    attributes, text = BEGINS_WRONG[mistake]
     with pytest.raises(BadInput, match=text) as caught:
         Engine(flown(wrong(**attributes)), "strangers")
     assert "'stranger'" in str(caught.value)
@@ -173,9 +173,9 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("what", GOES_WRONG)
-def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_many(what: str) -> None:
-    methods, text = GOES_WRONG[what]
+@pytest.mark.parametrize("mistake", GOES_WRONG)
+def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_many(mistake: str) -> None:
+    methods, text = GOES_WRONG[mistake]
     of = flown(wrong(**methods), "federation.fraction=1.0", *QUIET)
     together, alone = fly(of), fly(of, rows=1)
     for summary, sink in (together, alone):
@@ -232,8 +232,8 @@ def _often(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
     of = flown(Honest, "duration=3")
     past = fly(of)[1].checkpoints[-1]
-    plugin, made = registry.registered["controller", "stranger"]
-    registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), made
+    plugin, controller = registry.registered["controller", "stranger"]
+    registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), controller
     with pytest.raises(BadInput, match=r"controller 'stranger' of this process; here it is of sha256 of another"):
         Engine(of, "strangers", resume=past)
 

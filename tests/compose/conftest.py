@@ -3,7 +3,6 @@
 Run by `make test-compose`, which builds the images first. Skipped where no engine runs.
 """
 
-import fcntl
 import os
 import shutil
 from collections.abc import Iterator
@@ -12,14 +11,6 @@ from pathlib import Path
 import pytest
 
 from tests.compose.containers import USER, Clone, Compose
-
-
-@pytest.fixture(autouse=True)
-def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The engine is shared by the tests of all workers, but for one that is marked `alone`."""
-    with (tmp_path_factory.getbasetemp().parent / "engine.lock").open("w") as held:
-        fcntl.flock(held, fcntl.LOCK_EX if request.node.get_closest_marker("alone") else fcntl.LOCK_SH)
-        yield
 
 
 @pytest.fixture

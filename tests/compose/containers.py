@@ -82,8 +82,8 @@ class Compose:
         rows = self("ps", "-a", "--format", "{{.Name}} {{.Service}}").splitlines()
         return {name: service for name, service in map(str.split, rows) if service != "runs"}
 
-    def inspect(self, container: str, what: str) -> dict[str, Any]:
-        return json.loads(docker("inspect", "-f", f"{{{{json .{what}}}}}", container))
+    def inspect(self, container: str, part: str) -> dict[str, Any]:
+        return json.loads(docker("inspect", "-f", f"{{{{json .{part}}}}}", container))
 
     def state(self, container: str) -> dict[str, Any]:
         return self.inspect(container, "State")

@@ -23,11 +23,11 @@ class Caller:
 
     def __init__(self, method: str, keys: dict[str, Any]) -> None:
         load_file(EXAMPLES / f"{method}.py")
-        made: Any = load("controller", method)
+        plugin: Any = load("controller", method)
         self.scenario = mf.Scenario.load("paper", method=method, **SMALL, **keys)
-        self.controller = made(made.Options(), self.scenario)
+        self.controller = plugin(plugin.Options(), self.scenario)
         self.flight = mf.Stepped(
-            "paper", parameters=made.parameters, broadcast_numbers=made.broadcast_numbers, **SMALL, **keys
+            "paper", parameters=plugin.parameters, broadcast_numbers=plugin.broadcast_numbers, **SMALL, **keys
         )
         self.rows = np.arange(self.scenario.uavs)
         self.memory = self.controller.init(self.rows, mf.mission.starts(self.scenario))

@@ -121,7 +121,7 @@ class Flight(Recorded):
             (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
         )
 
-    def slowly(self, met: Callable[[], object], what: str) -> None:
+    def slowly(self, met: Callable[[], object], condition: str) -> None:
         """Waits while an agent is frozen for most of the time, so that the flight is not over before."""
         agent = self.agents[0]
 
@@ -132,7 +132,7 @@ class Flight(Recorded):
             return met()
 
         try:
-            until(met_after_some_ticks, what, pause_s=0.1)
+            until(met_after_some_ticks, condition, pause_s=0.1)
         finally:
             agent.send_signal(signal.SIGCONT)
 

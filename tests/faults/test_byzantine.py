@@ -17,8 +17,8 @@ ROBUST = ("median", "trimmed-mean", "krum")
 
 
 def average(rule: str, models: np.ndarray, tolerance: float = 0.25) -> np.ndarray:
-    made = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
-    state, model = made.step(made.init(0), Uploads.complete(models.astype(np.float64)))
+    instance = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
+    state, model = instance.step(instance.init(0), Uploads.complete(models.astype(np.float64)))
     assert not state
     return np.asarray(model)
 
@@ -33,14 +33,14 @@ def test_a_fifth_of_false_uploads_moves_no_weight_out_of_the_honest_range_in_any
     )
     def check(honest: np.ndarray, false: np.ndarray, order: list[int]) -> None:
         models = np.concatenate([honest, false])
-        made = average(rule, models)
-        assert average(rule, models[order]).tobytes() == made.tobytes()
+        averaged = average(rule, models)
+        assert average(rule, models[order]).tobytes() == averaged.tobytes()
         if rule == "krum":  # one whole model; where a false one is chosen it hides among the honest
             spread = np.abs(honest[:, None] - honest[None]).max()
-            assert np.abs(made - honest).max() <= 4 * np.sqrt(3) * spread + 1e-12
+            assert np.abs(averaged - honest).max() <= 4 * np.sqrt(3) * spread + 1e-12
         else:
-            assert (made >= honest.min(axis=0) - 1e-12).all()
-            assert (made <= honest.max(axis=0) + 1e-12).all()
+            assert (averaged >= honest.min(axis=0) - 1e-12).all()
+            assert (averaged <= honest.max(axis=0) + 1e-12).all()
 
     check()
 

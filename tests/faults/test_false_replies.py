@@ -103,9 +103,9 @@ CASES: dict[str, Case] = {
 }
 
 
-@pytest.mark.parametrize("what", CASES)
-def test_a_false_reply_of_a_genuine_node_is_dropped_for_its_reason_and_the_flight_is_the_same(what: str) -> None:
-    flown, node, say, dropped = CASES[what]
+@pytest.mark.parametrize("case", CASES)
+def test_a_false_reply_of_a_genuine_node_is_dropped_for_its_reason_and_the_flight_is_the_same(case: str) -> None:
+    flown, node, say, dropped = CASES[case]
     lab = saying(flown, node, say)
     summary = lab.fly()
     assert summary["dropped_messages"] == dropped

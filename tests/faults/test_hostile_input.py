@@ -227,8 +227,8 @@ def mutations(receiver: Receiver) -> Iterator[tuple[str, bytes, str]]:
         yield "of the future", written(replace(valid, tick=2**32 - 1)), "stale"
         yield "unexpected", raw, "duplicate"
         yield "with an endless memory", written(replace(valid, memory=bytes(100_000))), "oversized"
-    for what, changes, reason in receiver.changes or ():
-        yield what, written(replace(valid, **changes)), reason
+    for mutation, changes, reason in receiver.changes or ():
+        yield mutation, written(replace(valid, **changes)), reason
     if receiver.table:
         table = getattr(valid, receiver.table)
         for name, bad in {"a NaN": np.nan, "an infinity": -np.inf}.items():
@@ -249,12 +249,12 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
         if tick not in (22, 42, 62):  # the leader was asked in the tick before
             continue
         receiver = make(lab, tick - 1)
-        for what, raw, reason in mutations(receiver):
+        for mutation, raw, reason in mutations(receiver):
             before = dict(receiver.dropped())
             receiver.deliver(raw)
             after = receiver.dropped()
-            found = {why: count - before.get(why, 0) for why, count in after.items() if count != before.get(why, 0)}
-            assert found == {reason: 1}, what
+            found = {drop: count - before.get(drop, 0) for drop, count in after.items() if count != before.get(drop, 0)}
+            assert found == {reason: 1}, mutation
             thrown += 1
     summary = lab.world.finish()
     assert thrown >= 3 * 7

@@ -85,9 +85,9 @@ def test_a_killed_leader_station_and_world_cost_neither_a_round_nor_a_row(
 
 @pytest.fixture
 def wires(processes: Processes) -> Iterator[list[Wire]]:
-    made = [Wire(processes.base[1]) for _ in range(2)]
-    yield made
-    for wire in made:
+    relays = [Wire(processes.base[1]) for _ in range(2)]
+    yield relays
+    for wire in relays:
         wire.close()
 
 

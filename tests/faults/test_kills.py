@@ -116,7 +116,7 @@ def test_a_paused_head_a_killed_head_and_a_lost_relay_each_cost_their_cluster() 
     silent, lost = "its head is silent", "its relay is lost"
     expected = [(4, 2, silent), (8, 3, silent), (4, 4, lost), (8, 4, silent), (8, 5, silent)]
     assert [event.text for event in lab.record.events if event.kind == "void"] == [
-        f"round {number} goes on without the cluster of UAV {head}: {why}" for head, number, why in expected
+        f"round {number} goes on without the cluster of UAV {head}: {reason}" for head, number, reason in expected
     ]
 
 

@@ -105,8 +105,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("flown")
     short = ("--uavs", "3", "--duration", "15", "--set", "metrics.collision_radius=2", "--seed", "3")
     assert main(["run", "--in-process", "--quiet", "--json", "--out", str(out), *short]) == 0
-    (made,) = out.iterdir()
-    return made
+    (run_folder,) = out.iterdir()
+    return run_folder
 
 
 def contents(folder: Path) -> dict[str, bytes]:

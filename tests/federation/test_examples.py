@@ -95,17 +95,17 @@ def test_the_control_variates_of_scaffold_have_the_leaders_as_their_mean() -> No
     """c = Σ c_i / N after every round in which all take part, and s is the mean of the K corrected gradients."""
     plugins.register(scaffold.ScaffoldRule)
     settings = {**IDEAL, "radio.bits_per_float": 64, "federation.fraction": 1.0, "federation.aggregation": "scaffold"}
-    made: list[Any] = []
+    seen: list[Any] = []
 
     class Watched(scaffold.Scaffold):  # type: ignore[misc, name-defined]
         name = "watched"
 
         def step(self, memory: Any, tick: int, own: Any, received: Any) -> Any:
-            made.append((tick, memory))
+            seen.append((tick, memory))
             return super().step(memory, tick, own, received)
 
     Engine(mf.Scenario(method=Watched, uavs=6, stop="duration", duration=20, seed=2, **settings), "flight").complete()
-    flown = dict(made)
+    flown = dict(seen)
     for tick in range(29, 200, 20):  # between two rounds
         models, shared = flown[tick]["model"][:, :2], flown[tick]["global"][:, 2:]
         assert np.abs(shared).max() > 1e-4

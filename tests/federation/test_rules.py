@@ -106,9 +106,9 @@ def test_the_order_of_arrival_leaves_no_trace_in_the_global_model(rule: str) -> 
     check()
 
 
-def flown(made: type[Aggregator], *settings: str) -> Scenario:
-    plugins.register(made)
-    fixed = ["uavs=4", "federation.period=10", f"federation.aggregation={made.name}", 'stop="duration"']
+def flown(rule_class: type[Aggregator], *settings: str) -> Scenario:
+    plugins.register(rule_class)
+    fixed = ["uavs=4", "federation.period=10", f"federation.aggregation={rule_class.name}", 'stop="duration"']
     return load(None, [*fixed, "duration=6", *settings], method="mfgfl-h")
 
 

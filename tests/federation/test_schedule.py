@@ -118,10 +118,10 @@ def test_every_bit_of_the_models_counts_in_their_hash_but_uploads_do_not_where_a
     assert fly(load(None, FIVE, method="plan"))[0]["models_sha256"] is None
 
     def hashed(label: FrameKind, *models: float, number: int = 1) -> str | None:
-        made = ModelsHash(load(None, FIVE, method="mfgfl-h"))
+        hashes = ModelsHash(load(None, FIVE, method="mfgfl-h"))
         for model in models:
-            made.add([Frames(label, number, np.array([0], np.int32), np.array([[model]], np.float32))])
-        return made.hexdigest
+            hashes.add([Frames(label, number, np.array([0], np.int32), np.array([[model]], np.float32))])
+        return hashes.hexdigest
 
     two = hashed(FrameKind.GLOBAL, 1.0, 2.0)
     assert two == hashed(FrameKind.GLOBAL, 1.0, 2.0)

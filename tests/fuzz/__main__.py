@@ -38,8 +38,8 @@ def main() -> int:
     counts |= {f"world: {reason}": number for reason, number in sorted(summary["dropped_messages"].items())}
     counts |= {f"mad {who}: ticks in which a mutation was let in": one.let_in for who, one in insiders.items()}
     print(f"{siege.thrown['codec']:,} mutated messages, seed {given.seed}; memory {first:.0f} to {last:.0f} MiB")
-    for what, number in counts.items():
-        print(f"{what}: {number:,}")
+    for label, number in counts.items():
+        print(f"{label}: {number:,}")
     for sentence in broken:
         print(f"broken: {sentence}")
     return 1 if broken else 0

@@ -47,6 +47,6 @@ def run(tmp_path, capsys, monkeypatch) -> Callable[..., tuple[int, str, str]]:
     return call
 
 
-def every_axis(made: Figure) -> list[str]:
+def every_axis(figure: Figure) -> list[str]:
     """The labels of the panels, those a shared axis leaves to its neighbour not counted."""
-    return [label for ax in made.axes if ax.get_visible() for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
+    return [label for ax in figure.axes if ax.get_visible() for label in (ax.get_xlabel(), ax.get_ylabel()) if label]

@@ -99,8 +99,8 @@ def test_the_command_shows_all_verdicts_and_its_exit_code_is_that_of_a_run(tmp_p
     assert main(line) == 0
     said = capsys.readouterr().out
     checks = ("Python", "numpy", "memory", "threads", "loopback", "bus port", "output folder", "container engine")
-    for what in (*checks, "certificates", "prometheus-client"):
-        assert what in said
+    for check in (*checks, "certificates", "prometheus-client"):
+        assert check in said
     (tmp_path / "certs" / "agent-1.pem").unlink()
     monkeypatch.setattr(doctor, "PACKAGES", ("no-such-package",))
     assert main(line) == 1

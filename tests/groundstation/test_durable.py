@@ -63,19 +63,19 @@ EVENTS_BYTES = 7
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("run")
-    spool = Spool(made / SPOOL, 0.1)
+    copy = tmp_path_factory.mktemp("run")
+    spool = Spool(copy / SPOOL, 0.1)
     for block in BLOCKS:
         spool.append(block, EVENTS_BYTES)
     spool.close()
-    return made
+    return copy
 
 
 @pytest.fixture(scope="module")
 def complete(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = Path(shutil.copytree(folder, tmp_path_factory.mktemp("complete") / "run"))
-    recover(made)
-    return made
+    copy = Path(shutil.copytree(folder, tmp_path_factory.mktemp("complete") / "run"))
+    recover(copy)
+    return copy
 
 
 def flipped(whole: bytes, place: int) -> bytes:

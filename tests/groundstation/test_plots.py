@@ -26,11 +26,11 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(run_folder: Path, tmp_path: Path) -> None:
     with (run_folder / "events.jsonl").open("a") as events:
         events.write('{"tick": 3, "kind": "coll')  # the last line was cut off
-    made = plot_run(run_folder)
-    ours = plotstyle.write(made, tmp_path / "ours")
-    assert [path.name for path in ours] == [f"{name}.{kind}" for name in made for kind in ("png", "svg")]
-    assert set(made) == {"paths", "curves"}
-    assert all(map(every_axis, made.values()))
+    figures = plot_run(run_folder)
+    ours = plotstyle.write(figures, tmp_path / "ours")
+    assert [path.name for path in ours] == [f"{name}.{kind}" for name in figures for kind in ("png", "svg")]
+    assert set(figures) == {"paths", "curves"}
+    assert all(map(every_axis, figures.values()))
     with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
         theirs = plotstyle.write(plot_run(run_folder), tmp_path / "theirs")
     assert [path.read_bytes() for path in theirs] == [path.read_bytes() for path in ours]
@@ -70,7 +70,7 @@ def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
 def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
     points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
-    made = comparison.plot_sweep("wind.sigma", points)
-    assert len(made.axes) == 4
-    assert made.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
-    assert len(plotstyle.write({"sweep": made}, tmp_path)) == 2
+    figure = comparison.plot_sweep("wind.sigma", points)
+    assert len(figure.axes) == 4
+    assert figure.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
+    assert len(plotstyle.write({"sweep": figure}, tmp_path)) == 2

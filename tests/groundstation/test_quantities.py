@@ -49,8 +49,8 @@ def plain(title: str) -> str:
     return words.replace("$", "").replace(r"\phi_", "φ_")
 
 
-def titles(made: Figure) -> dict[str, Axes]:
-    return {plain(ax.get_title(loc="left")): ax for ax in made.axes if ax.get_title(loc="left")}
+def titles(figure: Figure) -> dict[str, Axes]:
+    return {plain(ax.get_title(loc="left")): ax for ax in figure.axes if ax.get_title(loc="left")}
 
 
 def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
@@ -109,8 +109,8 @@ def of_a_stranger(runs: dict[str, Path], tmp_path: Path) -> Path:
 
 
 def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: Path) -> None:
-    made = plot_run(of_a_stranger)
-    panels = titles(made["curves"])
+    figures = plot_run(of_a_stranger)
+    panels = titles(figures["curves"])
     names = ("tension: mean, max, min", "interaction term φ_G: mean, max, min", "spread of the models")
     assert tuple(panels)[6:] == names
     assert panels["tension: mean, max, min"].get_ylabel() == "tension"
@@ -118,8 +118,8 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
     reported = np.isfinite(np.asarray(mean.get_ydata(), dtype=float))
     assert reported[1:].all()
     assert not reported[0]  # at take-off nothing was reported yet
-    assert plain(made["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
-    assert len(made["paths"].axes) == 2  # φ_G is there, whoever reports it
+    assert plain(figures["paths"].axes[0].get_title(loc="left")).startswith("nobody-has-it, seed 1: ")
+    assert len(figures["paths"].axes) == 2  # φ_G is there, whoever reports it
     rows = pq.read_table(of_a_stranger / TIMESERIES).drop_columns(["phi_G"])
     assert block_of(rows.slice(0, 5), 0).diagnostic_names == ("tension",)
     assert Reported.within(rows) == (("tension",), 246)

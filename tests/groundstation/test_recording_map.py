@@ -116,13 +116,13 @@ MISSIONS = ("swap", "streams", "obstacles", "windmap")
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     out = tmp_path_factory.mktemp("missions")
-    made = {}
+    paths = {}
     for name in MISSIONS:
-        made[name] = out / f"{name}.rrd"
+        paths[name] = out / f"{name}.rrd"
         flown = load(Path(name), method="cruise")
-        with Recorder(flown, name, made[name], reported=Reported((), 0)):
+        with Recorder(flown, name, paths[name], reported=Reported((), 0)):
             pass
-    return made
+    return paths
 
 
 def test_goals_starts_and_discs_lie_where_the_mission_has_them(recorded: dict[str, Path]) -> None:

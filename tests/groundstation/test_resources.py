@@ -39,9 +39,9 @@ def test_without_a_limit_the_memory_is_that_of_the_machine(tmp_path: Path, versi
     if version is not None:
         member_of(tmp_path, "0::/run" if version == 2 else "3:memory:/run")
         group(tmp_path, "run", version=version, limit=limit, used_mb=7)
-    available, what = available_mb(tmp_path)
+    available, limit_name = available_mb(tmp_path)
     assert 0 < available <= MACHINE
-    assert what == "available"
+    assert limit_name == "available"
 
 
 @pytest.mark.parametrize("version", [1, 2])

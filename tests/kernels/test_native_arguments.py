@@ -95,8 +95,8 @@ def refused(function: str, name: str, wrong: Any) -> None:
 def test_an_array_of_another_size_type_or_order_is_refused_before_anything_is_written(function: str) -> None:
     for name, array in arguments(function).items():
         if isinstance(array, np.ndarray):
-            for what, wrong in mutations(array, bool((array == 7).all())).items():
-                if what != "too long" or (function, name) not in FREE:
+            for mutation, wrong in mutations(array, bool((array == 7).all())).items():
+                if mutation != "too long" or (function, name) not in FREE:
                     refused(function, name, wrong)
 
 

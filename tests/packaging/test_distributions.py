@@ -78,13 +78,13 @@ def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> 
     assert {part[0] for part in parts if part[1:] == ("__init__.py",)} == {"meanflock", *ROOMS}
     assert not {part[1] for part in parts if part[:1] == ("meanflock",) and part[1:]} & set(ROOMS), "links are followed"
     packed = {name for name in zipfile.ZipFile(built.wheel).namelist() if ".dist-info/" not in name}
-    there = {
+    present = {
         (Path(folder) / file).relative_to(ROOT).as_posix()
         for folder, _, files in os.walk(ROOT / "meanflock", followlinks=True)
         for file in files
         if not file.endswith((".c", ".h", ".so", ".pyc"))
     }
-    assert {name for name in packed if not name.endswith(".so")} == there
+    assert {name for name in packed if not name.endswith(".so")} == present
 
 
 def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:

@@ -70,9 +70,9 @@ def test_a_process_of_the_swarm_stays_small() -> None:
 
 def test_the_kernels_are_built_from_all_of_their_files() -> None:
     (extension,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["ext-modules"]
-    there = {path.relative_to(ROOT).as_posix() for path in (ROOT / "kernels").rglob("*.[ch]")}
+    present = {path.relative_to(ROOT).as_posix() for path in (ROOT / "kernels").rglob("*.[ch]")}
     assert extension["name"] == "meanflock.kernels._native"
-    assert there == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
+    assert present == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
     assert extension["optional"]
     assert extension["py-limited-api"]
     assert "$(wildcard */*.[ch] */*/*.[ch])" in (ROOT / "Makefile").read_text()

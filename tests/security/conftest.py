@@ -49,15 +49,15 @@ class Folders:
 @pytest.fixture(scope="session")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     authority = Authority("the swarm's")
-    made = Folders(*(tmp_path_factory.mktemp(name) for name in ("good", "foreign", "expired", "stranger")))
-    for folder in (made.good, made.foreign, made.expired, made.stranger):
+    issued = Folders(*(tmp_path_factory.mktemp(name) for name in ("good", "foreign", "expired", "stranger")))
+    for folder in (issued.good, issued.foreign, issued.expired, issued.stranger):
         authority.write(folder)  # the attacker, too, believes the world's certificate
     for name in (*names(UAVS), OBSERVER):
-        authority.issue(made.good, name, hosts=HOSTS if name == WORLD else ())
-    Authority("another").issue(made.foreign, "agent-3")
-    authority.issue(made.expired, "agent-3", days=-1)
-    authority.issue(made.stranger, "agent-99")
-    return made
+        authority.issue(issued.good, name, hosts=HOSTS if name == WORLD else ())
+    Authority("another").issue(issued.foreign, "agent-3")
+    authority.issue(issued.expired, "agent-3", days=-1)
+    authority.issue(issued.stranger, "agent-99")
+    return issued
 
 
 @pytest.fixture(scope="session")

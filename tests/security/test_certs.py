@@ -17,26 +17,26 @@ from meanflock.swarm.net.access import Identity, only_agent, secured
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def issued(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made") / "certs"
     certs.init(folder, 3)
     return folder
 
 
-def test_there_is_a_certificate_and_a_private_key_for_everyone(made: Path) -> None:
+def test_there_is_a_certificate_and_a_private_key_for_everyone(issued: Path) -> None:
     wanted = ["ca", "world", "leader", "station", "observer", "agent-0", "agent-1", "agent-2"]
     files = {f"{name}.{kind}" for name in wanted for kind in ("pem", "key")}
-    assert {path.name for path in made.iterdir()} == {*files, certs.COMPOSE}
-    assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*.key")} == {0o600}
-    assert stat.S_IMODE(made.stat().st_mode) == 0o700
-    assert (made / "ca.key").stat().st_uid == os.getuid()
-    assert list(certs.problems(made, certs.names(3))) == []
-    assert Identity(made, "agent-1").check().name == "agent-1"
-    assert [finding.verdict for finding in certificates(made, 3, 1)] == ["ok"]
+    assert {path.name for path in issued.iterdir()} == {*files, certs.COMPOSE}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in issued.glob("*.key")} == {0o600}
+    assert stat.S_IMODE(issued.stat().st_mode) == 0o700
+    assert (issued / "ca.key").stat().st_uid == os.getuid()
+    assert list(certs.problems(issued, certs.names(3))) == []
+    assert Identity(issued, "agent-1").check().name == "agent-1"
+    assert [finding.verdict for finding in certificates(issued, 3, 1)] == ["ok"]
 
 
-def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
-    services = json.loads((made / certs.COMPOSE).read_text())["services"]
+def test_a_container_is_given_its_own_key_and_no_other(issued: Path) -> None:
+    services = json.loads((issued / certs.COMPOSE).read_text())["services"]
     assert services.pop("agent") == {"deploy": {"replicas": 0}}
     assert services.pop("runs") == {"environment": {"RUNS_OWNER": services["groundstation"]["user"]}}
     own = {"worldsim": "world", "groundstation": "station"}
@@ -44,18 +44,18 @@ def test_a_container_is_given_its_own_key_and_no_other(made: Path) -> None:
     for name, service in services.items():
         files = ["ca.pem", f"{own.get(name, name)}.pem", f"{own.get(name, name)}.key"]
         given = [(v["source"], v["target"], v["read_only"]) for v in service["volumes"]]
-        assert given == [(str(made / file), f"/certs/{file}", True) for file in files]
+        assert given == [(str(issued / file), f"/certs/{file}", True) for file in files]
         uid, _ = service["user"].split(":")
-        assert int(uid) == (made / files[2]).stat().st_uid != 0
+        assert int(uid) == (issued / files[2]).stat().st_uid != 0
     assert services["agent-1"]["profiles"] == ["secure"]
 
 
-def test_keys_are_never_overwritten(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = (made / "ca.key").read_bytes()
-    assert main(["certs", "init", str(made), "--uavs", "3"]) == 2
+def test_keys_are_never_overwritten(issued: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (issued / "ca.key").read_bytes()
+    assert main(["certs", "init", str(issued), "--uavs", "3"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"error: {made}")
-    assert (made / "ca.key").read_bytes() == before
+    assert line.startswith(f"error: {issued}")
+    assert (issued / "ca.key").read_bytes() == before
 
 
 def misname(folder: Path, authority: certs.Authority) -> None:
@@ -115,17 +115,17 @@ def test_doctor_warns_of_keys_others_can_read_and_of_an_end_that_is_near(tmp_pat
     assert "expired" in problem.reason
 
 
-def test_an_agent_finds_its_own_key_if_it_is_the_only_one(made: Path, tmp_path: Path) -> None:
+def test_an_agent_finds_its_own_key_if_it_is_the_only_one(issued: Path, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="--uav"):
-        only_agent(made)
+        only_agent(issued)
     with pytest.raises(BadInput, match="--uav"):
         only_agent(tmp_path)
     (tmp_path / "agent-12.key").touch()
     assert only_agent(tmp_path) == 12
 
 
-def test_an_endpoint_is_over_tls_exactly_if_there_are_certificates(made: Path) -> None:
-    me = Identity(made, "leader")
+def test_an_endpoint_is_over_tls_exactly_if_there_are_certificates(issued: Path) -> None:
+    me = Identity(issued, "leader")
     assert secured("tcp/127.0.0.1:7447", None) == "tcp/127.0.0.1:7447"
     assert secured("tcp/127.0.0.1:7447", me) == secured("tls/127.0.0.1:7447", me) == "tls/127.0.0.1:7447"
     with pytest.raises(BadInput, match="--tls"):

@@ -22,9 +22,9 @@ def main() -> int:
         report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out)).run()
     print(f"soak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s")
     dropped = report.summary.get("dropped_messages", {})
-    for what, counts in (("mishap", report.mishaps), ("event", report.events), ("dropped", dropped)):
+    for label, counts in (("mishap", report.mishaps), ("event", report.events), ("dropped", dropped)):
         for name, count in sorted(counts.items()):
-            print(f"{what}: {name}: {count:,}")
+            print(f"{label}: {name}: {count:,}")
     for name, (slope, first, last) in sorted(report.slopes.items()):
         print(f"memory: {name}: {first:.1f} → {last:.1f} MiB, {slope:+.2f} MiB in 1,000 ticks")
     for sentence in report.broken:

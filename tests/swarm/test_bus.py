@@ -192,7 +192,7 @@ def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(
     value: str, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(LEASE, value)
-    made = _config({})
-    assert json.loads(made.get_json("transport/link/tx/lease")) == lease_ms
+    config = _config({})
+    assert json.loads(config.get_json("transport/link/tx/lease")) == lease_ms
     queue = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-    assert json.loads(made.get_json(queue)) == wait_us
+    assert json.loads(config.get_json(queue)) == wait_us

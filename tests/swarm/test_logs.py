@@ -26,9 +26,9 @@ def _stop() -> Iterator[None]:
 
 
 def record(message: str, error: Any = None, **extra: object) -> logging.LogRecord:
-    made = logging.LogRecord("meanflock.test", logging.WARNING, __file__, 1, "%s", (message,), error)
-    made.__dict__.update(extra)
-    return made
+    entry = logging.LogRecord("meanflock.test", logging.WARNING, __file__, 1, "%s", (message,), error)
+    entry.__dict__.update(extra)
+    return entry
 
 
 @given(st.text(), st.dictionaries(st.sampled_from(logs.FIELDS), st.text() | st.integers() | st.lists(st.integers())))

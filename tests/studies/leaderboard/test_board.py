@@ -65,18 +65,18 @@ def row(name: str, energy: float, settings: dict[str, str] | None = None, **mean
 def test_only_safe_rows_are_compared_by_energy_and_only_rows_of_one_filter_by_infeasible_ticks() -> None:
     for worse in ({"arrived": 0.9}, {"free": 0.99}):
         rows = [row("unsafe", 1.0, **worse), row("good", 5.0), row("costly", 9.0)]
-        assert [made.cells["energy_J"].best for made in board.marked(rows)] == [False, True, False]
+        assert [result.cells["energy_J"].best for result in board.marked(rows)] == [False, True, False]
     behind = {"filter.kind": "ecbf"}
     rows = [row("a", 5.0, behind, infeasible=3.0), row("bb", 5.0, behind, infeasible=9.0)]
     rows.append(row("orca", 5.0, infeasible=1.0))
-    assert [made.cells["infeasible"].best for made in board.marked(rows)] == [True, False, False]
+    assert [result.cells["infeasible"].best for result in board.marked(rows)] == [True, False, False]
 
 
 def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
     contest = Contest([missions.Mission(str(_file(tmp_path)))], rows.chosen(["cruise"]), 1, 1)
-    made = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
-    path = made.write(tmp_path)
-    assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(made)
+    result = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
+    path = result.write(tmp_path)
+    assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(result)
     json.loads(path.read_text())  # as any other reader does
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(board.BadInput, match=r"leaderboard\.json: no leaderboard"):

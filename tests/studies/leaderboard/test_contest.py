@@ -141,8 +141,8 @@ def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
     flags += ("--seeds", "2", "--first-seed", "1", "--quiet", "--jobs", "1")
     assert run(*flags, "--out", "here")[0] == EXIT_DONE
     assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
-    here, there = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
-    assert here == there
+    here, remote = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
+    assert here == remote
 
 
 def test_every_shipped_row_flies_its_missions() -> None:
@@ -153,4 +153,4 @@ def test_every_shipped_row_flies_its_missions() -> None:
     for row in rows.shipped():
         assert set(row.missions) <= known
     for mission, left in contest.absent.items():
-        assert all(why.startswith("flies ") for why in left.values()), (mission, left)
+        assert all(reason.startswith("flies ") for reason in left.values()), (mission, left)

@@ -104,8 +104,8 @@ def test_no_flight_is_below_the_front_whatever_its_speeds(speeds: list[float], h
     time = len(flown) * ticks * PAPER.dt
     way = float(flown.sum()) * ticks * PAPER.dt + PAPER.destination.radius
     energy = float(power(PAPER, flown).sum()) * ticks * PAPER.dt
-    there = front(PAPER, way * np.array([np.cos(heading), np.sin(heading)]))
-    assert energy >= (1 - 5e-5) * there.least_J(time)
+    energy_front = front(PAPER, way * np.array([np.cos(heading), np.sin(heading)]))
+    assert energy >= (1 - 5e-5) * energy_front.least_J(time)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,8 @@ def test_no_flight_is_below_the_front_whatever_its_speeds(speeds: list[float], h
 )
 def test_the_front_depends_on_the_wind(wind: tuple[float, float], airspeed: float) -> None:
     """100 m in 20 s, 5 m of them inside the destination. A cross wind is flown against at √(v² + w²)."""
-    there = front(PAPER, np.array([100.0, 0.0]), np.array(wind))
-    assert there.least_J(20.0) == pytest.approx(20.0 * power(PAPER, np.array([airspeed]))[0], rel=1e-4)
+    energy_front = front(PAPER, np.array([100.0, 0.0]), np.array(wind))
+    assert energy_front.least_J(20.0) == pytest.approx(20.0 * power(PAPER, np.array([airspeed]))[0], rel=1e-4)
 
 
 def test_a_flight_that_ended_on_the_way_has_no_regret_for_being_cheap() -> None:
