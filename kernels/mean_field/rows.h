@@ -7,6 +7,9 @@
 #include <float.h>
 #include <math.h>
 #include <string.h>
+#if LANES == 4
+#include <immintrin.h>
+#endif
 
 #include "../pairwise.h"
 #include "learn.h"
@@ -62,8 +65,9 @@ INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *term
     for (int q = 0; q < NODES; q += NODES_AT_ONCE) {
         Lanes sum[NODES_AT_ONCE];
         for (int i = 0; i < NODES_AT_ONCE; i++) sum[i] = (Lanes){0};
-        for (int k = 0; k < TERMS; k++)
-            for (int i = 0; i < NODES_AT_ONCE; i++) sum[i] += coefficient[k] * t->monomials[k * NODES + q + i];
+        const double *monomials = t->monomials + q;
+        for (int k = 0; k < TERMS; k++, monomials += NODES)
+            for (int i = 0; i < NODES_AT_ONCE; i++) sum[i] += coefficient[k] * monomials[i];
         for (int i = 0; i < NODES_AT_ONCE; i++) mass[q + i] = at_least(sum[i], 0.0);
     }
     for (int q = 0; q < NODES; q++) weighed[q] = mass[q] * t->kernel[q];
@@ -134,21 +138,47 @@ INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, c
     return residual;
 }
 
+#if LANES == 4
+/* Copies four numbers of each of four rows into vectors of one number each, or such vectors into rows. */
+INLINE void transpose(double *to, ptrdiff_t to_step, const double *from, ptrdiff_t from_step) {
+    const __m256d a = _mm256_loadu_pd(from), b = _mm256_loadu_pd(from + from_step);
+    const __m256d c = _mm256_loadu_pd(from + 2 * from_step), d = _mm256_loadu_pd(from + 3 * from_step);
+    const __m256d ab_low = _mm256_unpacklo_pd(a, b), ab_high = _mm256_unpackhi_pd(a, b);
+    const __m256d cd_low = _mm256_unpacklo_pd(c, d), cd_high = _mm256_unpackhi_pd(c, d);
+    _mm256_storeu_pd(to, _mm256_permute2f128_pd(ab_low, cd_low, 0x20));
+    _mm256_storeu_pd(to + to_step, _mm256_permute2f128_pd(ab_high, cd_high, 0x20));
+    _mm256_storeu_pd(to + 2 * to_step, _mm256_permute2f128_pd(ab_low, cd_low, 0x31));
+    _mm256_storeu_pd(to + 3 * to_step, _mm256_permute2f128_pd(ab_high, cd_high, 0x31));
+}
+#endif
+
 /* Copies rows into lanes: n doubles of each, one row every `stride` doubles. Lanes without a row repeat the first row. */
 INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int n, int stride) {
     double *to = (double *)lanes;
+    int done = 0;
+#if LANES == 4
+    if (count == LANES)
+        for (; done <= n - LANES; done += LANES)
+            transpose(to + done * LANES, LANES, (const double *)rows + from * stride + done, stride);
+#endif
     for (int w = 0; w < LANES; w++) {
         const char *row = rows + (from + (w < count ? w : 0)) * stride * sizeof(double);
-        for (int k = 0; k < n; k++) memcpy(to + k * LANES + w, row + k * sizeof(double), sizeof(double));
+        for (int k = done; k < n; k++) memcpy(to + k * LANES + w, row + k * sizeof(double), sizeof(double));
     }
 }
 
 /* Copies lanes into rows. */
 INLINE void give(const Lanes *lanes, char *rows, ptrdiff_t from, int count, int n, int stride) {
     const double *of = (const double *)lanes;
+    int done = 0;
+#if LANES == 4
+    if (count == LANES)
+        for (; done <= n - LANES; done += LANES)
+            transpose((double *)rows + from * stride + done, stride, of + done * LANES, LANES);
+#endif
     for (int w = 0; w < count; w++) {
         char *row = rows + (from + w) * stride * sizeof(double);
-        for (int k = 0; k < n; k++) memcpy(row + k * sizeof(double), of + k * LANES + w, sizeof(double));
+        for (int k = done; k < n; k++) memcpy(row + k * sizeof(double), of + k * LANES + w, sizeof(double));
     }
 }
 

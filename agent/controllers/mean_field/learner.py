@@ -9,6 +9,7 @@ starts at zero never learns. Here ŵ_F0(0) is a ridge least-squares fit of m̂ t
 states, which all UAVs know before take-off. All arrays are rows.
 """
 
+import sys
 from functools import lru_cache
 from itertools import product
 from math import factorial, perm, prod
@@ -201,6 +202,7 @@ def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
     return np.searchsorted(place, place[n] + place[r]) - 1, r, np.searchsorted(n, np.arange(len(terms) + 1))
 
 
+_ONLY_IN_A_LIST = 2  # references to an object that only a list has, while `sys.getrefcount` counts them
 _BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 
 
@@ -212,6 +214,7 @@ class Learner:
         self._learns_density = learns_density
         self._constants = tables(scenario)
         self._prepared = kernels.prepare(self._constants)
+        self._written: list[Floats] = []  # weights of the last steps
 
     def init(self, rows: int, initial_states: Floats) -> Floats:
         """Weights at take-off, `(rows, 246)`; every UAV fits one density to the initial states of all, `(N, 4)`."""
@@ -241,9 +244,20 @@ class Learner:
                 raise ValueError("hjb needs the states known to its rows")
             with np.errstate(over="ignore", invalid="ignore"):
                 around = known_states if cost.beta == 1.0 else empirical(states, known_states, cost.epsilon, cost.beta)
-        stepped, numbers = weights.copy(), np.empty((len(weights), NUMBERS))
-        kernels.learn(self._prepared, states, stepped, around, stepped, numbers)
+        stepped, numbers = self._room(weights.shape), np.empty((len(weights), NUMBERS))
+        kernels.learn(self._prepared, states, np.ascontiguousarray(weights), around, stepped, numbers)
         return stepped, numbers
+
+    def _room(self, shape: tuple[int, ...]) -> Floats:
+        """An array to be written: that of an earlier step if only this learner still has it, else a new one.
+
+        The memory of new arrays is cleared first, which takes as long as a third of a step of thousands of rows.
+        """
+        for place in range(len(self._written)):
+            if sys.getrefcount(self._written[place]) == _ONLY_IN_A_LIST and self._written[place].shape == shape:
+                return self._written[place]
+        self._written = [*self._written[-1:], np.empty(shape)]
+        return self._written[-1]
 
 
 def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:

@@ -115,3 +115,21 @@ def test_tables_of_another_size_or_type_are_refused() -> None:
         for wrong in (array[:-1], np.append(array, array[:1]), array.astype(np.int64)):
             with pytest.raises(ValueError, match="expected"):
                 native.tables(*both[:place], wrong, *both[place + 1 :])
+
+
+def test_weights_of_a_step_stay_as_long_as_somebody_has_them_and_their_room_is_used_again() -> None:
+    learner = Learner(SCENARIO)
+    _, states, _ = flying("density", 9)
+    weights = [learner.init(9, starts(SCENARIO))]
+    for _ in range(4):
+        weights.append(learner.step(weights[-1], states, None)[0])
+    part = weights.pop()[:, layout.VALUE]  # a view keeps the whole
+    kept = [array.copy() for array in (part, *weights)]
+    for _ in range(4):
+        learner.step(weights[-1], states, None)
+    assert all(np.array_equal(array, copy) for array, copy in zip((part, *weights), kept, strict=True))
+    places = set()
+    for _ in range(6):
+        stepped, _ = learner.step(weights[-1], states, None)
+        places.add(stepped.ctypes.data)
+    assert len(places) <= 2
