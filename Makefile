@@ -35,7 +35,7 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 test: $(VENV)/.dev ## Run all tests but those of the containers and the judges (ARGS="-k rician")
 	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges $(ARGS)
 
-judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy: Python 3.11)
+judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy needs Python 3.11)
 	@$(PYTEST) tests/judges $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
