@@ -195,8 +195,11 @@ def test_a_frozen_agent_costs_its_uav_and_ctrl_c_ends_the_flight_cleanly(command
 
 # -- runs of `meanflock run` that survive, or are resumed -----------------------------------------------------------
 
+of_survivors = pytest.mark.xdist_group("survivors")  # they share the undisturbed flight
+
 
 @forks
+@of_survivors
 def test_the_flight_does_not_need_its_launcher(tmp_path: Path) -> None:
     """It is stopped, as by Ctrl-Z, for longer than its lease, until the flight is over."""
     with launched(tmp_path / "runs", *FLOWN, **{LEASE: "3"}) as run:
@@ -226,6 +229,7 @@ KILLS: dict[str, tuple[Callable[[Launched], object], int, str]] = {  # how, exit
 
 
 @forks
+@of_survivors
 @pytest.mark.parametrize("victim", KILLS)
 def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(victim: str, tmp_path: Path) -> None:
     kill, code, says = KILLS[victim]

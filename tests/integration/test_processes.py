@@ -19,9 +19,8 @@ pytestmark = pytest.mark.processes
 
 SHORT = ("--uavs", "4", "--seed", "7", "--duration", "30", "--set", "federation.period=40")
 
-CUTS = [  # flights of the golden table, and UAVs of a process
+CUTS = [  # flights of the golden table, and UAVs of a process; `short-int8` flies `mfgfl-hf`
     ("short-hjb", "3"),
-    ("short-mfgfl-hf", "1"),
     ("short-int8", "1"),
     ("short-clusters-hf", "2"),
     ("short-events", "1"),
