@@ -40,9 +40,7 @@ def test_the_largest_tells_whether_a_number_is_not_finite(
     [
         (np.zeros((3, 2)), np.zeros((3, 2)), (3, 5)),
         (np.zeros((2, 2)), np.zeros((2, 3)), (3, 5)),
-        (np.zeros((3, 3)), np.zeros((3, 2)), (3, 5)),
         (np.zeros((3, 2)), None, (3, 5)),
-        (np.zeros((3, 2, 1)), np.zeros((3, 3)), (3, 5)),
         (np.zeros((3, 2)), np.zeros((3, 3), np.float32), (3, 5)),
         (np.zeros((3, 2), np.int64), np.zeros((3, 3)), (3, 5)),
     ],

@@ -90,12 +90,6 @@ DELAYS: dict[str, tuple[Callable[[int, str], float], Sequence[int], Sequence[str
     "all are slow": (lambda *_: JUST_IN_TIME_S, THREE, SHORT, []),
     "not so many times slower": (late(JUST_IN_TIME_S, JUST_IN_TIME_S / 9), THREE, SHORT, []),
     "below the threshold": (late(1.9), THREE, SHORT, []),
-    "slow in turns": (
-        lambda tick, node: JUST_IN_TIME_S if node == f"agent-{tick % 3}" and tick < 15 else PROMPT_S,
-        THREE,
-        SHORT,
-        [],
-    ),
     "1.9 s": (late(1.9), SIX, MINUTE, ["agent-1"]),
     "0.5 s": (late(0.5), SIX, MINUTE, ["agent-1"]),
     "two in turns": (
