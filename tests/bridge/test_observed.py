@@ -1,17 +1,30 @@
 """An observer of a live flight gets every row and the summary, and the world does not wait for it."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation.bridge.observer import Observer
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.launch.station import Kept, Station
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import BusError, RunFailed
+from meanflock.swarm.errors import EXIT_DONE, BusError, RunFailed
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import WORLD
 from meanflock.swarm.net.bus import MemoryNetwork
+from meanflock.swarm.net.session import ZenohBus
 from meanflock.worldsim.reporting import WINDOW_BLOCKS
+from tests.bridge.client import Client
+from tests.commands import COMMAND
+from tests.polling import until
 
 RUN = "observed"
 
@@ -48,3 +61,71 @@ def test_an_observer_notices_the_end_of_a_world_and_drops_what_is_no_telemetry()
     world.close()
     with pytest.raises(RunFailed, match="the world is gone"):
         observer.listen(Kept())
+
+
+LISTENS = """
+import sys
+from meanflock.swarm.net.session import ZenohBus
+bus = ZenohBus.client(sys.argv[1])
+bus.subscribe("observed")
+while True:
+    if bus.receive(1.0) is not None:
+        print("heard", flush=True)
+"""
+
+
+@pytest.mark.processes
+def test_an_observer_that_stands_still_does_not_hold_the_world_up() -> None:
+    endpoint = free_endpoint()
+    hub = ZenohBus.router(endpoint)
+    observer = subprocess.Popen([sys.executable, "-c", LISTENS, endpoint], stdout=subprocess.PIPE)
+    assert observer.stdout is not None
+    try:
+        os.set_blocking(observer.stdout.fileno(), False)
+
+        def heard() -> bytes | None:
+            hub.tell("observed", b"first")
+            return observer.stdout.read()
+
+        until(heard, "a message at the observer")
+        os.kill(observer.pid, signal.SIGSTOP)
+        began = time.perf_counter()
+        for _ in range(300):  # 30 MB, far more than all buffers
+            hub.tell("observed", bytes(100_000))
+        assert time.perf_counter() - began < 5.0  # each would wait for seconds if it waited
+    finally:
+        observer.kill()
+        observer.communicate()
+        hub.close()
+
+
+@pytest.mark.processes
+def test_the_command_shows_a_live_flight_to_its_end(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    flight = ["run", "--realtime", "5", "--uavs", "5", "--duration", "20", "--quiet", "--no-record"]
+    flight += ["--endpoint", endpoint, "--out", str(tmp_path)]
+    with Client() as client:
+        bridge = ["bridge", "mavlink", "--live", endpoint, "--to", str(client.port)]
+        started = [subprocess.Popen([*COMMAND, *line]) for line in (bridge, flight)]
+
+        def over() -> bool:
+            client.receive()
+            return all(process.poll() is not None for process in started)
+
+        try:
+            until(over, "the end of the flight and of the bridge")
+        finally:
+            for process in started:
+                process.kill()
+                process.wait()
+        assert [process.returncode for process in started] == [EXIT_DONE, EXIT_DONE]
+        client.receive()
+    (folder,) = tmp_path.iterdir()
+    run = mf.open(folder)
+    flown = run.states.astype(np.float32)[..., [1, 0, 3, 2]]  # north before east
+    for uav in range(5):
+        places = list(client.of("LOCAL_POSITION_NED", uav + 1))
+        ticks = [round(place.time_boot_ms / 1e3 / run.scenario.dt) for place in places]
+        read = np.array([(place.x, place.y, place.vx, place.vy) for place in places], dtype=np.float32)
+        assert read.tobytes() == flown[ticks, uav].tobytes()
+        assert ticks[-1] == run.summary["ticks"]

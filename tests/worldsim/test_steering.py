@@ -88,6 +88,13 @@ def test_what_came_before_take_off_is_discarded() -> None:
     assert steered.tick(0.1) == [OWN, OWN, OWN]
 
 
+def test_a_resumed_flight_knows_that_it_was_steered() -> None:
+    steered, resumed = Steered(), Counters()
+    steered.tick(0.0, PUSH)
+    resumed.restore(steered.counters.snapshot(1.0))
+    assert resumed.steered == 1
+
+
 def test_lockstep_cannot_be_steered() -> None:
     with pytest.raises(BadInput, match="add --realtime"):
         World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), "run", steer=Heard())
