@@ -109,7 +109,7 @@ def test_a_payload_is_steps_times_scales_and_is_rejected_if_one_is_beyond_its_bo
 ) -> None:
     coding, raw = Coding("int8", H), steps + struct.pack("<2f", first, second)
     row, scales = np.frombuffer(raw, "u1")[None], np.array(struct.unpack_from("<2f", raw, 108))
-    if ((scales >= FINEST) & (scales <= COARSEST)).all() and 0x80 not in steps:
+    if ((scales >= FINEST) & (scales <= np.float32(COARSEST))).all() and 0x80 not in steps:
         coding.check(np.arange(1), row)
         np.testing.assert_array_equal(coding.decode(row)[0], np.frombuffer(steps, "i1") * scales.repeat(H))
     else:
