@@ -64,24 +64,25 @@ class Averager:
         """All that a round averages; forgets its mail and that of all rounds before it."""
         return close_mail(self._mails, number, self._coding, self.uavs, takes_late=self._takes_late)
 
-    def average(self, joined: Joined, number: int, uav: int) -> tuple[Floats | None, Floats]:
+    def average(self, joined: Joined, number: int, uav: int) -> tuple[Floats | None, Floats, Floats]:
         """The average at one UAV in a round.
 
         Returns:
             The model (L,), or None where nothing can be averaged: no mail, or in the last hop none but the UAV's own.
-            The number of models behind each fragment, (F,).
+            The sum of the weights of the models behind each fragment, (F,), and their number, (F,).
 
         Raises:
             RuleFailed: the aggregation rule failed.
         """
-        uploads, counts = joined.to(int(self.uavs.searchsorted(uav)), number)
-        behind = counts.sum(axis=0)
+        uploads, counts, of_each = joined.to(int(self.uavs.searchsorted(uav)), number)
+        weights = counts.sum(axis=0)
+        behind = of_each.sum(axis=0)
         if not len(uploads.uavs) or (self.hop.is_last and not self._is_shared(number, uav, uploads, behind)):
-            return None, behind
+            return None, weights, behind
         if self._rule is None:
-            return mean(uploads.models, joined.by_weight(counts)), behind
+            return mean(uploads.models, joined.by_weight(counts)), weights, behind
         self._state, model = self._rule.step(self._state, uploads)
-        return model, behind
+        return model, weights, behind
 
     def _is_shared(self, number: int, uav: int, uploads: Uploads, behind: Floats) -> bool:
         """Returns whether the models at a UAV are not only its own."""

@@ -48,7 +48,8 @@ class Coding:
             name: number format.
             parts: sizes of the parts of a model.
             cut: how the scenario cuts models.
-            weighted: each payload ends with a float32, the weight that its sender declares.
+            weighted: each payload ends with the weight that its sender declares, a float32; an average with the sum of
+                these weights, in each of its fragments.
         """
         self.floats = sum(parts)
         self.is_exact = name in _FLOATS  # but for the width of its floats
@@ -75,7 +76,8 @@ class Coding:
         numbers = self.floats + self.count * self.counted  # of the dtype `item`, in a row
         if not self.is_exact:
             numbers += _FLOAT32.itemsize * len(self._sizes)
-        self.width = numbers * self._item.itemsize + _FLOAT32.itemsize if weighted else numbers
+        self._weights = self.count if self.counted else 1  # of a row, if it has any
+        self.width = numbers * self._item.itemsize + _FLOAT32.itemsize * self._weights if weighted else numbers
         self.dtype = _BYTE if weighted else self._item
 
     @property
@@ -121,22 +123,31 @@ class Coding:
         return np.asarray(bounded & (steps >= -STEPS).all(axis=-1))
 
     def pack(self, numbers: np.ndarray, weights: Floats) -> np.ndarray:
-        """Payloads `(S, width)` of numbers of `encode`, with the declared weights (S,) if the coding has them."""
+        """Payloads `(S, width)` of numbers of `encode`, with the declared weights (S, K) if the coding has them.
+
+        K is 1; for averages it is F.
+        """
         if not self.weighted:
             return numbers
-        return np.concatenate([_bytes_of(numbers), _bytes_of(weights.astype(_FLOAT32)[:, None])], axis=-1)
+        return np.concatenate([_bytes_of(numbers), _bytes_of(weights.astype(_FLOAT32))], axis=-1)
 
     def unpack(self, payload: np.ndarray) -> tuple[np.ndarray, Floats]:
-        """The numbers of `encode` in payloads `(S, width)`, and the declared weights (S,); 1 where there are none."""
+        """The numbers of `encode` in payloads `(S, width)`, and the declared weights (S, K); 1 where there are none."""
         if not self.weighted:
-            return payload, np.ones(len(payload))
-        end = -_FLOAT32.itemsize
+            return payload, np.ones((len(payload), self._weights))
+        end = -_FLOAT32.itemsize * self._weights
         numbers = np.ascontiguousarray(payload[:, :end]).view(self._item)
-        return numbers, np.ascontiguousarray(payload[:, end:]).view(_FLOAT32)[:, 0].astype(np.float64)
+        return numbers, np.ascontiguousarray(payload[:, end:]).view(_FLOAT32).astype(np.float64)
 
-    def write(self, models: Floats, weights: Floats) -> np.ndarray:
-        """Averages `(S, L)` of `weights` (S, F) models in each of their fragments, as payloads `(S, width)`."""
-        return self.pack(self.encode(models), np.ones(len(models)))
+    def write(self, models: Floats, weights: Floats, behind: Floats) -> np.ndarray:
+        """Averages `(S, L)` as payloads `(S, width)`.
+
+        Args:
+            models: the averages.
+            weights: (S, F) sum of the weights of the models behind each of their fragments.
+            behind: (S, F) number of these models.
+        """
+        return self.pack(self.encode(models), np.ones((len(models), 1)))
 
     def on_air(self, payload: np.ndarray, turn: slice = slice(None)) -> NDArray[np.uint8]:
         """The fragments `(S, T, …)` of payloads `(S, width)` whose numbers are in `turn`; all F where left out."""
@@ -149,7 +160,7 @@ class Coding:
             return self.fragments.read(rows)
         numbers, weights = self.unpack(rows)
         values = numbers if self.is_exact else self.decode(numbers)
-        return Pieces(np.zeros(len(rows), dtype=np.intp), values, weights)
+        return Pieces(np.zeros(len(rows), dtype=np.intp), values, weights[:, 0], np.ones(len(rows)))
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates whole payloads of the UAVs `source` (S,) that come by network.
@@ -161,7 +172,7 @@ class Coding:
         """
         expect("payload", payload, (len(source), self.width), self.dtype)
         numbers, weights = self.unpack(payload)
-        self.check_weights(weights)
+        self.check_weights(weights, self.behind(numbers))
         if self.dtype == _BYTE and not self.valid(numbers).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
 
@@ -175,18 +186,25 @@ class Coding:
             self.check(source, rows)
             return
         self.fragments.check(source, rows)
-        self.check_weights(self.fragments.weights(rows))
+        self.check_weights(self.fragments.weights(rows), self.fragments.behind(rows))
         scales = self.fragments.scales(rows)
         if not (self.fragments.is_valid(rows) and ((scales >= FINEST) & (scales <= COARSEST)).all()):
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
 
-    def check_weights(self, weights: Floats) -> None:
-        """Validates declared weights.
+    def behind(self, numbers: np.ndarray) -> Floats:
+        """The number of models behind each of the weights that payloads with these numbers have, (S, K)."""
+        return np.ones((len(numbers), 1))
+
+    def check_weights(self, weights: Floats, behind: Floats) -> None:
+        """Validates declared weights, or their sums, of so many models each.
 
         Raises:
             MessageRejected: `wrong-shape`.
         """
-        if self.weighted and not ((weights > 0.0) & (weights < COARSEST)).all():
+        if not self.weighted:
+            return
+        valid = np.where(behind > 0.0, (weights > 0.0) & (weights / COARSEST < behind), weights == 0.0)
+        if not valid.all():
             raise MessageRejected("wrong-shape", "payload: weights of models that are not positive numbers")
 
     def _halves(self, numbers: np.ndarray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
@@ -207,24 +225,33 @@ class Counted(Coding):
     """Averages as floats of the radio, with the number of models behind each as one more float.
 
     The number is paid for like every weight. A coarser coding would lose what no later upload gives back. Each fragment
-    has a number of its own.
+    has a number of its own, and if controllers declare weights, the sum of the weights of these models.
     """
 
     counted = True
 
-    def __init__(self, name: Payload, parameters: int, most: NDArray[np.intp], cut: Cut | None = None) -> None:
+    def __init__(
+        self, name: Payload, parameters: int, most: NDArray[np.intp], cut: Cut | None = None, *, weighted: bool = False
+    ) -> None:
         """`most`: (N,) models that an average of each UAV can stand for."""
-        super().__init__(name, (parameters,), cut)
+        super().__init__(name, (parameters,), cut, weighted=weighted)
         self._most = most
 
-    def write(self, models: Floats, weights: Floats) -> np.ndarray:
-        return self.encode(np.concatenate([models, weights], axis=-1))
+    def write(self, models: Floats, weights: Floats, behind: Floats) -> np.ndarray:
+        return self.pack(self.encode(np.concatenate([models, behind], axis=-1)), weights)
 
     def received(self, rows: np.ndarray) -> Pieces:
-        """See `Coding.received`; the weights are numbers of models."""
+        """See `Coding.received`; without declared weights an average counts as many times as it has models."""
         if self.fragments is not None:
             return super().received(rows)
-        return Pieces(np.zeros(len(rows), dtype=np.intp), rows[:, :-1], rows[:, -1].astype(np.float64))
+        numbers, weights = self.unpack(rows)
+        behind = self.behind(numbers)
+        counts = weights if self.weighted else behind
+        return Pieces(np.zeros(len(rows), dtype=np.intp), numbers[:, : self.floats], counts[:, 0], behind[:, 0])
+
+    def behind(self, numbers: np.ndarray) -> Floats:
+        """See `Coding.behind`."""
+        return numbers[:, self.floats :].astype(np.float64)
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates payloads that come by network, and that no average stands for more models than its UAV can have.
@@ -235,13 +262,14 @@ class Counted(Coding):
             MessageRejected: `wrong-shape` or `non-finite`.
         """
         super().check(source, payload)
-        self._check_counts(source, payload[:, self.floats :].astype(np.float64), 1 if self.fragments is None else 0)
+        behind = self.behind(self.unpack(payload)[0])
+        self._check_counts(source, behind, 1 if self.fragments is None else 0)
 
     def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
         """See `Coding.check_received`; validates the numbers of models, too."""
         super().check_received(source, rows)
         if self.fragments is not None:
-            self._check_counts(source, self.fragments.weights(rows)[:, None], 1)
+            self._check_counts(source, self.fragments.behind(rows)[:, None], 1)
 
     def _check_counts(self, source: np.ndarray, counts: Floats, least: int) -> None:
         if ((counts < least) | (counts > self._most[source][:, None]) | (np.floor(counts) != counts)).any():
@@ -258,7 +286,8 @@ def of_uploads(scenario: Scenario, cut: Cut | None) -> Coding:
 
 def of_relays(scenario: Scenario, most: NDArray[np.intp], cut: Cut | None) -> Coding:
     """The coding of averages of `most` (N,) models at the most, which heads of clusters send."""
-    return Counted(scenario.radio_payload, scenario.declared.parameters, most, cut)
+    declared = scenario.declared
+    return Counted(scenario.radio_payload, declared.parameters, most, cut, weighted=declared.weighted)
 
 
 def of_broadcasts(scenario: Scenario, cut: Cut | None) -> Coding:
@@ -273,9 +302,9 @@ def cut_of_models(scenario: Scenario) -> Cut | None:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails, or a fragment has no room for a weight.
     """
-    parts = scenario.declared.parts
-    upload = _coding(scenario.upload_payload, parts, weighted=scenario.declared.weighted)
+    parts, weighted = scenario.declared.parts, scenario.declared.weighted
+    upload = _coding(scenario.upload_payload, parts, weighted=weighted)
     broadcast = _coding(scenario.broadcast_payload, parts)
-    relay = Counted(scenario.radio_payload, sum(parts), np.ones(0, dtype=np.intp))
+    relay = Counted(scenario.radio_payload, sum(parts), np.ones(0, dtype=np.intp), weighted=weighted)
     sent = [upload, broadcast, relay] if scenario.federation.clusters > 1 else [upload, broadcast]
     return cut_of(scenario, max(coding.bits for coding in sent), [coding.form for coding in sent])

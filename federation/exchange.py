@@ -54,7 +54,7 @@ class Exchange:
         numbers, samples = self._coding.unpack(payload)
         valid = self._coding.valid(numbers)
         self._copies[rows[valid]] = self._coding.decode(numbers[valid])
-        self._samples[rows[valid]] = samples[valid]
+        self._samples[rows[valid]] = samples[valid, 0]
         self._copied[rows[valid]] = number
 
     def collect(self, frames: Frames) -> None:
@@ -121,7 +121,7 @@ class Exchange:
     def _one(self, row: int, number: int, joined: Joined) -> Floats | None:
         """The average of one row by a rule that is not linear; None where the rule waits for more."""
         own = Own(int(self._uavs[row]), self._copies[row], float(self._samples[row]))
-        uploads, _ = joined.to(row, number, own)
+        uploads, *_ = joined.to(row, number, own)
         before = {name: array[row] for name, array in self._states.items()}
         after, average = self._rule.step(before, uploads)
         for name, array in after.items():

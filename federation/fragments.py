@@ -3,7 +3,7 @@
 A fragment is a row of bytes with n weights of the model, and what it takes to read them without the others:
 
     number   uint32, k for the weights from k·n on
-    weight   float32, what the sender's model counts, if the coding has that
+    weight   float32, what the sender's model counts, if the coding has that; of an average the sum over its models
     weights  n numbers as the coding writes them, the last fragment filled up with zeros
     count    one such number, how many models these weights are the mean of, if the coding has that
     scales   float32, of 8-bit steps: one for each part of the model that the fragment touches
@@ -47,11 +47,13 @@ class Pieces(NamedTuple):
     """Fragments that were read, R of them.
 
     numbers: (R,). values: (R, n) weights of the model. weights: (R,), what the sender's model counts in this fragment.
+    behind: (R,), number of models that it is the mean of; 1 for uploads.
     """
 
     numbers: NDArray[np.intp]
     values: NDArray[np.floating]
     weights: Floats
+    behind: Floats
 
 
 class Fragments:
@@ -81,7 +83,7 @@ class Fragments:
             starts: first weights of the pieces that have a scale each, ascending; a piece lies in one fragment.
             item: dtype of a weight on the air.
             counted: each fragment has the number of models behind it.
-            weighted: each fragment has the weight that its sender declares.
+            weighted: each fragment has the weight that its sender declares, or the sum of such weights.
             scaled: weights are steps of scales.
         """
         self.cut = cut
@@ -108,7 +110,7 @@ class Fragments:
         return -(-self.count // self.cut.per_tick)
 
     def rows(self, numbers: np.ndarray, weights: Floats, ready: slice = slice(None)) -> NDArray[np.uint8]:
-        """Models `(S, …)`, written by a coding, and their declared weights (S,), as fragments `(S, T, width)`.
+        """Models `(S, …)`, written by a coding, and declared weights (S, 1) or (S, F), as fragments `(S, T, width)`.
 
         `ready`: the T fragments that are wanted, by their numbers; all F where left out.
         """
@@ -116,7 +118,8 @@ class Fragments:
         rows = np.empty((len(numbers), len(chosen), self.width), dtype=_BYTE)
         rows[:, :, : _NUMBER.itemsize] = chosen[:, None].view(_BYTE)
         if self._weighted:
-            rows[:, :, _NUMBER.itemsize : self._head] = weights.astype(_FLOAT32)[:, None, None].view(_BYTE)
+            each = np.broadcast_to(weights.astype(_FLOAT32), (len(numbers), self.count))[:, ready, None]
+            rows[:, :, _NUMBER.itemsize : self._head] = np.ascontiguousarray(each).view(_BYTE)
         first = int(chosen[0]) * size
         model = numbers[:, first : min(first + len(chosen) * size, self._floats)]
         full = model.shape[1] // size  # fragments of this turn but for one that is filled up with zeros
@@ -142,14 +145,18 @@ class Fragments:
         """The valid contents of fragments `(R, width)`; floats have the width that they have on the air."""
         numbers = self.numbers(rows)
         if not self._scaled:
-            return Pieces(numbers, self._written(rows), self.weights(rows))
+            return Pieces(numbers, self._written(rows), self.weights(rows), self.behind(rows))
         spread = np.take_along_axis(self.scales(rows), self._own_scale[numbers], axis=-1).astype(np.float64)
-        return Pieces(numbers, self._written(rows) * spread, self.weights(rows))
+        return Pieces(numbers, self._written(rows) * spread, self.weights(rows), self.behind(rows))
 
     def weights(self, rows: NDArray[np.uint8]) -> Floats:
-        """The weights of models in fragments `(R, width)`, (R,): declared, numbers of models, or 1."""
+        """The weights of models in fragments `(R, width)`, (R,): declared, or the numbers of models."""
         if self._weighted:
             return np.ascontiguousarray(rows[:, _NUMBER.itemsize : self._head]).view(_FLOAT32)[:, 0].astype(float)
+        return self.behind(rows)
+
+    def behind(self, rows: NDArray[np.uint8]) -> Floats:
+        """The numbers of models behind fragments `(R, width)`, (R,)."""
         if self._counted:
             return np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
         return np.ones(len(rows))

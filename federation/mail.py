@@ -22,7 +22,9 @@ class Mail:
     Attributes:
         senders: (S,) the UAVs that the models are of.
         values: (S, F, n) their weights, floats as wide as on the air; 0 in fragments that nobody received.
-        weights: (S, F) what each counts: declared by its UAV, or the number of models behind it.
+        weights: (S, F) what each counts: the weight that its UAV declares, of an average the sum over its models; their
+            number where no weights are declared.
+        behind: (S, F) number of models that each is the mean of; 1 for uploads.
         arrived: (A, S, F) which of the A UAVs that average received which fragment.
         slots: (A, S) slots that the models were on the air to each of them.
     """
@@ -34,6 +36,7 @@ class Mail:
         self.senders: Indices = np.zeros(0, dtype=np.intp)
         self.values: NDArray[np.floating] = np.zeros((0, coding.count, size), dtype=coding.held)
         self.weights: Floats = np.zeros((0, coding.count))
+        self.behind: Floats = np.zeros((0, coding.count))
         self.arrived: Mask = np.zeros((len(uavs), 0, coding.count), dtype=bool)
         self.slots: NDArray[np.int64] = np.zeros((len(uavs), 0), dtype=np.int64)
 
@@ -57,6 +60,7 @@ class Mail:
         where = place[chosen], pieces.numbers[chosen]
         self.values[where] = pieces.values[chosen]
         self.weights[where] = pieces.weights[chosen]
+        self.behind[where] = pieces.behind[chosen]
         self.arrived[target, place[row], pieces.numbers[row]] = True
 
     def _make_room(self, source: NDArray[np.integer]) -> None:
@@ -68,6 +72,7 @@ class Mail:
         self.senders = senders
         self.values = _spread(self.values, place, len(senders))
         self.weights = _spread(self.weights, place, len(senders))
+        self.behind = _spread(self.behind, place, len(senders))
         self.arrived = _spread(self.arrived, place, len(senders), axis=1)
         self.slots = _spread(self.slots, place, len(senders), axis=1)
 
@@ -87,7 +92,7 @@ class Joined:
 
     Attributes:
         senders, sent: (S,) UAVs, ascending, and the rounds in which they sent these models, ascending for each UAV.
-        values, weights, arrived, slots: as those of `Mail`.
+        values, weights, behind, arrived, slots: as those of `Mail`.
         refused: UAVs whose models cannot be averaged, ascending.
     """
 
@@ -105,6 +110,7 @@ class Joined:
         self.senders, self.sent = self.senders[order], self.sent[order]
         self.values = _in_order([mail.values for mail in parts], order)
         self.weights = _in_order([mail.weights for mail in parts], order)
+        self.behind = _in_order([mail.behind for mail in parts], order)
         self.arrived = np.concatenate([mail.arrived for mail in parts], axis=1)[:, order]
         self.slots = np.concatenate([mail.slots for mail in parts], axis=1)[:, order]
         again = np.flatnonzero(self.senders[1:] == self.senders[:-1])  # models whose UAVs sent another one later
@@ -126,26 +132,31 @@ class Joined:
         """A table by fragment (S, F) as a table by weight of the model, (S, L)."""
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
 
-    def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats]:
-        """The models that one of the UAVs averages, and what each counts by fragment (S, F), 0 where it did not arrive.
+    def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats, Floats]:
+        """The models that one of the UAVs averages.
 
         Args:
             row: place of the UAV.
             number: the round.
             own: the UAV's own model, if it is not in the mail.
+
+        Returns:
+            The models. What each counts by fragment, (S, F), and how many models it is the mean of there, (S, F); both
+            are 0 where the fragment did not arrive.
         """
         here = np.flatnonzero(self.arrived[row].any(axis=1))
         uavs, place = np.unique(self.senders[here], return_inverse=True)
         arrived = self.arrived[row, here]
         values = (self.values if len(here) == len(self.values) else self.values[here]).astype(np.float64)
         counts = self.weights[here] * arrived
+        behind = self.behind[here] * arrived
         sent, slots = self.sent[here], self.slots[row, here]
         if len(self._uavs) > 1 and not arrived.all():  # fragments that only other UAVs received
             values[~arrived] = 0.0
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))
             last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
-            values, counts = (np.add.reduceat(table, first, axis=0) for table in (values, counts))
+            values, counts, behind = (np.add.reduceat(table, first, axis=0) for table in (values, counts, behind))
             arrived = np.logical_or.reduceat(arrived, first, axis=0)
             slots, sent = np.add.reduceat(slots, first), sent[last]
         samples = counts.max(axis=1, initial=0.0)
@@ -156,6 +167,7 @@ class Joined:
             slots = np.insert(slots, at, 0)
             samples = np.insert(samples, at, own.samples)
             counts = np.insert(counts, at, own.samples, axis=0)
+            behind = np.insert(behind, at, 1.0, axis=0)
             filled_up = np.pad(own.model, (0, values[0].size - self._floats))
             values = np.insert(values, at, filled_up.reshape(values.shape[1:]), axis=0)
             arrived = np.insert(arrived, at, True, axis=0)
@@ -164,7 +176,7 @@ class Joined:
             sender, fragment = np.nonzero(~arrived)
             values[sender, fragment] = means[fragment]
         models, by_weight = self._flat(values), self.by_weight(arrived)
-        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number), counts
+        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number), counts, behind
 
 
 class Own(NamedTuple):

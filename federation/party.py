@@ -181,7 +181,7 @@ class Party:
             participants if self._exchange is None else np.arange(len(self._uavs))
         )
         if self._exchange is not None:
-            self._exchange.remember(number, rows, coding.pack(coding.encode(models), weights))
+            self._exchange.remember(number, rows, coding.pack(coding.encode(models), weights[:, None]))
             takes_part = contains(participants, rows)
             rows = rows[takes_part]
             models = models[takes_part]
@@ -196,9 +196,9 @@ class Party:
         source = self._uavs[rows].astype(np.int32)
         numbers = self._feedback.encode(rows, models)
         if self._exchange is not None:
-            self._exchange.remember(number, rows, coding.pack(numbers, weights))
+            self._exchange.remember(number, rows, coding.pack(numbers, weights[:, None]))
         numbers = self._byzantine.distort(number, source, numbers, coding)
-        return _valid(hop, number, source, coding.pack(numbers, weights))
+        return _valid(hop, number, source, coding.pack(numbers, weights[:, None]))
 
     def _take_own(self, exchange: Exchange, number: int) -> list[int]:
         """Lets the learner take the averages of its rows; returns the UAVs whose models they refuse to average."""
@@ -210,23 +210,22 @@ class Party:
 
     def _averages(self, averager: Averager, number: int, refused: list[int]) -> list[Frames]:
         """The averages of the UAVs of this node that send in a hop; a UAV with nothing to average sends nothing."""
-        hop, found = averager.hop, dict[int, tuple[Floats, Floats]]()
+        hop, found = averager.hop, dict[int, tuple[Floats, Floats, Floats]]()
         joined = averager.close(number)
         refused += joined.refused
         for uav in self._speakers(averager):
             try:
-                model, behind = averager.average(joined, number, uav)
+                model, weights, behind = averager.average(joined, number, uav)
             except RuleFailed as error:
                 self.problems.append(str(error))
                 continue
             if model is not None:
-                found[uav] = model, behind
+                found[uav] = model, weights, behind
         if averager.hop.ruled:
             self.rule_record = averager.record
         if not found:
             return []
-        models = np.stack([model for model, _ in found.values()])
-        payload = hop.coding.write(models, np.stack([behind for _, behind in found.values()]))
+        payload = hop.coding.write(*(np.stack(tables) for tables in zip(*found.values(), strict=True)))
         frames = _valid(hop, number, np.array(list(found), dtype=np.int32), payload)
         if not frames and hop.role == "leader":
             self.problems.append(f"round {number}: the global model is beyond what the radio's floats can say")

@@ -26,7 +26,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         targets: (N, T) the UAVs that each one transmits to, ascending; itself needs no radio. None: everyone.
         coding: how the models are written.
         mail: the hop whose models the senders average; None: the participants send their own models.
-        ruled: the scenario's aggregation rule averages; else the mean, weighted by the number of models.
+        ruled: the scenario's aggregation rule averages; else the mean, weighted by samples, or by the number of models.
         is_last: receivers put the model in the place of their own.
         range_m: distance beyond which a broadcast is meant for nobody, and which leaves out the sender itself; None:
             the hop has no such distance.

@@ -92,11 +92,6 @@ class Clusters(Topology):
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
                 "means; take fedavg, or one cluster"
             )
-        if scenario.declared.weighted:
-            raise ValueError(
-                f"{asked} `method` {scenario.method} declares a weight for each model, and what heads send has room "
-                "for the number of models behind it only; take federation.topology leader or neighbours"
-            )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
         if (largest := -(-scenario.uavs // count)) > exact:
             raise ValueError(

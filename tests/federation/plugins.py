@@ -84,15 +84,22 @@ class Long(Large):
     class Options(mf.Options, frozen=True):
         length: int = 3000
         decay: float = 0.999
+        by_samples: bool = False
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.parameters, self.weights = options.length, 0
         self.parts = (options.length // 3, options.length - options.length // 3)
+        self.weighted = options.by_samples
 
     def init(self, uavs: np.ndarray, initial_states: np.ndarray) -> dict[str, Any]:
-        return {"model": np.stack([np.random.default_rng(int(uav)).normal(size=self.parameters) for uav in uavs])}
+        models = [np.random.default_rng(int(uav)).normal(size=self.parameters) for uav in uavs]
+        return {"model": np.stack(models), "samples": uavs + 1.0}
 
     def step(self, memory: dict[str, Any], tick: int, own: np.ndarray, received: Any) -> mf.Step:
         pull = memory["model"][:, :2] * 0.01
-        return mf.Step({"model": memory["model"] * self.options.decay}, pull - 0.05 * own[:, :2] - 0.3 * own[:, 2:])
+        after = {**memory, "model": memory["model"] * self.options.decay}
+        return mf.Step(after, pull - 0.05 * own[:, :2] - 0.3 * own[:, 2:])
+
+    def samples(self, memory: dict[str, Any]) -> np.ndarray:
+        return memory["samples"]

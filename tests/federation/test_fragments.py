@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import meanflock as mf
-from meanflock.federation.coding import Coding
+from meanflock.federation.coding import Coding, Counted
 from meanflock.federation.fragments import Cut, longest, resolved
 from meanflock.federation.mail import Joined, Mail, Own
 from meanflock.federation.memory import GlobalModels
@@ -48,7 +48,7 @@ def test_fragments_of_a_model_are_the_model(name: Any, weighted: bool, parts: li
     way = Coding(name, tuple(parts), Cut(1, share, 3), weighted=weighted)
     draw = np.random.default_rng(seed)
     models, samples = draw.normal(size=(3, length)), draw.integers(1, 99, 3).astype(float)
-    payload = way.pack(way.encode(models), samples)
+    payload = way.pack(way.encode(models), samples[:, None])
     way.check(np.arange(3), payload)
     rows = way.on_air(payload).reshape(3 * way.count, -1)
     source = np.arange(3).repeat(way.count)
@@ -88,16 +88,16 @@ def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
 
 
 @pytest.mark.parametrize("topology", ["topology=leader", "clusters=2", "topology=neighbours"])
-def test_without_losses_a_round_in_fragments_is_the_mean(topology: str) -> None:
+@pytest.mark.parametrize("by_samples", [False, True])
+def test_without_losses_a_round_in_fragments_is_the_mean(topology: str, by_samples: bool) -> None:
     sure = ("controller.decay=1.0", "radio.rice_xi=1e4", "radio.bits_per_float=64", "duration=2.6")
-    of = flown(f"federation.{topology}", "federation.fragment=4", *sure)
+    of = flown(f"federation.{topology}", "federation.fragment=4", f"controller.by_samples={by_samples}".lower(), *sure)
     assert of.hops[0].coding.count > 3
     engine = Engine(of, "mean")
     assert engine.complete()["radio"]["traffic"]["uplink"]["outages"] == 0
-    start = Long(Long.Options(length=3600), of).init(np.arange(6), np.zeros((6, 4)))["model"]
-    np.testing.assert_allclose(
-        engine._agents[0]._memory["model"], np.tile(start.mean(axis=0), (6, 1)), rtol=1e-12, atol=1e-12
-    )
+    start = Long(Long.Options(length=3600), of).init(np.arange(6), np.zeros((6, 4)))
+    mean = np.average(start["model"], axis=0, weights=start["samples"] if by_samples else None)
+    np.testing.assert_allclose(engine._agents[0]._memory["model"], np.tile(mean, (6, 1)), rtol=1e-12, atol=1e-12)
 
 
 def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_own() -> None:
@@ -145,7 +145,7 @@ def mail_of(models: list[list[float]], lost: set[tuple[int, int]], to: int = 9) 
 
 def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     joined = mail_of([[1, 1, 1, 1], [3, 3, 3, 3], [8, 8, 8, 8]], lost={(2, 0), (0, 1), (1, 1), (2, 1)})
-    uploads, _ = joined.to(0, 1)
+    uploads, *_ = joined.to(0, 1)
     assert uploads.arrived.tolist() == [[True, True, False, False], [True, True, False, False]]
     assert uploads.uavs.tolist() == [0, 1]  # nothing arrived of the third
     assert uploads.models[:, 2:].tolist() == [[0, 0], [0, 0]]
@@ -156,7 +156,7 @@ def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     assert middle.tolist() == [5, 5]
     own = Own(1, np.array([7.0, 7.0, 7.0, 7.0]), 1.0)
     joined = mail_of([[1, 1, 1, 1], [0, 0, 0, 0], [4, 4, 4, 4]], lost={(1, 0), (1, 1), (2, 1)})
-    uploads, _ = joined.to(0, 1, own)
+    uploads, *_ = joined.to(0, 1, own)
     assert uploads.uavs.tolist() == [0, 1, 2]
     assert FedAvg(FedAvg.Options(), of).step({}, uploads)[1].tolist() == [4, 4, 4, 4]
 
@@ -185,6 +185,33 @@ def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_
     told = resolved(flown())
     assert told.federation.fragment == 3
     assert told.hops[0].coding.cut == flown().hops[0].coding.cut
+
+
+@pytest.mark.parametrize("cut", [None, Cut(1, 4, 9)], ids=["whole", "fragments"])
+def test_an_average_of_weighted_models_has_their_number_and_the_sum_of_their_weights(cut: Cut | None) -> None:
+    way = Counted("float32", 10, np.array([3, 3]), cut, weighted=True)
+    fragments = way.count
+    models, source = np.arange(20.0).reshape(2, 10), np.arange(2)
+    behind = np.array([[1.0, 3.0, 2.0], [2.0, 1.0, 0.0]])[:, :fragments]
+    weights = behind * 50.0
+    payload = way.write(models, weights, behind)
+    assert way.bits == 8 * payload.shape[1] == 32 * (10 + 2 * fragments)
+    way.check(source, payload)
+    sent = behind > 0.0
+    rows = payload if cut is None else way.on_air(payload)[sent]
+    way.check_received(source.repeat(sent.sum(axis=1)), rows)
+    pieces = way.received(rows)
+    assert (pieces.behind.tolist(), pieces.weights.tolist()) == (behind[sent].tolist(), weights[sent].tolist())
+    np.testing.assert_array_equal(pieces.values[0], models[0, : 10 if cut is None else 4])
+    for false in (0.0, -1.0, np.nan, np.inf, 4e30):  # of two or three models
+        with pytest.raises(MessageRejected, match="weights"):
+            way.check(source, way.write(models, np.where(behind == behind.max(), false, weights), behind))
+    for too_many in (4.0, 1.5):
+        with pytest.raises(MessageRejected, match="averages"):
+            way.check(source, way.write(models, weights, np.where(behind == behind.max(), too_many, behind)))
+    if cut is not None:
+        with pytest.raises(MessageRejected, match="weights"):
+            way.check(source, way.write(models, np.maximum(weights, 1.0), behind))  # a weight of no model
 
 
 Rows = np.ndarray

@@ -40,6 +40,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "neighbours with states, some silent": ("mfgfl-h", (*SLOW, NEIGHBOURS, MOMENTUM, SILENT)),
     "fragments to a leader": ("long", (*FRAGMENTS, LEADER, "federation.payload=int8")),
     "fragments to heads": ("long", (*FRAGMENTS, *CLUSTERS)),
+    "fragments to heads, weighted": ("long", (*FRAGMENTS, *CLUSTERS, "controller.by_samples=true")),
     "fragments to neighbours, some silent": ("long", (*FRAGMENTS, NEIGHBOURS, SILENT)),
     "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, "federation.aggregation=median")),
 }

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import meanflock as mf
 from meanflock.channel.medium import Medium
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
@@ -19,17 +20,28 @@ from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH
 from tests.faults.conftest import Lab, scenario
-from tests.federation.plugins import Rows
+from tests.federation.plugins import Long, Rows
+
+BY_SAMPLES = ("controller.by_samples=true", f"controller.length={FLOATS}")
 
 
-def one_round(flight: Scenario, models: np.ndarray) -> tuple[np.ndarray | None, list[int]]:
-    """The mean the leader broadcasts of `models` (N, L), and the UAVs whose model got through all hops."""
+@pytest.fixture(autouse=True)
+def _registered() -> None:
+    mf.register(Long)
+
+
+def one_round(flight: Scenario, models: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray | None, list[int]]:
+    """The mean the leader broadcasts of `models` (N, L), and the UAVs whose model got through all hops.
+
+    `samples`: (N,) what each counts, if the controller declares that.
+    """
     rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
     agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(range(flight.uavs)))
     leader = Leader(Welcome(0, "leader", (), 0, scenarios.encode(flight), states))
     tick, relays = PERIOD, np.zeros((0, 5))
     source = rounds.participants(1).astype(np.int32)
-    uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, models[source])], states)
+    payload = flight.hops[0].coding.pack(models[source], samples[source, None])
+    uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, payload)], states)
     has_heads = flight.federation.clusters > 1
     while not rounds.closes(tick):
         tick += 1
@@ -55,6 +67,7 @@ def rounds_of(draw: st.DrawFn) -> tuple[list[str], int]:
     """Settings of a swarm with clusters, and a seed for its models."""
     uavs = draw(st.integers(1, 40))
     return [
+        *draw(st.sampled_from([("method=mfgfl-h",), ("method=long", *BY_SAMPLES)])),
         f"uavs={uavs}",
         f"federation.clusters={draw(st.integers(1, uavs))}",
         f"federation.leader={draw(st.integers(0, uavs - 1))}",
@@ -70,24 +83,27 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
     @given(rounds_of())
     def check(asked: tuple[list[str], int]) -> None:
         for levels in ((), ("federation.clusters=1",)):
-            of = load(None, [*asked[0], *radio, *levels], method="mfgfl-h")
-            models = np.random.default_rng(asked[1]).standard_normal((of.uavs, FLOATS))
-            found, through = one_round(of, models)
+            of = load(None, [*asked[0], *radio, *levels])
+            draw = np.random.default_rng(asked[1])
+            models, samples = draw.standard_normal((of.uavs, FLOATS)), draw.integers(1, 2**16, of.uavs).astype(float)
+            found, through = one_round(of, models, samples)
             assert radio is ROUGH or through == Schedule(of).participants(1).tolist()
             assert (found is None) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
             if found is not None:
-                np.testing.assert_allclose(found, mean(models[through]), rtol=0, atol=1e-12)
+                expected = mean(models[through], samples[through] if of.declared.weighted else None)
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
     check()
 
 
-@pytest.mark.parametrize(("leader", "bits"), [(0, 32), (5, 64), (7, 16)])
-def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int) -> None:
+@pytest.mark.parametrize(("leader", "bits", "options"), [(0, 32, ()), (5, 64, ()), (7, 16, ()), (0, 64, BY_SAMPLES)])
+def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int, options: tuple[str, ...]) -> None:
     """8 UAVs, 3 clusters {0 1 2}, {3 4 5}, {6 7}; all upload; five rounds."""
     of = scenario(
         "uavs=8", "federation.clusters=3", "federation.fraction=1.0", f"federation.leader={leader}",
-        f"radio.bits_per_float={bits}", "radio.target_snr_db=60",
+        f"radio.bits_per_float={bits}", "radio.target_snr_db=60", *options, method="long" if options else "mfgfl-h",
     )  # fmt: skip
+    samples = 32 if options else 0
     lab = Lab(of)
     summary = lab.fly()
     traffic = summary["radio"]["traffic"]
@@ -95,11 +111,11 @@ def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int) -> No
     assert traffic["uplink"]["transmissions"] == traffic["uplink"]["sent"] == 5 * (8 - 3)  # heads need no radio
     assert traffic["relay"]["transmissions"] == traffic["relay"]["sent"] == 5 * (3 - 1)  # nor does the leader's own
     assert summary["payload_bits"] == {
-        "uplink": 25 * FLOATS * bits,
-        "relay": 10 * (FLOATS + 1) * bits,
+        "uplink": 25 * (FLOATS * bits + samples),
+        "relay": 10 * ((FLOATS + 1) * bits + samples),
         "broadcast": 5 * FLOATS * bits,
         "state": 8 * 4 * bits,
-        "total": (30 * FLOATS + 10 * (FLOATS + 1)) * bits + 32 * bits,
+        "total": (30 * FLOATS + 10 * (FLOATS + 1)) * bits + 35 * samples + 32 * bits,
     }
     heads = {0: (0, 3, 6), 5: (0, 5, 6), 7: (0, 3, 7)}[leader]
     members = ((0, 1, 2), (3, 4, 5), (6, 7))
