@@ -15,6 +15,7 @@ from tests.compose.containers import ENDLESS, MARKS, REPOSITORY, SHORT, UAVS, US
 from tests.polling import DEADLINE_S, until
 
 pytestmark = MARKS
+HASHES = ("trajectory_sha256", "models_sha256", "payload_bits")
 
 
 def flown_alone(out: Path, *arguments: str) -> dict[str, Any]:
@@ -31,10 +32,17 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(flown_alone(tmp_path_factory.mktemp("alone"))["trajectory_sha256"])
 
 
-def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(compose: Compose, alone: str) -> None:
-    compose.up(" ".join(SHORT))
+def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(
+    compose: Compose, tmp_path: Path
+) -> None:
+    ways = ("federation.fragment=1", "radio.target_snr_db=76")  # a model goes to the leader and back in four fragments
+    compose.up(" ".join([*SHORT, *ways]))
     summary = compose.finished()
-    assert summary["trajectory_sha256"] == alone
+    expected = flown_alone(tmp_path / "alone", *(word for way in ways for word in ("--set", way)))
+    assert [summary[name] for name in HASHES] == [expected[name] for name in HASHES]
+    traffic = summary["radio"]["traffic"]
+    assert traffic["broadcast"]["transmissions"] == 4 * summary["rounds"] > 0
+    assert all(traffic[kind]["outages"] for kind in ("uplink", "broadcast"))
     (folder,) = compose.out.iterdir()
     assert {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"} == {
         path.name for path in folder.iterdir()
@@ -56,8 +64,7 @@ def test_long_models_of_a_mounted_file_are_those_of_one_process_and_the_idle_lea
     expected = flown_alone(
         tmp_path / "alone", "--plugin", str(file), *(word for way in ways for word in ("--set", way))
     )
-    hashes = ("trajectory_sha256", "models_sha256", "payload_bits")
-    assert [summary[name] for name in hashes] == [expected[name] for name in hashes]
+    assert [summary[name] for name in HASHES] == [expected[name] for name in HASHES]
     assert summary["rounds"] > 0
     assert summary["radio"]["traffic"]["uplink"]["transmissions"] > summary["rounds"] * UAVS  # models go in fragments
     assert (summary["lost"], summary["dropped_messages"]) == (0, {})
