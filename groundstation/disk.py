@@ -2,7 +2,9 @@
 
 import shutil
 from pathlib import Path
+from typing import NamedTuple
 
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 LARGE_SWARM = 200  # UAVs; a larger swarm is recorded more coarsely, or its recording costs more than its flight
@@ -15,15 +17,30 @@ _FIXED = 2 * 10**6
 _CHECKPOINT_ROW, _CHECKPOINT_PAIR = 500, 32  # beside the models; a pair of UAVs if they share states
 
 
-def needed_mb(scenario: Scenario, record: bool) -> int:
-    """Megabytes (10⁶ bytes) of the run folder if the flight takes as long as it may."""
+class Remedies(NamedTuple):
+    """What helps if a run folder does not fit: no recording, or else something else."""
+
+    no_recording: str
+    otherwise: str
+
+
+OF_RUN = Remedies("--no-record", "a shorter flight: --duration S; or a disk with more room: --out DIR")
+OF_RESUME = Remedies("--no-record", "make room on its disk")
+OF_PYTHON = Remedies("record=False", "a shorter flight: duration=S; or a disk with more room: out=DIR")
+
+
+def needed_mb(scenario: Scenario, record: bool, flown: int = 0) -> int:
+    """Megabytes (10⁶ bytes) of the run folder if the flight takes as long as it may.
+
+    `flown`: number of ticks whose series the folder has already.
+    """
     uavs, declared = scenario.uavs, scenario.declared
-    tick = _SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))
-    if record:
-        tick += _RECORDED_TICK + uavs * (_RECORDED_ROW_OF_MANY if uavs > LARGE_SWARM else _RECORDED_ROW)
+    series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))) * (scenario.max_ticks - flown)
+    recording = _RECORDED_TICK + uavs * (_RECORDED_ROW_OF_MANY if uavs > LARGE_SWARM else _RECORDED_ROW)
+    recording *= scenario.max_ticks if record else 0
     checkpoint = uavs * (_CHECKPOINT_ROW + 8 * max(declared.weights, declared.parameters))
     checkpoint += _CHECKPOINT_PAIR * uavs * uavs if declared.pairwise else 0
-    return (_FIXED + tick * scenario.max_ticks + checkpoint) // 10**6
+    return (_FIXED + series + recording + checkpoint) // 10**6
 
 
 def free_mb(folder: Path) -> int:
@@ -34,11 +51,22 @@ def free_mb(folder: Path) -> int:
     return shutil.disk_usage(folder).free // 10**6
 
 
-def remedy(scenario: Scenario, record: bool, free: int) -> str:
-    """Says how to make a run folder fit into so many free megabytes."""
-    if record and needed_mb(scenario, False) <= free:
-        return "fly without the recording: --no-record"
-    return "a shorter flight: --duration S; or a disk with more room: --out DIR"
+def room(scenario: Scenario, folder: Path, record: bool, remedies: Remedies, flown: int = 0) -> tuple[str, str | None]:
+    """What a run folder needs and what there is; and how to make it fit, or None if it fits. Arguments: `needed_mb`."""
+    needed, free = needed_mb(scenario, record, flown), free_mb(folder)
+    found = f"up to {needed} MB for {scenario.uavs} UAVs over {scenario.max_ticks - flown} ticks, {free} MB free"
+    if needed <= free:
+        return found, None
+    if record and needed_mb(scenario, False, flown) <= free:
+        return found, f"fly without the recording: {remedies.no_recording}"
+    return found, remedies.otherwise
+
+
+def check(scenario: Scenario, folder: Path, record: bool, remedies: Remedies, flown: int = 0) -> None:
+    """Raise BadInput if a run folder does not fit on its disk; see `room`."""
+    found, remedy = room(scenario, folder, record, remedies, flown)
+    if remedy is not None:
+        raise BadInput(f"disk: {found}; {remedy}")
 
 
 def coarseness(scenario: Scenario) -> str | None:

@@ -17,8 +17,7 @@ import psutil
 
 from meanflock import kernels
 from meanflock.channel.outlook import outlooks, remedies
-from meanflock.groundstation.disk import free_mb, remedy
-from meanflock.groundstation.disk import needed_mb as needed_on_disk_mb
+from meanflock.groundstation.disk import OF_RUN, room
 from meanflock.groundstation.memory import available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
@@ -215,11 +214,8 @@ def _writable(out: Path) -> Finding:
 
 def disk(scenario: Scenario, out: Path, record: bool = True) -> Finding:
     """Check whether the run folder has room on its disk, if the flight takes as long as it may."""
-    needed, free = needed_on_disk_mb(scenario, record), free_mb(out)
-    found = f"up to {needed} MB for {scenario.uavs} UAVs over {scenario.max_ticks} ticks, {free} MB free"
-    if needed <= free:
-        return Finding("disk", "ok", found)
-    return Finding("disk", "fails", found, remedy(scenario, record, free))
+    found, remedy = room(scenario, out, record, OF_RUN)
+    return Finding("disk", "ok", found) if remedy is None else Finding("disk", "fails", found, remedy)
 
 
 def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding]:

@@ -91,7 +91,7 @@ def prepared(
     """Prepare a flight whose files are complete when `stack` is closed. `stepped`: see `Engine`.
 
     Raises:
-        BadInput: the scenario or the folder cannot be used.
+        BadInput: the scenario or the folder cannot be used, or the files would not fit on the disk.
     """
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
@@ -100,10 +100,12 @@ def prepared(
     outputs, run_id, memory = None, f"{flown.method}-s{flown.seed}", Kept()
     sinks: list[Sink] = [memory]
     if out is not None:
+        from meanflock.groundstation import disk
         from meanflock.groundstation.launch.options import Options
         from meanflock.groundstation.launch.outputs import Outputs
         from meanflock.groundstation.launch.run import new_run_id
 
+        disk.check(flown, Path(out), record, disk.OF_PYTHON)
         run_id = new_run_id(flown, Path(out))
         outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
         sinks += outputs.sinks

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from meanflock.groundstation import disk
 from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
@@ -47,7 +48,7 @@ def run(
     with _prints_apart(as_json):
         flown = load_scenario(file, settings, **keys, faults=script)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
-        _refuse_unless_ok(checks.disk(flown, given["out"], record))
+        disk.check(flown, given["out"], record, disk.OF_RUN)
     if given["log_format"] != logs.JSON:  # the world reports it
         warn_before_take_off([flown])
     if view and not record:
@@ -94,6 +95,7 @@ def resume(folder: Path, as_json: bool, **given: Any) -> None:
     with _prints_apart(as_json):
         dead = back(folder)
         _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
+        disk.check(dead.scenario, dead.folder, given["record"], disk.OF_RESUME, dead.past.rows.num_rows - 1)
     _fly(dead.scenario, as_json, dead, out=dead.folder.parent, **given)
 
 
@@ -148,10 +150,6 @@ def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_pr
     processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
     needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
-    _refuse_unless_ok(*needs)
-
-
-def _refuse_unless_ok(*needs: checks.Finding) -> None:
     for finding in needs:
         if finding.verdict == "fails":
             raise BadInput(f"{finding.check}: {finding.found}; {finding.remedy}")

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation import disk, doctor
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
 from meanflock.swarm.scenario import load
+from tests.faults.conftest import scenario
+from tests.faults.dying import dead
 
 MACHINE = psutil.virtual_memory().total // MEGABYTE
 
@@ -119,3 +122,30 @@ def test_a_run_that_would_not_fit_on_the_disk_is_refused_with_the_estimate(
     assert f"{free_mb} MB free" in line
     assert remedy in line
     assert not folder.parent.exists()
+
+
+def test_a_flight_in_python_that_would_not_fit_is_refused_in_its_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=80 * 10**6))
+    with pytest.raises(mf.BadInput, match="80 MB free; fly without the recording: record=False"):
+        mf.fly(uavs=200, out=tmp_path / "new", record=True)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+    with pytest.raises(mf.BadInput, match=r"0 MB free; a shorter flight: duration=S; or .*: out=DIR"):
+        mf.fly(uavs=2, duration=1, out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+    assert mf.fly(uavs=2, duration=1).summary["uavs"] == 2  # writes nothing
+
+
+def test_a_run_is_resumed_only_if_the_rest_of_it_fits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = scenario("duration=1000", "stop=duration", "uavs=50")
+    folder, whole = dead(tmp_path, flown, 1500), disk.needed_mb(flown, record=False)
+    most = disk.needed_mb(flown, record=False, flown=1500)
+    assert most < whole
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=(most - 1) * 10**6))
+    before = sorted(folder.iterdir())
+    assert main(["resume", str(folder), "--in-process", "--no-record"]) == 2
+    assert f"{most - 1} MB free; make room on its disk" in capsys.readouterr().err
+    assert sorted(folder.iterdir()) == before
