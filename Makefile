@@ -20,7 +20,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench peers fuzz soak robustness picture docs images up test-compose judges constraints clean stale
+.PHONY: help run test check format bench peers fuzz soak robustness picture docs images up test-compose judges wheels constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -32,11 +32,14 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 # the cores; half of the time they wait, so three go at once, also on two cores. Tests that share a swarm, or something
 # dear, are a group: all on one worker.
 # Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
-test: $(VENV)/.dev ## Run all tests but those of the containers and the judges (ARGS="-k rician")
-	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges $(ARGS)
+test: $(VENV)/.dev ## Run all tests but those of containers, judges and wheels (ARGS="-k rician")
+	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges --ignore=tests/wheels $(ARGS)
 
 judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy needs Python 3.11)
 	@$(PYTEST) tests/judges $(ARGS)
+
+wheels: $(VENV)/.dev ## Build the wheel, audit it, and fly with it on each Python that is here, in environments of its own
+	@$(PYTEST) tests/wheels $(ARGS)
 
 check: $(VENV)/.dev ## Format, lint and types, changing nothing
 	$(BIN)/ruff format --check .

@@ -13,7 +13,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
-    from meanflock.groundstation.launch.options import Options
+    from meanflock.groundstation.launch.options import Options, records
     from meanflock.groundstation.launch.outputs import Outputs, go_on
     from meanflock.groundstation.launch.run import unused
     from meanflock.groundstation.launch.station import Station
@@ -59,7 +59,9 @@ def _run() -> None:
         welcome = _ask(bus, given, interrupted)
         flown = scenario.decode(welcome.scenario)
         folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
-        with Outputs(flown, folder.name, Options(out=folder.parent, serve=serve, quiet=True), so_far) as outputs:
+        record = records(None, "", quiet=False)
+        flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
+        with Outputs(flown, folder.name, flight, so_far) as outputs:
             first_block = so_far.next_block if so_far is not None else None
             station = Station(bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs)
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)

@@ -21,14 +21,19 @@ from meanflock.groundstation.disk import OF_RUN, room
 from meanflock.groundstation.memory import available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm import logs
+from meanflock.swarm.errors import needed
 from meanflock.swarm.net.access import DEFAULT_ENDPOINT
 from meanflock.swarm.scenario import Scenario
 
 THREADS = 8  # of a process of the swarm; measured: 7, and 11 in the world
-PACKAGES = (
-    *("eclipse-zenoh", "numpy", "msgspec", "scipy", "prometheus-client"),
-    *("pyarrow", "rerun-sdk", "click", "rich", "cryptography"),
-)
+PACKAGES = ("eclipse-zenoh", "numpy", "msgspec", "prometheus-client", "pyarrow", "click", "rich")
+USES = {  # packages that no flight needs
+    "rerun-sdk": "recordings and pictures",
+    "matplotlib": "plots",
+    "scipy": "comparisons",
+    "cryptography": "certificates",
+}
+_INSTALL = "pip install 'meanflock[ground]'"
 VIEWER_PORT = 9876
 _BUS_PORT = int(DEFAULT_ENDPOINT.rpartition(":")[2])
 _ROWS = 25  # UAVs in a process, as advice for too many processes
@@ -54,7 +59,7 @@ def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | No
     uavs = scenario.uavs
     return [
         _python(),
-        *map(_package, PACKAGES),
+        *map(_package, (*PACKAGES, *USES)),
         compiled(),
         memory(uavs, -(-uavs // uavs_per_process), scenario.declared.pairwise),
         open_files(uavs, uavs_per_process),
@@ -78,7 +83,9 @@ def _package(name: str) -> Finding:
     try:
         return Finding(name, "ok", importlib.metadata.version(name))
     except importlib.metadata.PackageNotFoundError:
-        return Finding(name, "fails", "not installed", "pip install 'meanflock[ground]'")
+        if name in USES:
+            return Finding(name, "warning", "not installed", f"only needed for {USES[name]}: {_INSTALL}")
+        return Finding(name, "fails", "not installed", _INSTALL)
 
 
 def compiled() -> Finding:
@@ -220,8 +227,8 @@ def disk(scenario: Scenario, out: Path, record: bool = True) -> Finding:
 
 def certificates(folder: Path, uavs: int, uavs_per_process: int) -> list[Finding]:
     """Check that all certificates are there, readable, of one authority and valid."""
-    from meanflock.groundstation import certs  # a library that most runs need not load
-
+    with needed("--tls", "ground"):  # a library that most runs need not load
+        from meanflock.groundstation import certs
     wanted = certs.names(uavs, uavs_per_process)
     found = [
         Finding(

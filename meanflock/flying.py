@@ -101,10 +101,11 @@ def prepared(
     sinks: list[Sink] = [memory]
     if out is not None:
         from meanflock.groundstation import disk
-        from meanflock.groundstation.launch.options import Options
+        from meanflock.groundstation.launch.options import Options, records
         from meanflock.groundstation.launch.outputs import Outputs
         from meanflock.groundstation.launch.run import new_run_id
 
+        record = record and records(True, "record=True", quiet=True)
         disk.check(flown, Path(out), record, disk.OF_PYTHON)
         run_id = new_run_id(flown, Path(out))
         outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))

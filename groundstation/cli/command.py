@@ -6,14 +6,22 @@ import sys
 import traceback
 from importlib import import_module
 from io import TextIOWrapper
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
 
 from meanflock.groundstation.cli import completion
 from meanflock.swarm import __version__, logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, MeanflockError, last_line
+from meanflock.swarm.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_DONE,
+    EXIT_RUN_FAILED,
+    BadInput,
+    MeanflockError,
+    lacking,
+    last_line,
+)
 
 
 class _Listed(NamedTuple):
@@ -64,6 +72,15 @@ class _Commands(click.Group):
             import_module(f"meanflock.groundstation.cli.{listed.module}"), listed.attribute
         )
         return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; a library that it lacks is bad input, and the message says what to install."""
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            if what := lacking(error, f"`meanflock {ctx.invoked_subcommand}`", "ground"):
+                raise BadInput(what) from error
+            raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names of commands with their lines, and options."""

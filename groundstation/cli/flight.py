@@ -14,7 +14,7 @@ from meanflock.groundstation import disk
 from meanflock.groundstation import doctor as checks
 from meanflock.groundstation.cli import display
 from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
-from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.options import Options, records
 from meanflock.groundstation.launch.run import Run, fly
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
@@ -31,7 +31,7 @@ def run(
     *,
     faults: Path | None,
     realtime: str | None,
-    record: bool,
+    record: bool | None,
     view: bool,
     web: bool,
     as_json: bool,
@@ -44,17 +44,18 @@ def run(
         file, settings, keys: the scenario, as for `load_scenario`. faults: a fault script.
         given: fields of `Options`, with `metrics` as text.
     """
+    if view and record is False:
+        raise BadInput("--view: shows what is recorded; leave out --no-record")
+    if web and not view:
+        raise BadInput("--web: says how to watch the flight; add --view")
     script = scenario.read_faults(faults) if faults is not None else None
     with _prints_apart(as_json):
         flown = load_scenario(file, settings, **keys, faults=script)
+        record = _records(view or record, "--view" if view else "--record", **given)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
         disk.check(flown, given["out"], record, disk.OF_RUN)
     if given["log_format"] != logs.JSON:  # the world reports it
         warn_before_take_off([flown])
-    if view and not record:
-        raise BadInput("--view: shows what is recorded; leave out --no-record")
-    if web and not view:
-        raise BadInput("--web: says how to watch the flight; add --view")
     if view and not web:
         display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
     given["realtime"] = factor(realtime) if realtime is not None else None
@@ -88,15 +89,16 @@ def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> 
         page.attend()
 
 
-def resume(folder: Path, as_json: bool, **given: Any) -> None:
+def resume(folder: Path, as_json: bool, record: bool | None, **given: Any) -> None:
     """Fly the rest of the run in a folder; `given` as for `run`."""
     from meanflock.groundstation.launch.resume import back
 
     with _prints_apart(as_json):
         dead = back(folder)
+        record = _records(record, "--record", **given)
         _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
-        disk.check(dead.scenario, dead.folder, given["record"], disk.OF_RESUME, dead.past.rows.num_rows - 1)
-    _fly(dead.scenario, as_json, dead, out=dead.folder.parent, **given)
+        disk.check(dead.scenario, dead.folder, record, disk.OF_RESUME, dead.past.rows.num_rows - 1)
+    _fly(dead.scenario, as_json, dead, out=dead.folder.parent, record=record, **given)
 
 
 def _fly(
@@ -143,6 +145,10 @@ def _fly(
 def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
     """Redirect the output of plug-ins to standard error if `--json` promises one object on standard output."""
     return redirect_stdout(sys.stderr) if as_json else nullcontext()
+
+
+def _records(wanted: bool | None, option: str, *, quiet: bool, log_format: str | None, **_: Any) -> bool:
+    return records(wanted, option, quiet or log_format == logs.JSON)
 
 
 def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:

@@ -55,7 +55,11 @@ class _Run(click.Command):
     help="With --realtime: let MAVLink clients steer UAVs, by UDP; port 0: any free one.",
 )
 @click.option("--faults", type=PATH, metavar="FILE", help="Inject the faults of this script (TOML).")
-@click.option("--record/--no-record", default=True, show_default=True, help="Write recording.rrd for the Rerun viewer.")
+@click.option(
+    "--record/--no-record",
+    default=None,
+    help="Write recording.rrd for the Rerun viewer.  [default: --record, if Rerun is installed]",
+)
 @click.option("--view", is_flag=True, help="Watch live in the Rerun viewer; needs a display.")
 @click.option("--web", is_flag=True, help="With --view: watch in a browser, at the address printed; needs no display.")
 @out_option("runs", "Where run folders are made.")
@@ -99,7 +103,11 @@ def run(
 @in_process_option
 @uavs_per_process_option
 @tls_option
-@click.option("--record/--no-record", default=True, show_default=True, help="Continue recording.rrd.")
+@click.option(
+    "--record/--no-record",
+    default=None,
+    help="Continue recording.rrd.  [default: --record, if Rerun is installed]",
+)
 @telling
 def resume(folder: Path, as_json: bool, in_process: bool, **given: Any) -> None:
     """Resume a run that did not finish, from its last checkpoint.

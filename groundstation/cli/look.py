@@ -91,6 +91,9 @@ def plot(folder: Path, csv_file: Path | None, per: "Per | None", quiet: bool) ->
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
+    if csv_file is None:  # first: without Matplotlib nothing is written
+        from meanflock.groundstation.plots import plotstyle
+        from meanflock.groundstation.plots.run import plot_run
     from meanflock.groundstation.results.run_folder import alone, completed, flown_rows
     from meanflock.groundstation.results.timeseries_file import write_csv
 
@@ -104,9 +107,6 @@ def plot(folder: Path, csv_file: Path | None, per: "Per | None", quiet: bool) ->
         with progress_of("writing", quiet, "ticks") as show:
             written = [write_csv(flown_rows(folder), csv_file, per or "uav", show)]
     else:
-        from meanflock.groundstation.plots import plotstyle
-        from meanflock.groundstation.plots.run import plot_run
-
         written = plotstyle.write(plot_run(folder), folder / "plots")
     report(written)
 

@@ -33,13 +33,13 @@ def list_runs(folder: Path, as_json: bool, html: Path | None, quiet: bool) -> No
 
     if as_json and html is not None:
         raise BadInput("--json and --html: give one of them")
+    if html is not None:
+        from meanflock.groundstation.plots import gallery
     with progress_of("reading", quiet) as progress:
         runs = runs_in(folder, progress)
     if as_json:
         click.echo(json.dumps([record(run) for run in runs], indent=1))
     elif html is not None:
-        from meanflock.groundstation.plots import gallery
-
         with progress_of("drawing", quiet) as progress:
             report([gallery.write(runs, folder, html, progress)])
     elif not runs:

@@ -71,13 +71,13 @@ def compare(
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
+    if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
+        from meanflock.studies import side_by_side
     with terminable(out):
         flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
         figure = comparison.plot_compare({method: runs for (method,), runs in flown.items()})
         report(plotstyle.write({"compare": figure}, out))
         if record:
-            from meanflock.studies import side_by_side  # rerun takes a third of a second to load
-
             side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
             report([out / "compare.rrd"])
 

@@ -75,7 +75,8 @@ def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted:
         if options.in_process and given is not None:
             raise BadInput(f"{name} {given}: a run in one process has no links; leave out {name}, or --in-process")
     if options.tls is not None:
-        from meanflock.groundstation import certs  # a library that most runs need not load
+        with needed("--tls", "ground"):  # a library that most runs need not load
+            from meanflock.groundstation import certs
 
         certs.check(options.tls, scenario.uavs, options.uavs_per_process)
     if options.endpoint is not None:

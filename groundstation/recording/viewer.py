@@ -156,7 +156,7 @@ def _program() -> list[str]:
     """The binary in the installed wheel; on macOS it may lie in a bundle."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
-        raise RunFailed("rerun is not installed; pip install 'meanflock[ground]'")
+        raise RunFailed("the program of rerun is not installed; pip install 'meanflock[ground]'")
     folder = Path(package.origin).parent
     bundle = folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"
     binary = folder / ("rerun.exe" if sys.platform == "win32" else "rerun")

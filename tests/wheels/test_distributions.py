@@ -2,12 +2,10 @@
 
 import json
 import os
-import shutil
 import sys
 import tarfile
 import zipfile
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from packaging.requirements import Requirement
@@ -15,37 +13,19 @@ from packaging.requirements import Requirement
 import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.commands import ended, printed
-from tests.packaging.hostile_folder import LIBRARIES, PACKAGES, hostile
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
 from tests.sources import ROOMS, ROOT
+from tests.wheels.building import Distributions, made_environment
+from tests.wheels.hostile_folder import LIBRARIES, PACKAGES, hostile
 
-pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("packaging")]
+pytestmark = pytest.mark.processes
 
 SPRING = ROOT / "examples" / "spring.py"
 PAGES = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("first-flight", "your-controller", "your-aggregation")),
 ]
-
-
-class Distributions(NamedTuple):
-    """What `python -m build` makes; it builds the wheel from the source distribution."""
-
-    source: Path
-    wheel: Path
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
-    """Both, built from a copy of the checkout without what earlier builds and flights left in it."""
-    folder = tmp_path_factory.mktemp("built")
-    left = shutil.ignore_patterns(".*", "__pycache__", "*.so", "*.egg-info", "build", "dist", "out", "runs")
-    shutil.copytree(ROOT, folder / "checkout", symlinks=True, ignore=left)
-    printed(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "checkout", cwd=folder)
-    (source,) = (folder / "dist").glob("*.tar.gz")
-    (wheel,) = (folder / "dist").glob("*.whl")
-    return Distributions(source, wheel)
 
 
 def oldest(requirement: Requirement) -> str:
@@ -63,12 +43,9 @@ def python(request: pytest.FixtureRequest, built: Distributions, tmp_path_factor
     elif sys.version_info >= (3, 13):
         pytest.skip("the oldest NumPy has no wheel for this Python")
     else:
-        libraries = direct(PROJECT["dependencies"], EXTRAS["world"], EXTRAS["ground"])
+        libraries = direct(PROJECT["dependencies"], EXTRAS["world"], EXTRAS["fly"], EXTRAS["ground"])
         wanted = [str(built.wheel), *(oldest(library) for library in libraries if library.name != "rerun-sdk")]
-    printed(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment)
-    python = environment / "bin" / "python"
-    printed(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile", *wanted, cwd=environment)
-    return python
+    return made_environment(Path(sys.executable), environment, *wanted)
 
 
 def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> None:
