@@ -1,6 +1,7 @@
 """Observer of a live flight: it reads the telemetry, and neither acknowledges nor writes anything."""
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ log = logging.getLogger("meanflock.observer")
 
 _ASK_S = 2.0
 _STEP_S = 0.2
+_LAST_S = 2.0  # messages that are on their way when the world is gone
 
 
 def open_bus(endpoint: str, wait_s: float, tls: Path | None) -> Bus:
@@ -49,7 +51,7 @@ class Observer:
         Raises:
             BusError: no world answers in time.
         """
-        self._bus = bus
+        self._bus, self._clock = bus, clock
         self.summary: dict[str, Any] | None = None
         bus.watch(keys.alive("*", WORLD, WORLD))
         end = clock() + wait_s
@@ -73,12 +75,15 @@ class Observer:
             RunFailed: the world is gone without a summary.
         """
         expected: int | None = None
+        end = math.inf
         while self.summary is None:
             delivery = self._bus.receive(_STEP_S)
+            if self._clock() > end:
+                raise RunFailed("the world is gone, without a summary of the flight")
             if delivery is None:
                 continue
-            if delivery.kind == "gone":
-                raise RunFailed("the world is gone, without a summary of the flight")
+            if delivery.kind == "gone":  # it may overtake the last messages
+                end = self._clock() + _LAST_S
             if delivery.kind != "message":
                 continue
             try:
