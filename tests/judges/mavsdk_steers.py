@@ -15,17 +15,34 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from mavsdk.plugins.offboard.offboard import AccelerationNed, Offboard
 from mavsdk.plugins.telemetry import Telemetry
 
-FIND_S = 60.0
-FLY_S = 2.0
+DEADLINE_S = 60.0
+MESSAGES = 20  # of each vehicle, to begin with and while one is steered
 STRONG = 4.0  # m/s²
 
 url, vehicles, steered = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 client.add_any_connection(url)
-end = time.monotonic() + FIND_S
-while client.system_count() < vehicles and time.monotonic() < end:
-    time.sleep(0.05)
-systems = {system.get_system_id(): system for system in client.get_systems() if system.has_autopilot()}
+
+
+def until(holds):
+    """Wait until a condition holds, or the deadline is over; the judge sees what came."""
+    end = time.monotonic() + DEADLINE_S
+    while not holds() and time.monotonic() < end:
+        time.sleep(0.05)
+
+
+def has_come(count):
+    """True if every vehicle has sent so many messages, and both plug-ins have them."""
+    return all(len(came) >= count for by_vehicle in (messages, states) for came in by_vehicle.values())
+
+
+def autopilots():
+    """Systems whose heartbeat has come; a system that is only counted may lack it."""
+    return {system.get_system_id(): system for system in client.get_systems() if system.has_autopilot()}
+
+
+until(lambda: len(autopilots()) >= vehicles)
+systems = autopilots()
 messages = {number: [] for number in systems}
 states = {number: [] for number in systems}
 plugins = []
@@ -41,11 +58,12 @@ for number, system in systems.items():
         states[number],
     )
     plugins += [direct, telemetry]
-time.sleep(FLY_S)
+until(lambda: has_come(MESSAGES))
 if steered:
     plugins.append(Offboard(systems[steered]))
     plugins[-1].set_acceleration_ned(AccelerationNed(STRONG, 0.0, 0.0))  # it repeats this by itself
-    time.sleep(FLY_S)
+    steered_from = max(map(len, messages.values()))
+    until(lambda: has_come(steered_from + MESSAGES))
 for plugin in plugins:
     plugin.destroy()
 client.destroy()
