@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.errors import FAILURES
-from meanflock.swarm.plugins.guard import check_array, check_pair, check_same_form
+from meanflock.swarm.errors import FAILURES, RunFailed, last_line
+from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane
 
@@ -74,9 +74,8 @@ class Channel:
         Returns:
             The memory after the message; the slots (K,) and deliveries (K,), see `transmit`.
         """
-        slots, delivered = check_pair(
-            "transmit", self.transmit(message.distance_m, message.bits, rng), "slots and delivered"
-        )
+        answer = self.transmit(message.distance_m, message.bits, rng)
+        slots, delivered = check_values("transmit", answer, 2, "slots and delivered")
         return memory, slots, delivered
 
     @abstractmethod
@@ -113,9 +112,7 @@ def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, NDArray[np
     Raises:
         TypeError, ValueError: it is something else.
     """
-    if not isinstance(answer, tuple) or len(answer) != 3:
-        raise TypeError(f"`carry` returns a {type(answer).__name__}; expected memory, slots and delivered")
-    after, slots, delivered = answer
+    after, slots, delivered = check_values("carry", answer, 3, "memory, slots and delivered")
     check_same_form("memory", after, memory)
     check_array("slots", slots, (links,), np.int64)
     check_array("delivered", delivered, (links,), np.bool_)
@@ -123,6 +120,11 @@ def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, NDArray[np
     if least < 1 or most > MOST_SLOTS:
         raise ValueError(f"slots from {least} to {most}; a message takes 1 to {MOST_SLOTS}")
     return after, slots, delivered
+
+
+def failed(model: str, error: BaseException) -> RunFailed:
+    """The error of a channel that raised, or returned something else than it must."""
+    return RunFailed(f"channel {model!r}: failed: {last_line(error)}")
 
 
 def closed_form(answer: Any) -> tuple[float, float] | None:

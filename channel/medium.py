@@ -13,11 +13,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.base import MOST_SLOTS, Channel, Memory, Message, carried, closed_form
+from meanflock.channel.base import MOST_SLOTS, Channel, Memory, Message, carried, closed_form, failed
 from meanflock.channel.meter import Links, Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
-from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
@@ -149,7 +149,7 @@ class Medium:
                 distance = np.delete(distance, beyond)
             expected = closed_form(self._channel.expected(distance, bits)) if len(distance) else (0.0, 0.0)
         except FAILURES as error:
-            raise RunFailed(f"channel {self._scenario.radio.model!r}: failed: {last_line(error)}") from error
+            raise failed(self._scenario.radio.model, error) from error
         if expected is not None:
             expected = expected[0] + (count - len(distance)), expected[1]
         return slots, delivered, expected

@@ -86,10 +86,10 @@ class Used:
     def rows(self, pairs: Indices) -> Indices:
         """The row of each of `pairs`; those that have none yet get one, so rows found earlier no longer hold."""
         rows = self.pair.searchsorted(pairs)
-        known = rows < len(self.pair)
+        listed = rows < len(self.pair)
         if len(self.pair):
-            known &= self.pair.take(rows, mode="clip") == pairs
-        if np.count_nonzero(known) == len(pairs):
+            listed &= self.pair.take(rows, mode="clip") == pairs
+        if np.count_nonzero(listed) == len(pairs):
             return rows
         before, self.pair = self.pair, distinct(np.concatenate([self.pair, pairs]))
         old_rows = self.pair.searchsorted(before)

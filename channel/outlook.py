@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from meanflock.channel.base import Channel, closed_form
+from meanflock.channel.base import Channel, closed_form, failed
 from meanflock.federation.fragments import longest
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.errors import FAILURES, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
@@ -120,7 +120,7 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
         expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
         slots = channel.least_slots(bits)
     except FAILURES as error:
-        raise RunFailed(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+        raise failed(radio.model, error) from error
     if expected is None:
         return None
     lost = (expected[0] + len(distance) - len(within)) / len(distance)

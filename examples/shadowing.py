@@ -44,9 +44,9 @@ class Shadowing(mf.Channel):
         ends = np.concatenate([message.position_m[low], message.position_m[high]], axis=1)
         moved = (ends - ends_m[low, high]) ** 2
         way_m = np.sqrt(moved[:, 0] + moved[:, 1]) + np.sqrt(moved[:, 2] + moved[:, 3])
-        kept = np.exp(-way_m / self.options.correlation_m)
+        correlation = np.exp(-way_m / self.options.correlation_m)
         fresh_db = self.options.sigma_db * rng.standard_normal(len(pair))
-        shadow_db[low, high] = kept * shadow_db[low, high] + np.sqrt(1.0 - kept**2) * fresh_db
+        shadow_db[low, high] = correlation * shadow_db[low, high] + np.sqrt(1.0 - correlation**2) * fresh_db
         ends_m[low, high] = ends
         slots = np.full(len(link), self.least_slots(message.bits))
         arrives = self._margin_db(message.distance_m) + shadow_db[low, high][link] > 0.0

@@ -18,7 +18,7 @@ from meanflock.federation.topology.base import Hop
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import MAX_STATE_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_pair, check_same_form
+from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import encode_record
@@ -163,7 +163,7 @@ class Rule:
         """
         try:
             answer = self._rule.step(state, uploads)
-            after, returned = check_pair("step", answer, "the state and the model")
+            after, returned = check_values("step", answer, 2, "the state and the model")
             model = None if returned is None else as_floats("the model", returned, (self._parameters,))
             if model is not None:
                 check_finite("the model", model)

@@ -156,7 +156,9 @@ class Joined:
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))
             last = np.searchsorted(place, np.arange(len(uavs)), side="right") - 1
-            values, counts, behind = (np.add.reduceat(table, first, axis=0) for table in (values, counts, behind))
+            values = np.add.reduceat(values, first, axis=0)
+            counts = np.add.reduceat(counts, first, axis=0)
+            behind = np.add.reduceat(behind, first, axis=0)
             arrived = np.logical_or.reduceat(arrived, first, axis=0)
             slots, sent = np.add.reduceat(slots, first), sent[last]
         samples = counts.max(axis=1, initial=0.0)

@@ -18,7 +18,7 @@ _CHECKPOINT_ROW, _CHECKPOINT_PAIR = 500, 32  # beside the models; a pair of UAVs
 
 
 class Remedies(NamedTuple):
-    """What helps if a run folder does not fit: no recording, or else something else."""
+    """Advice if a run folder does not fit: how to fly without a recording, and what else to do."""
 
     no_recording: str
     otherwise: str
@@ -52,7 +52,7 @@ def free_mb(folder: Path) -> int:
 
 
 def room(scenario: Scenario, folder: Path, record: bool, remedies: Remedies, flown: int = 0) -> tuple[str, str | None]:
-    """What a run folder needs and what there is; and how to make it fit, or None if it fits. Arguments: `needed_mb`."""
+    """The space that a run folder needs and that is free; and advice, or None if it fits. Arguments: `needed_mb`."""
     needed, free = needed_mb(scenario, record, flown), free_mb(folder)
     found = f"up to {needed} MB for {scenario.uavs} UAVs over {scenario.max_ticks - flown} ticks, {free} MB free"
     if needed <= free:

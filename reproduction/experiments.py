@@ -82,9 +82,13 @@ def to_do(table: Sequence[Wanted], finished: dict[str, StoredRun]) -> list[Wante
     """The missing runs, each once even if several experiments share it, the longest first."""
     missing: dict[str, Wanted] = {}
     for run in table:
-        kept = finished.get(run.key)
+        earlier = finished.get(run.key)
         # A run kept without what an experiment shows of it is flown again; the first to want it decides otherwise.
-        if kept is not None and (kept.series is not None or not _kept(run)[0]) and (kept.trace or not run.traced):
+        if (
+            earlier is not None
+            and (earlier.series is not None or not _kept(run)[0])
+            and (earlier.trace or not run.traced)
+        ):
             continue
         before = missing.get(run.key)
         if before is None or _kept(run) > _kept(before):
@@ -161,8 +165,8 @@ def _rows(
     table: Sequence[Wanted], finished: dict[str, StoredRun]
 ) -> Iterator[tuple[dict[str, Any], StoredRun, bool, bool]]:
     for run in table:
-        kept = finished.get(run.key)
-        if kept is None:
+        earlier = finished.get(run.key)
+        if earlier is None:
             continue
         flown = run.scenario
         coordinates = {
@@ -175,7 +179,7 @@ def _rows(
             "seed": run.seed,
             "trained": run.point.training is not None,
         }
-        yield coordinates, kept, _kept(run)[0], run.traced
+        yield coordinates, earlier, _kept(run)[0], run.traced
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """The UDP port of `--steer`: reads setpoints of MAVLink clients, and tells each client of the vehicles."""
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -11,7 +10,7 @@ import numpy as np
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.state import States
-from meanflock.swarm.wire.mavlink import HEARTBEAT_S, SYSTEMS, Reader, Vehicle
+from meanflock.swarm.wire.mavlink import Fleet, Reader
 from meanflock.worldsim.steering import Setpoint
 
 MOST_CLIENTS = 8  # that are told of the flight; others may steer
@@ -31,9 +30,8 @@ class SteeringPort:
         """
         self._clock = clock
         self._reader = Reader(uavs)
-        self._vehicles = [Vehicle(uav, dt) for uav in range(min(uavs, SYSTEMS))]
+        self._fleet = Fleet(uavs, dt)
         self._clients: dict[tuple[str, int], float] = {}  # when each was last heard
-        self._beat_s = -math.inf
         try:
             self._socket = address.bind()
         except OSError as error:
@@ -71,11 +69,7 @@ class SteeringPort:
         self._clients = {client: since for client, since in self._clients.items() if now - since <= FORGOTTEN_S}
         if not self._clients:
             return
-        beats = now - self._beat_s >= HEARTBEAT_S
-        if beats:
-            self._beat_s = now
-        for vehicle, row, mission in zip(self._vehicles, states.tolist(), status.tolist(), strict=False):
-            datagram = (vehicle.heartbeat(mission) if beats else b"") + vehicle.local(tick, *row)
+        for datagram in self._fleet.datagrams(tick, states, status, now):
             for client in self._clients:
                 with suppress(OSError):
                     self._socket.sendto(datagram, client)
@@ -83,5 +77,5 @@ class SteeringPort:
     def _remember(self, client: tuple[str, int]) -> None:
         if client in self._clients or len(self._clients) < MOST_CLIENTS:
             if client not in self._clients:
-                self._beat_s = -math.inf  # so that it need not wait for a heartbeat
+                self._fleet.beat()  # so that it need not wait for a heartbeat
             self._clients[client] = self._clock()

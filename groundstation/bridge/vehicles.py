@@ -1,6 +1,5 @@
 """The UAVs of a flight as MAVLink vehicles, sent to addresses over UDP; and a recorded flight, played in time."""
 
-import math
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +13,7 @@ from meanflock.groundstation.results.series import per_uav, states_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.state import States
-from meanflock.swarm.wire.mavlink import HEARTBEAT_S, SYSTEMS, Home, Vehicle
+from meanflock.swarm.wire.mavlink import Fleet, Home
 from meanflock.swarm.wire.messages import Telemetry
 
 
@@ -34,11 +33,9 @@ class Vehicles:
         Raises:
             BadInput: nothing can be sent to an address.
         """
-        self.count = min(uavs, SYSTEMS)
-        self._vehicles = [Vehicle(uav, dt) for uav in range(self.count)]
-        self._home = home
+        self._fleet = Fleet(uavs, dt, home)
+        self.count = len(self._fleet)
         self._clock = clock
-        self._beat_s = -math.inf
         self._sockets: list[socket.socket] = []
         try:
             for address in to:
@@ -63,12 +60,7 @@ class Vehicles:
 
         `states`: (N, 4), of a tick. `status`: (N,).
         """
-        beats = self._clock() - self._beat_s >= HEARTBEAT_S
-        if beats:
-            self._beat_s = self._clock()
-        for vehicle, row, now in zip(self._vehicles, states.tolist(), status.tolist(), strict=False):
-            datagram = vehicle.heartbeat(now) if beats else b""
-            datagram += vehicle.local(tick, *row) + vehicle.world(self._home, tick, *row)
+        for datagram in self._fleet.datagrams(tick, states, status, self._clock()):
             for link in self._sockets:
                 with suppress(OSError):  # nobody listens there now
                     link.send(datagram)

@@ -10,6 +10,7 @@ from meanflock.groundstation.cli.arguments import number_option, out_option, qui
 from meanflock.groundstation.cli.study_arguments import (
     backend_option,
     jobs_option,
+    list_option,
     lists,
     names,
     progress_of,
@@ -30,11 +31,8 @@ _OUTAGES, _FULL_OUTAGES = (3.0, 30.0, 50.0), (3.0, 12.0, 30.0, 50.0, 70.0)  # %
 _TARGETS, _FULL_TARGETS = (0.9, 0.95), (0.9, 0.95, 0.99)
 
 
-def _list(flag: str, metavar: str, about: str, default: tuple[Any, ...] | str, complete: Any = None) -> Any:
-    text = default if isinstance(default, str) else " ".join(str(each).removesuffix(".0") for each in default)
-    return click.option(
-        flag, multiple=True, metavar=metavar, help=f"{about}.  [default: {text}]", shell_complete=complete
-    )
+def _words(values: tuple[Any, ...]) -> str:
+    return " ".join(str(value).removesuffix(".0") for value in values)
 
 
 def _sizes(given: tuple[str, ...]) -> list[int]:
@@ -59,11 +57,13 @@ def _losses(given: tuple[str, ...]) -> list[float]:
 
 
 @click.command(cls=lists("--missions", "--controllers", "--uavs", "--outages", "--policies"))
-@_list("--missions", "NAME…", "Missions to fly, or all", _MISSIONS, completion.missions)
-@_list("--controllers", "NAME…", "Controllers or named rows, or all", _CONTROLLERS, completion.controllers)
-@_list("--uavs", "N…", "Numbers of UAVs", _UAVS)
-@_list("--outages", "PERCENT…", "Shares of the broadcast states that the radio loses", _OUTAGES)
-@_list("--policies", "NAME…", "Policies of communication to choose from", "all")
+@list_option("--missions", "NAME…", "Missions to fly, or all", _words(_MISSIONS), completion.missions)
+@list_option(
+    "--controllers", "NAME…", "Controllers or named rows, or all", _words(_CONTROLLERS), completion.controllers
+)
+@list_option("--uavs", "N…", "Numbers of UAVs", _words(_UAVS))
+@list_option("--outages", "PERCENT…", "Shares of the broadcast states that the radio loses", _words(_OUTAGES))
+@list_option("--policies", "NAME…", "Policies of communication to choose from", "all")
 @click.option(
     "--full",
     is_flag=True,

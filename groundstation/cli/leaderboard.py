@@ -1,7 +1,7 @@
 """The command `leaderboard`: controllers over missions."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +10,7 @@ from meanflock.groundstation.cli.arguments import number_option, out_option, qui
 from meanflock.groundstation.cli.study_arguments import (
     backend_option,
     jobs_option,
+    list_option,
     lists,
     names,
     progress_of,
@@ -24,21 +25,17 @@ _FIRST_SEED = 8001
 _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 
 
-def _several(flag: str, values: str, complete: Any) -> Any:
-    about = f"{values}, or all.  [default: all]"
-    return click.option(flag, multiple=True, default=("all",), metavar="NAME…", help=about, shell_complete=complete)
-
-
 @click.command(cls=lists("--missions", "--controllers", "--policies"))
-@_several("--missions", "Missions to fly", completion.missions)
-@_several("--controllers", "Controllers or named rows", completion.controllers)
-@click.option(
+@list_option("--missions", "NAME…", "Missions to fly, or all", "all", completion.missions, default=("all",))
+@list_option(
+    "--controllers", "NAME…", "Controllers or named rows, or all", "all", completion.controllers, default=("all",)
+)
+@list_option(
     "--policies",
-    multiple=True,
+    "NAME…",
+    "Policies by which UAVs share their states: tick, event, event-4. Rows that share none fly once",
+    _DEFAULT_POLICY,
     default=(_DEFAULT_POLICY,),
-    metavar="NAME…",
-    help="Policies by which UAVs share their states: tick, event, event-4. Rows that share none fly once.  "
-    f"[default: {_DEFAULT_POLICY}]",
 )
 @scenario_arguments("plugin")
 @number_option("--seeds", "K", 30, "Flights of each, with one seed each.")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,6 +16,8 @@ from meanflock.swarm.errors import BadInput
 if TYPE_CHECKING:
     from meanflock.studies.store import Store
 
+F = TypeVar("F", bound=Callable[..., Any])
+Complete = Callable[[click.Context, click.Parameter, str], list[str] | list[CompletionItem]]
 SEEDS = 8
 _TAKING = "meanflock.taking"  # the list option at the end of the words, if any
 seeds_option = click.option(
@@ -98,6 +100,19 @@ def store_in(out: Path) -> Iterator["Store"]:
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+def list_option(
+    flag: str,
+    metavar: str,
+    about: str,
+    default_text: str,
+    complete: Complete | None = None,
+    default: tuple[str, ...] | None = None,
+) -> Callable[[F], F]:
+    """An option of a command of `lists`. `default_text`: the default in its help."""
+    text = f"{about}.  [default: {default_text}]"
+    return click.option(flag, multiple=True, default=default, metavar=metavar, help=text, shell_complete=complete)
 
 
 def lists(*flags: str) -> type[click.Command]:

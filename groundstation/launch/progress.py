@@ -148,6 +148,6 @@ def summary_table(summary: dict[str, object]) -> Table:
         add("tick starts late by, 99 %", jitter["p99"], "ms")
         add("tick starts late by, at most", jitter["max"], "ms")
     if isinstance(steered := summary["steered"], dict):
-        why = "" if steered["replayable"] else "so the flight cannot be replayed"
-        add("commands steered", steered["uav_ticks"], why, 0)
+        remark = "" if steered["replayable"] else "so the flight cannot be replayed"
+        add("commands steered", steered["uav_ticks"], remark, 0)
     return table

@@ -96,7 +96,7 @@ class Grid:
         Raises:
             RunFailed: interrupted, disk full or a process died; what was finished is kept.
         """
-        whys: dict[Place, str] = {}
+        failures: dict[Place, str] = {}
         while wanted := [(place, one) for place, cell in self._cells.items() for one in cell.search.wanted()]:
             points = {(place, one): self._scenarios(place, one) for place, one in wanted}
             before = sum(len(each.of(stage)) for each in self._flown() for stage in ("search", "confirmation"))
@@ -109,7 +109,7 @@ class Grid:
             for (place, one), results in found.items():
                 self._cells[place].search.flown[one.policy].of(one.stage).extend(map(outcome, results))
                 failed = next((result[flights.FAILED] for result in results if flights.FAILED in result), "")
-                whys[place] = whys.get(place) or failed
+                failures[place] = failures.get(place) or failed
         return Record(
             schema=SCHEMA,
             version=__version__,
@@ -120,7 +120,7 @@ class Grid:
             survey=min(SURVEY, self._most),
             targets=[Target(plan.target, plan.flights, plan.failures) for plan in self.plans],
             absent=self.absent,
-            cells=[self._recorded(place, cell, whys.get(place, "")) for place, cell in self._cells.items()],
+            cells=[self._recorded(place, cell, failures.get(place, "")) for place, cell in self._cells.items()],
         )
 
     def _add(self, extent: Extent, mission: Mission, uavs: int) -> None:
@@ -159,7 +159,7 @@ class Grid:
         first = msgspec.structs.replace(cell.first[one.policy], seed=seed + there)
         return study.seeded(first, one.flights - there)
 
-    def _recorded(self, place: Place, cell: _Cell, why: str) -> Cell:
+    def _recorded(self, place: Place, cell: _Cell, failure: str) -> Cell:
         search = cell.search
         names = search.order()
         recorded = [
@@ -187,12 +187,12 @@ class Grid:
             policies=recorded,
             reached=[_reached(plan, search.reached(plan), search) for plan in self.plans],
             best=max(tried, key=lambda policy: (sum(policy.search.free[:survey]), len(policy.search.free))).name,
-            why=why,
+            why=failure,
         )
 
 
 def outcome(result: Mapping[str, Any]) -> Outcome:
-    """What a search needs of a flight; one that failed is not free, and nobody arrived."""
+    """The outcome of a flight for a search; a flight that failed is not free, and nobody arrived."""
     if flights.FAILED in result:
         return Outcome(False, 0.0, 0.0)
     free = result["collisions_all"] == 0 and not result["obstacle_hits"]

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from meanflock.channel.base import Channel, Floats, closed_form
+from meanflock.channel.base import Channel, Floats, closed_form, failed
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION
@@ -46,7 +46,7 @@ class Outages:
         try:
             expected = closed_form(channel.expected(self._distances, STATE_BITS)) if len(self._distances) else None
         except FAILURES as error:
-            raise RunFailed(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+            raise failed(radio.model, error) from error
         return None if expected is None else expected[0] / len(self._distances)
 
     def snr_db(self, outage: float) -> float:
@@ -56,12 +56,12 @@ class Outages:
             BadInput: the channel cannot give it.
         """
         name = self._scenario.radio.model
-        if not self._known:
+        if not self._by_threshold:
             raise BadInput(
                 f"--outages {100 * outage:g}: channel {name!r} has no closed form of its outages, so none can be set; "
                 "give missions with another `radio.model`, for example rice"
             )
-        below = [snr for snr, value in self._known.items() if value <= outage]
+        below = [snr for snr, value in self._by_threshold.items() if value <= outage]
         low = max(below, default=math.nan)
         high = low + _STEP_DB
         for _ in range(_BISECTIONS):
@@ -76,14 +76,14 @@ class Outages:
         return math.inf if value is None else value
 
     @cached_property
-    def _known(self) -> dict[float, float]:
+    def _by_threshold(self) -> dict[float, float]:
         """Outages on a grid of thresholds; empty without a closed form."""
         grid = np.arange(_LOW_DB, _HIGH_DB + _STEP_DB, _STEP_DB).tolist()
         found: dict[float, Any] = {snr: self.at(snr) for snr in grid}
         return {} if None in found.values() else found
 
     def _range(self) -> str:
-        least, most = min(self._known.values()), max(self._known.values())
+        least, most = min(self._by_threshold.values()), max(self._by_threshold.values())
         if least == most:
             return f"{100 * least:g} %, whatever `radio.target_snr_db` is"
         return f"{100 * least:.3g} to {100 * most:.3g} %, by `radio.target_snr_db`"

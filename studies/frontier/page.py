@@ -183,7 +183,7 @@ def method(record: Record) -> list[str]:
 
 
 def negative(record: Record) -> list[str]:
-    """What did not help, and the limits of the method."""
+    """Policies that did not help, and the limits of the method."""
     sharing = [cell for cell in record.cells if not _is_silent(cell)]
     last = record.targets[-1]
     longest = Plan(last.share, last.failures, last.flights)

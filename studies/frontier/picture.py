@@ -24,8 +24,10 @@ def draw(record: Record, mission: str) -> Figure:
     names = list(dict.fromkeys(cell.row for cell in record.of(mission)))
     looks = plotstyle.looks(names)
     with plotstyle.style():
-        made = plotstyle.figure(max(plotstyle.COLUMN_IN, 2.2 + _PANEL_IN * len(sizes)), _PANEL_IN * len(record.targets))
-        panels = made.subplots(len(record.targets), len(sizes), squeeze=False, sharex=True, sharey=True)
+        figure = plotstyle.figure(
+            max(plotstyle.COLUMN_IN, 2.2 + _PANEL_IN * len(sizes)), _PANEL_IN * len(record.targets)
+        )
+        panels = figure.subplots(len(record.targets), len(sizes), squeeze=False, sharex=True, sharey=True)
         numbered = iter(range(panels.size))
         for row, target in enumerate(record.targets):
             for column, uavs in enumerate(sizes):
@@ -38,8 +40,8 @@ def draw(record: Record, mission: str) -> Figure:
                     ax.set_xlabel("lost broadcasts (%)")
         _axes(panels[0, 0], record.of(mission))
         never = Line2D([], [], linestyle="", marker="x", color=plotstyle.INK, label="never reached")
-        plotstyle.legend(made, names, markers=True, extra=[never], looks=looks)
-    return made
+        plotstyle.legend(figure, names, markers=True, extra=[never], looks=looks)
+    return figure
 
 
 def write(record: Record, out: Path) -> list[Path]:

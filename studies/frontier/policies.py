@@ -39,10 +39,10 @@ def check(names: Sequence[str]) -> None:
     Raises:
         BadInput: there is no policy of that name.
     """
-    known = [policy.name for policies in shipped().values() for policy in policies]
+    every = [policy.name for policies in shipped().values() for policy in policies]
     for name in names:
-        if name not in known:
-            raise BadInput(f"--policies {name}: no such policy; there are {', '.join(known)}, or all")
+        if name not in every:
+            raise BadInput(f"--policies {name}: no such policy; there are {', '.join(every)}, or all")
 
 
 def of_row(row: Row, table: dict[str, Any], where: str, names: Sequence[str] = ()) -> list[Policy]:

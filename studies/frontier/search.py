@@ -96,7 +96,7 @@ class Search:
         return next((name for name in self.order() if self._is_reached(plan, name)), None)
 
     def verdict(self, plan: Plan, name: str) -> Verdict:
-        """What became of a policy with a target."""
+        """The result of a policy for a target."""
         flown = self.flown[name]
         reached = self.reached(plan)
         if reached == name:

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
-from rich import box
 from rich.table import Table
 
 from meanflock.studies.frontier.record import Cell, Record
+from meanflock.studies.leaderboard.tables import not_flown
+from meanflock.studies.leaderboard.terminal import empty
 
 CAPTION = (
     "kbit: fewest bits until the last arrival at which the one-sided 95 % bound of the share of free flights reaches "
@@ -29,10 +30,7 @@ def notes(record: Record) -> list[str]:
         for target in record.targets
         if target.flights > record.flights
     ]
-    by_reason: dict[str, list[str]] = {}
-    for where, why in record.absent.items():
-        by_reason.setdefault(why, []).append(where)
-    remarks += [f"not flown: {'; '.join(where)} ({why})" for why, where in by_reason.items()]
+    remarks += not_flown(record.absent, "; ")
     return remarks + [
         f"{cell.mission}, {cell.uavs} UAVs, {cell.row}, {100 * cell.outage:g} %: a flight failed: {cell.why}"
         for cell in record.cells
@@ -47,16 +45,16 @@ def best(cell: Cell, survey: int) -> str:
 
 
 def _table(record: Record, cells: list[Cell], title: str) -> Table:
-    made = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    made.title_justify = "left"
-    made.add_column("row", no_wrap=True)
-    made.add_column("loss\n(%)", justify="right", no_wrap=True)
+    table = empty(title)
+    table.add_column("loss\n(%)", justify="right", no_wrap=True)
     for target in record.targets:
-        made.add_column(f"{target.name} free\n(kbit)")
-    made.add_column("best share\n(flights)")
+        table.add_column(f"{target.name} free\n(kbit)")
+    table.add_column("best share\n(flights)")
     for cell in cells:
         found = [
             "never reached" if reached is None else f"{reached.kbit:,.0f} {reached.policy}" for reached in cell.reached
         ]
-        made.add_row(cell.row, f"{100 * cell.outage:g}", *found, "" if all(cell.reached) else best(cell, record.survey))
-    return made
+        table.add_row(
+            cell.row, f"{100 * cell.outage:g}", *found, "" if all(cell.reached) else best(cell, record.survey)
+        )
+    return table

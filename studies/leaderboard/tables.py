@@ -1,7 +1,7 @@
 """Cells and texts of a mission's table, for Markdown, HTML and the terminal."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from meanflock.studies.leaderboard.board import Board, Cell, Course, Standing
@@ -129,10 +129,15 @@ def notes(course: Course) -> list[str]:
             remarks.append(
                 f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
+    return remarks + not_flown(course.absent, ", ")
+
+
+def not_flown(absent: Mapping[str, str], separator: str) -> list[str]:
+    """Remarks on what did not fly, one for each reason. `absent`: name → reason."""
     by_reason: dict[str, list[str]] = {}
-    for name, reason in course.absent.items():
+    for name, reason in absent.items():
         by_reason.setdefault(reason, []).append(name)
-    return remarks + [f"not flown: {', '.join(names)} ({reason})" for reason, names in by_reason.items()]
+    return [f"not flown: {separator.join(names)} ({reason})" for reason, names in by_reason.items()]
 
 
 def settings(rows: Sequence[Standing]) -> list[list[str]]:

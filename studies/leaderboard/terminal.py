@@ -11,13 +11,18 @@ from meanflock.studies.leaderboard.measures import BY_KEY
 CAPTION = "Means; bold: significantly best of all rows. Intervals and all columns: leaderboard.md and .html"
 
 
+def empty(title: str) -> Table:
+    """A table without rows, whose first column has the names of the rows."""
+    result = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    result.title_justify = "left"
+    result.add_column("row", no_wrap=True)
+    return result
+
+
 def table(course: Course) -> Table:
     """The table of a mission."""
-    result = Table(title=course.title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    result.show_edge = False
-    result.title_justify = "left"
+    result = empty(course.title)
     result.caption_justify = "left"
-    result.add_column("row", no_wrap=True)
     result.add_column("n", justify="right", no_wrap=True)
     shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
     for measure in map(BY_KEY.__getitem__, shown):

@@ -15,13 +15,13 @@ from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 _KINDS = ", ".join(sorted(map(str, TRAVELS)))
 
 
-def check_pair(method: str, answer: Any, expected: str) -> tuple[Any, Any]:
-    """Check that a method returned two values, and return them.
+def check_values(method: str, answer: Any, count: int, expected: str) -> tuple[Any, ...]:
+    """Check that a method returned a tuple of so many values, and return it.
 
     Raises:
         TypeError: it returned something else.
     """
-    if not isinstance(answer, tuple) or len(answer) != 2:
+    if not isinstance(answer, tuple) or len(answer) != count:
         raise TypeError(f"`{method}` returns a {type(answer).__name__}; expected {expected}")
     return answer
 

@@ -9,10 +9,11 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.state import BEYOND_SENSE
+from meanflock.swarm.state import BEYOND_SENSE, States
 from meanflock.swarm.wire.messages import Status
 
 SYSTEMS = 255  # largest system id
@@ -96,11 +97,11 @@ class Vehicle:
             )
         )
 
-    def local(self, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
+    def local_position(self, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
         """LOCAL_POSITION_NED of a state, at height 0."""
         return self._frame(mavlink.MAVLink_local_position_ned_message(self._time_ms(tick), y, x, 0.0, vy, vx, 0.0))
 
-    def world(self, home: Home, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
+    def global_position(self, home: Home, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
         """GLOBAL_POSITION_INT of a state about a home."""
         latitude, longitude = home.position(x, y)
         heading = round(100.0 * math.degrees(math.atan2(vx, vy))) % 36_000 if vx or vy else _UNKNOWN_HEADING
@@ -121,6 +122,39 @@ class Vehicle:
         return frame
 
 
+class Fleet:
+    """The UAVs of a flight that have a system id, as vehicles: a datagram of each in a tick."""
+
+    def __init__(self, uavs: int, dt: float, home: Home | None = None) -> None:
+        """`dt`: seconds a tick. `home`: of GLOBAL_POSITION_INT; None: that message is left out."""
+        self._vehicles = [Vehicle(uav, dt) for uav in range(min(uavs, SYSTEMS))]
+        self._home = home
+        self._beat_s = -math.inf
+
+    def __len__(self) -> int:
+        return len(self._vehicles)
+
+    def beat(self) -> None:
+        """Let the next datagrams have heartbeats, whenever the last ones were sent."""
+        self._beat_s = -math.inf
+
+    def datagrams(self, tick: int, states: States, status: np.ndarray, now_s: float) -> Iterator[bytes]:
+        """The messages of each vehicle in a tick: a heartbeat if it is due, and positions.
+
+        Args:
+            states: (N, 4). status: (N,). now_s: seconds of a monotonic clock.
+        """
+        is_due = now_s - self._beat_s >= HEARTBEAT_S
+        if is_due:
+            self._beat_s = now_s
+        for vehicle, row, now in zip(self._vehicles, states.tolist(), status.tolist(), strict=False):
+            datagram = vehicle.heartbeat(now) if is_due else b""
+            datagram += vehicle.local_position(tick, *row)
+            if self._home is not None:
+                datagram += vehicle.global_position(self._home, tick, *row)
+            yield datagram
+
+
 class Setpoint(NamedTuple):
     """Acceleration of a UAV that a client asks for, m/s² along x and y of the scenario."""
 
@@ -136,7 +170,7 @@ class Reader:
         self._decoder = mavlink.MAVLink(None)
 
     def read(self, datagram: bytes) -> Iterator[Setpoint | MessageRejected | None]:
-        """What each frame of a datagram is: a setpoint, an error, or None for another message of MAVLink.
+        """The content of each frame of a datagram: a setpoint, an error, or None for another message of MAVLink.
 
         Reasons of errors: `malformed`, `unknown-system`, `wrong-frame`, `wrong-mask`, `non-finite`.
         """
@@ -157,7 +191,9 @@ class Reader:
     def _setpoint(self, message: mavlink.MAVLink_message) -> Setpoint | None:
         if message.get_msgId() != mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             return None
-        system, frame, mask = message.target_system, message.coordinate_frame, message.type_mask
+        system = message.target_system
+        frame = message.coordinate_frame
+        mask = message.type_mask
         north, east = message.afx, message.afy
         if not 0 < system <= self._uavs:
             raise MessageRejected("unknown-system", f"system {system}; the UAVs are 1 to {self._uavs}")

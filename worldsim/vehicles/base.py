@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
-from meanflock.swarm.plugins.guard import check_array, check_memory, check_pair, check_same_form
+from meanflock.swarm.plugins.guard import check_array, check_memory, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 
@@ -179,7 +179,7 @@ class Physics:
         for array in (states, *hidden.values()):
             array.flags.writeable = False
         answer = self._asked("step", states, dict(hidden), acceleration, noise)
-        moved, changed = check_pair("step", answer, "states and hidden state")
+        moved, changed = check_values("step", answer, 2, "states and hidden state")
         check_array("states", moved, states.shape, states.dtype)
         check_same_form("hidden", changed, hidden)
         for name, part in changed.items():

@@ -88,7 +88,9 @@ def test_the_nodes_are_the_scrambled_sobol_points_they_are_said_to_be() -> None:
     ],
 )
 def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[str, ...]) -> None:
-    flown, draw, rows = load(None, ["uavs=9", "method=mfg", *settings]), np.random.default_rng(1), 12
+    flown = load(None, ["uavs=9", "method=mfg", *settings])
+    draw = np.random.default_rng(1)
+    rows = 12
     learner = Learner(flown)
     weights = learner.init(rows, starts(flown))
     states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
