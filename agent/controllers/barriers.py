@@ -127,13 +127,18 @@ class Braking(Barrier):
     """Barriers with the braking distance: no pair closes faster than it can stop, one tick of delay included.
 
     Of all commands with ḣ + kh ≥ 0 for each h = v_stop(‖Δr‖ − D) + ‖Δr‖˙, the nearest to the controller's. v_stop is
-    the speed from which a pair stops within a distance at the limit of acceleration, if it begins one tick later.
+    the speed from which a pair stops within a distance v·t + v²/2a at the limit of acceleration a, if it begins to
+    brake after t: one tick, and `reaction_s` in addition.
     """
 
     name = "braking"
 
     class Options(BarrierOptions, frozen=True):
         """The options of `braking`."""
+
+        reaction_s: Annotated[
+            float, Meta(ge=0, description="time before a UAV brakes, in addition to one tick, s")
+        ] = 0.0
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
         """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
@@ -142,8 +147,9 @@ class Braking(Barrier):
         closing = near.closing
         along = normals[..., 0] * closing[..., 0] + normals[..., 1] * closing[..., 1]
         across = normals[..., 0] * closing[..., 1] - normals[..., 1] * closing[..., 0]
-        deceleration, dt = self._limit / share, self.scenario.dt  # both UAVs of a pair brake
-        speed = stopping_speed(length - distance, deceleration, dt)
-        slope = stopping_slope(length - distance, deceleration, dt)
+        deceleration = self._limit / share  # both UAVs of a pair brake
+        delay_s = self.scenario.dt + self.options.reaction_s
+        speed = stopping_speed(length - distance, deceleration, delay_s)
+        slope = stopping_slope(length - distance, deceleration, delay_s)
         bounds = -share * (rate * (speed + along) + slope * along + across * across / length)
         return normals, bounds

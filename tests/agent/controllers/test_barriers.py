@@ -1,6 +1,7 @@
 """The filters of control barrier functions: the conditions of the source, and commands where these cannot be met."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,25 +53,36 @@ def exponential(distance: float, first: float, second: float) -> float:
     return (curvature + 8.0 * rate + 16.0 * (distance**2 - 0.8**2)) / (1.0 + abs(rate))
 
 
-def braking(distance: float, first: float, second: float) -> float:
+def braking(distance: float, first: float, second: float, reaction_s: float = 0.0) -> float:
     """ḣ + kh of h = v_stop(d − D) + ḋ, the derivative of v_stop being a difference quotient."""
 
-    def stop(way: float) -> float:  # the speed from which one stops within a distance, beginning a tick later
-        return float(np.roots([0.5 / 80.0, 0.1, -way]).max())
+    def stop(way: float) -> float:  # speed from which a pair stops within a way, a tick and the reaction time later
+        return float(np.roots([0.5 / 80.0, 0.1 + reaction_s, -way]).max())
 
     way = distance - 0.8
     slope = (stop(way + 1e-6) - stop(way - 1e-6)) / 2e-6
     return (slope * first + second + 4.0 * (stop(way) + first)) / (1.0 + abs(slope * first))
 
 
-@pytest.mark.parametrize("kind", [Ecbf, Braking])
+@pytest.mark.parametrize(
+    ("kind", "condition", "options"),
+    [
+        (Ecbf, exponential, {}),
+        (Braking, braking, {}),
+        (Braking, partial(braking, reaction_s=0.4), {"reaction_s": 0.4}),
+    ],
+    ids=["ecbf", "braking", "braking-reaction"],
+)
 @pytest.mark.parametrize("seed", range(20))
-def test_together_every_pair_keeps_the_condition_of_its_barrier(kind: type[Barrier], seed: int) -> None:
+def test_together_every_pair_keeps_the_condition_of_its_barrier(
+    kind: type[Barrier], condition: Callable[[float, float, float], float], options: dict[str, float], seed: int
+) -> None:
     """Of the motion, drag and wind included, if no UAV's program was infeasible."""
     scenario = Scenario(uavs=8, wind=AIR, filter=Filter(kind=kind.name))
     own, wanted = swarm(8, 3.0, seed)
     wanted *= 5.0  # so that conditions act
-    acceleration, infeasible = admit(filtered(scenario, kind, reach_m=1e3, acceleration_max_m_s2=40.0), own, wanted)
+    made = filtered(scenario, kind, reach_m=1e3, acceleration_max_m_s2=40.0, **options)
+    acceleration, infeasible = admit(made, own, wanted)
     assert not infeasible.any()
     motion = acceleration - AIR.drag * (own[:, 2:] - AIR.mean)
     assert (np.linalg.norm(motion, axis=1) <= 40.0 + 1e-9).all()
@@ -82,16 +94,18 @@ def test_together_every_pair_keeps_the_condition_of_its_barrier(kind: type[Barri
             continue
         first = apart @ closing / distance
         second = (apart @ pull + closing @ closing - first**2) / distance  # d''
-        assert (exponential if kind is Ecbf else braking)(distance, first, second) >= -1e-4
+        assert condition(distance, first, second) >= -1e-4
         checked += 1
     assert checked >= 20
 
 
+@pytest.mark.parametrize("reaction_s", [0.0, 0.5])
 @pytest.mark.parametrize("speed", [1.0, 2.25, 4.0])
-def test_two_uavs_head_on_brake_within_the_limit_and_stop_at_the_distance(speed: float) -> None:
-    """With the sampled-data margin neither is ever infeasible, and neither asks for more than the limit."""
+def test_two_uavs_head_on_brake_within_the_limit_and_stop_at_the_distance(speed: float, reaction_s: float) -> None:
+    """With the sampled-data margin neither is ever infeasible, and neither asks for more than the limit. Before them is
+    always the braking distance v·t + v²/2a of their closing speed, where the pair brakes with a = 2 · 2 m/s²."""
     scenario = load(None, ["uavs=2", "wind.drag=0", "vehicle.acceleration_max=2"])
-    made = filtered(scenario, Braking, distance_m=0.8, reach_m=30.0)
+    made = filtered(scenario, Braking, distance_m=0.8, reach_m=30.0, reaction_s=reaction_s)
     own = np.array([[-10.0, 0.0, speed, 0.0], [10.0, 0.0, -speed, 0.0]])
     nearest, hardest = np.inf, 0.0
     for _ in range(200):
@@ -100,6 +114,8 @@ def test_two_uavs_head_on_brake_within_the_limit_and_stop_at_the_distance(speed:
         hardest = max(hardest, float(np.linalg.norm(acceleration, axis=1).max()))
         own = np.concatenate([own[:, :2] + 0.1 * own[:, 2:], own[:, 2:] + 0.1 * acceleration], axis=1)
         nearest = min(nearest, float(own[1, 0] - own[0, 0]))
+        closing = float(own[0, 2] - own[1, 2])
+        assert closing * reaction_s + closing**2 / 8.0 <= own[1, 0] - own[0, 0] - 0.8 + 0.03
     assert hardest <= 2.0 + 1e-9
     assert 0.78 <= nearest < 1.0
 
