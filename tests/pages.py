@@ -1,4 +1,4 @@
-"""The programs that write pages."""
+"""Files of the project that are no modules: programs that write pages, and examples; commands and code of pages."""
 
 import importlib.util
 import re
@@ -12,10 +12,9 @@ from meanflock.groundstation.cli.command import cli
 ROOT = Path(__file__).parents[1]
 
 
-def script_of(page: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(page, ROOT / "docs" / f"{page}.py")
-    assert spec is not None
-    assert spec.loader is not None
+def script_of(name: str, folder: str = "docs") -> ModuleType:
+    """The file of that name, imported."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / folder / f"{name}.py")
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
@@ -28,7 +27,6 @@ def commands(command: click.Command = cli, path: tuple[str, ...] = ()) -> dict[t
         context = click.Context(command)
         for name in command.list_commands(context):
             below = command.get_command(context, name)
-            assert below is not None
             found |= commands(below, (*path, name))
     return found
 

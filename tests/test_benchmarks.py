@@ -90,7 +90,6 @@ def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: 
 def test_the_measurements_on_the_page_are_those_of_the_record() -> None:
     text = PAGE.read_text(encoding="utf-8")
     record = store.read(store.LATEST)
-    assert record is not None
     assert page.page(record, text) == text
 
 

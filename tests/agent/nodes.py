@@ -48,7 +48,6 @@ def frames(kind: FrameKind, source: list[int], payload: Any, links: list[list[in
 
 
 def models(act: Act) -> np.ndarray:
-    assert act.models is not None
     return act.models
 
 

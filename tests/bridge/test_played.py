@@ -1,7 +1,6 @@
 """A recorded run as MAVLink vehicles: every sample is a state that was flown, at its time."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,14 +113,6 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, flown: mf.Run, c
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert said in err
-
-
-def test_a_damaged_run_is_refused(flown: mf.Run, tmp_path: Path, capsys) -> None:
-    for file in flown.folder.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    (tmp_path / "timeseries.parquet").write_bytes(b"PAR1")
-    assert main(["bridge", "mavlink", str(tmp_path)]) == EXIT_BAD_INPUT
-    assert "timeseries.parquet" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["nan,8", "47,181", "", "47,8,488,1"])

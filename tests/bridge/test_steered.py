@@ -1,10 +1,8 @@
-"""Flights that a raw client of MAVLink steers: one on processes, or the one that flies at port 14540 already."""
+"""A flight on processes that a raw client of MAVLink steers; one that nobody steers is the same."""
 
 import json
 import re
 import subprocess
-from collections.abc import Iterator
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ from typing import Any
 import pytest
 
 from meanflock.groundstation.cli.command import main
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.net.access import Address
 from tests.bridge.client import Client, heartbeat, setpoint
 from tests.commands import COMMAND
@@ -20,23 +18,11 @@ from tests.polling import DEADLINE_S, until
 
 UAVS = 5
 STEERED = 3  # the system; UAV 2
-THERE = 14540  # where `meanflock run --realtime --steer 14540 --uavs 5` may fly
 STRONG = 4.0  # m/s²
 
 
 def free_port() -> int:
     return Address("127.0.0.1", 0).free("--steer", datagrams=True).port
-
-
-@pytest.fixture
-def there() -> Iterator[int | None]:
-    """The port of a flight that somebody else has started."""
-    with Client() as client:
-        for _ in range(20):
-            with suppress(ConnectionRefusedError):
-                client.send(THERE, heartbeat())
-                client.receive()
-        yield THERE if len(client.systems()) == UAVS else None
 
 
 class Speeds:
@@ -87,9 +73,7 @@ def steer_and_give_back(port: int) -> None:
 
 
 @pytest.mark.processes
-def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(there: int | None, tmp_path: Path) -> None:
-    if there is not None:
-        steer_and_give_back(there)
+def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_path: Path) -> None:
     port = free_port()
     line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
     with subprocess.Popen(
@@ -113,28 +97,6 @@ def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(there: 
     kinds = [(event["kind"], event["uavs"]) for event in events if event["kind"] in ("steered", "released")]
     assert kinds == [("steered", [STEERED - 1]), ("released", [STEERED - 1])]
     assert sum(event["kind"] == "dropped" and "steering from" in event["text"] for event in events) == 4
-
-
-def test_a_flight_in_lockstep_cannot_be_steered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert (
-        main(["run", "--steer", "14540", "--uavs", "2", "--quiet", "--out", str(tmp_path / "runs")]) == EXIT_BAD_INPUT
-    )
-    said = capsys.readouterr().err
-    assert (said, list(tmp_path.iterdir())) == (
-        "error: --steer: only a flight in real time can be steered; add --realtime\n",
-        [],
-    )
-
-
-@pytest.mark.parametrize("bus", [[], ["--in-process"]])
-def test_a_taken_port_is_refused_before_take_off(bus: list[str], tmp_path: Path, capsys) -> None:
-    with Client() as client:
-        line = ["run", "--realtime", "--steer", str(client.port), "--uavs", "2", "--out", str(tmp_path / "runs")]
-        assert main([*line, *bus]) == EXIT_BAD_INPUT
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"--steer 127.0.0.1:{client.port}: Address already in use; choose a free port" in said
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_flight_that_nobody_steers_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

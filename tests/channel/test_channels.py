@@ -1,19 +1,20 @@
-"""Channels as plug-ins: a channel of a user carries frames, and a wrong one ends the run with its mistake."""
+"""Channels as plug-ins: one of a user carries frames; shadows of the example keep their correlation and resume."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from meanflock.channel.base import Channel
+from meanflock.channel.base import Channel, Message
 from meanflock.channel.medium import Medium
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.channel.frames import line
-from tests.testing.good import changed
+from tests.faults.dying import dead, resumed
+from tests.golden.flights import steady
 
 
 class Disk(Channel):
@@ -36,7 +37,6 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     sent = [Frames(FrameKind.STATE, 0, np.arange(5, dtype=np.int32), np.ones((5, 4), dtype=np.float32))]
     records = medium.send(3, sent, line(0, 2, 4, 6, 50))
     (batch,) = medium.due(4)
-    assert batch.links is not None
     near = [(0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2)]
     assert [(int(s), int(t)) for s, t in batch.links] == near
     assert [(int(s), int(t)) for _, s, t, _, slots in records if slots > 0] == near
@@ -61,27 +61,51 @@ def test_a_summary_has_the_closed_forms_there_are(model: str, unknown: bool) -> 
         assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
 
 
-def answering(slots: Any = lambda slots: slots, delivered: Any = lambda delivered: delivered) -> Any:
-    return changed(Disk, "transmit", lambda _, answer, *__: (slots(answer[0]), delivered(answer[1])))
+EXAMPLE = Path(__file__).parents[2] / "examples" / "shadowing.py"
+SETTINGS = ["method=vasarhelyi", "uavs=5", "radio.model=shadowing", "radio.options={reach_m=4}", "duration=30"]
 
 
-@pytest.mark.parametrize(
-    ("channel", "expected"),
-    [
-        (answering(lambda slots: slots[1:]), r"slots: int64 \(19,\), expected int64 \(20,\)"),
-        (answering(lambda slots: np.where(slots == 1, 0, 2)), "slots from 0 to 2"),
-        (type("Wrong", (Disk,), {"expected": lambda *_: "many"}), "`expected` returns 'many'"),
-    ],
-)
-def test_a_wrong_channel_ends_the_run_with_its_mistake(channel: type, expected: str) -> None:
-    plugins.register(channel)
-    engine = Engine(scenario("radio.model=disk", "duration=2", method="hjb"), "wrong")
-    with pytest.raises(RunFailed, match=f"channel 'disk': .*{expected}"):
-        engine.complete()
+@pytest.fixture
+def shadowing() -> Any:
+    """The class of the example, installed."""
+    (found,) = plugins.load_file(EXAMPLE)
+    return plugins.load(found.kind, found.name)
 
 
-def test_an_unknown_channel_or_option_is_bad_input() -> None:
-    with pytest.raises(BadInput, match=r"'disk' is not installed here; .*; there are ideal, rice"):
-        Medium(scenario("radio.model=disk"))
-    with pytest.raises(BadInput, match=r"radio\.options"):
-        Medium(scenario("radio.options.radius_m=3.0"))
+def test_shadows_keep_the_correlation_of_their_way_and_their_variance(shadowing: Any) -> None:
+    uavs, way_m = 200, 5.0
+    source, target = np.triu_indices(uavs, 1)
+    channel = shadowing(shadowing.Options(sigma_db=6.0, correlation_m=20.0), Scenario())
+    rng, memory = np.random.default_rng(3), channel.init(uavs)
+    heard = []
+    for tick in range(5):  # all fly 5 m a tick, and in one tick nothing is sent
+        if tick != 2:
+            place = np.full((uavs, 2), [way_m * tick, 0.0])
+            message = Message(tick, 128, source, target, np.full(len(source), 50.0), place)
+            memory, _, arrives = channel.carry(memory, message, rng)
+            heard.append((tick, memory["shadow_db"][source, target], arrives))
+    for tick, shadow_db, arrives in heard:
+        assert shadow_db.std() == pytest.approx(6.0, rel=0.02)
+        assert np.array_equal(arrives, shadow_db > 0.0)  # at the reach the path loss is zero
+        both_m = 2.0 * way_m * tick
+        correlation = np.corrcoef(heard[0][1], shadow_db)[0, 1]
+        assert correlation == pytest.approx(np.exp(-both_m / 20.0), abs=0.02)
+
+
+def test_both_directions_and_all_fragments_share_a_shadow(shadowing: Any) -> None:
+    channel = shadowing(shadowing.Options(), Scenario())
+    ends = np.array([[0, 0, 1, 1], [1, 1, 0, 0]])
+    message = Message(0, 128, *ends, np.full(4, 50.0), np.zeros((2, 2)))
+    for seed in range(20):
+        memory, _, arrives = channel.carry(channel.init(2), message, np.random.default_rng(seed))
+        assert len(set(arrives.tolist())) == 1
+        assert np.count_nonzero(memory["shadow_db"]) == 1
+
+
+def test_a_flight_over_shadows_is_the_same_in_nodes_and_after_a_resume(shadowing: Any, tmp_path: Path) -> None:
+    flown = load(None, SETTINGS)
+    whole = Engine(flown, "whole").complete()
+    assert whole["radio"]["outages"] > 0
+    assert steady(Engine(flown, "nodes", uavs_per_node=1).complete()) == steady(whole)
+    folder = dead(tmp_path, flown, 287, rows=2)
+    assert resumed(folder, "--uavs-per-process", "4")["trajectory_sha256"] == whole["trajectory_sha256"]

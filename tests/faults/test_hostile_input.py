@@ -1,7 +1,7 @@
 """Contract of hostile input: receiver × mutation → the reason of the drop, and the flight is as if nothing had come.
 
-Here anybody sends bytes between two ticks. Replies of a genuine node in its turn: test_false_replies.py. Readers of
-bytes: tests/swarm/test_hostile_bytes.py.
+Here anybody sends bytes between two ticks, also floods, joins and keys that no node uses. Replies of a genuine node in
+its turn: test_false_replies.py. Readers of bytes: tests/swarm/test_hostile_bytes.py.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,14 +10,21 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.declared import MAX_BROADCASTS
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Sense, Stop
+from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
 from tests.faults.clusters import FLOATS, swarm
 from tests.faults.conftest import RUN, Lab, honest, scenario
+from tests.golden.flights import steady
 from tests.swarm.examples import written
 
 NUMBER = keys.fingerprint(RUN)
@@ -163,7 +170,6 @@ def at_node(lab: Lab, tick: int, name: str, rows: int) -> Receiver:
 
 def at_station(lab: Lab) -> Receiver:
     station, latest = lab.engine.station, lab.record.blocks[-1]
-    assert station is not None
 
     def deliver(raw: bytes) -> None:
         station.handle(Delivery("message", keys.telemetry(RUN), raw))
@@ -262,3 +268,92 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
     nothing = ("lost", "nodes_lost", "telemetry_blocks_dropped", "uploads_refused", "states_refused")
     assert not any(summary[name] for name in nothing)
     assert sum(summary["dropped_messages"].values()) == (thrown if name.startswith("world") else 0)
+
+
+@pytest.mark.parametrize(
+    ("node", "dropped", "kind", "logged"),
+    [
+        ("agent-7", {"unknown-node": 600}, "dropped", 100),
+        ("agent-0", {"oversized": 600 - 102}, "agent", 102),  # 100 events, and one for each of its UAVs
+    ],
+)
+def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged) -> None:
+    kept = Kept()
+    engine = Engine(scenario("duration=3", method="mfg"), RUN, sinks=[kept], uavs_per_node=2)
+    for tick in engine.fly():
+        message = b"\xc1" if kind == "dropped" else control.encode(Event(tick, "failed", "again"))
+        for _ in range(20):
+            engine.world.handle(Delivery("message", keys.act(RUN, node), message))
+    assert engine.world.finish()["dropped_messages"] == dropped
+    events = [event.kind for block in kept.blocks for event in block.events]
+    assert (events.count(kind), events.count("dropped")) == (logged, 100)
+
+
+JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Join("agent", 0), Join("agent", -5)]
+
+
+@pytest.mark.parametrize("join", [*JOINS, Join("leader", 0), Join("pirate", 1)])
+def test_a_join_without_a_free_place_is_refused_with_a_reason(join: Join) -> None:
+    engine, replies = Engine(scenario("duration=2", method="mfg"), RUN), []
+    key = keys.join(RUN, keys.requested_name(join.role, join.uav))
+    engine.world.handle(Delivery("question", key, control.encode(join), replies.append))
+    (answer,) = (control.decode(raw) for raw in replies)
+    assert isinstance(answer, Refusal)
+    assert answer.reason
+    assert answer.for_now == ("its agent already" in answer.reason)  # that agent may be lost later
+
+
+SUFFIXES = (
+    *("", "/**", "/node", "/node//act", "/node/*/act", "/node/$*/act", "/node/agent-1/**", "/node/agent-1/act\n"),
+    *("/node/agent-1\x1b[2J/act", "/node/agent-1\nlost agent-2/act", "/node/\u202eagent-1/act"),
+    *("/alive", "/alive/agent/\x1b]0;x\x07", "/alive/**"),
+)
+HOSTILE_KEYS = ["", "/", "**", "*", "x", f"{keys.ROOT}/**", "a/" * 20_000]
+HOSTILE_KEYS += [f"{keys.ROOT}/{RUN}{suffix}" for suffix in SUFFIXES]
+
+
+def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    flown = scenario("duration=2", method="mfg")
+    honest, kept = Engine(flown, RUN).complete(), Kept()
+    engine, replies = Engine(flown, RUN, sinks=[kept]), []
+    question = control.encode(Join("agent", 1))
+    for tick in engine.fly():
+        if tick != 4:
+            continue
+        for key in (keys.act(RUN, "agent-0"), keys.received(RUN)):
+            engine.world.handle(Delivery("oversized", key, size=70, largest=64))
+            assert caplog.messages[-1].endswith("oversized: 70 bytes, at most 64 expected")
+        for key in HOSTILE_KEYS:
+            for delivery in (
+                Delivery("message", key, b"x"),
+                Delivery("question", key, question, replies.append),
+                Delivery("alive", key),
+                Delivery("gone", key),
+                Delivery("oversized", key, size=1),
+            ):
+                before = engine.world.counters.drops.total()
+                engine.world.handle(delivery)
+                assert engine.world.counters.drops.total() == before + 1, delivery
+    summary = engine.world.finish()
+    assert summary["dropped_messages"] == {"wrong-key": 5 * len(HOSTILE_KEYS), "oversized": 2}
+    assert not replies
+    texts = [event.text for block in kept.blocks for event in block.events]
+    said = [record.getMessage() for record in caplog.records] + [str(vars(record)["peer"]) for record in caplog.records]
+    assert len(texts) >= 100
+    assert all(text.isprintable() and len(text) < 1000 for text in (*texts, *said))
+    assert steady(summary) == steady(honest)
+
+
+@given(st.text() | st.from_regex(rf"{keys.ROOT}/{RUN}/(node|alive)/.*/.*"))
+def test_any_key_is_that_of_a_node_or_is_dropped(key: str) -> None:
+    for read in (keys.node_of, keys.presence_of):
+        try:
+            found: Any = "".join(read(key))
+        except MessageRejected as error:
+            found = error
+        if isinstance(found, MessageRejected):
+            assert (found.reason, str(found).isprintable()) == ("wrong-key", True)
+        else:
+            assert found.isascii()
+            assert found.isprintable()
+            assert not set(found) & set("*/$ ")

@@ -82,7 +82,6 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
     monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 10)
     lab, whole = Lab(scenario()), Lab(scenario())
     bus, station, left = lab.engine.network.endpoints[1], lab.engine.station, lost.copy()
-    assert station is not None
 
     def lossy(delivery: Delivery) -> None:
         if delivery.kind == "message" and control.decode(delivery.payload).block in left:  # type: ignore[union-attr]

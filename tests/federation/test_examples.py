@@ -1,12 +1,8 @@
-"""The examples of federated learning: they fly, conform, and compute what their papers say."""
+"""The examples of federated learning: they fly, and compute what their papers say."""
 
 import argparse
-import ast
-import importlib.util
 import json
-import re
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,54 +11,17 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
-from meanflock.testing import check_aggregator, check_controller
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def example(name: str) -> ModuleType:
-    """The file of an example, imported."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
+from tests.pages import script_of
 
 IDEAL = {"radio.model": "ideal"}
-classifier = example("classifier")
-
-fedadam, scaffold, inverse_probability = example("fedadam"), example("scaffold"), example("inverse_probability")
+classifier, fedadam, scaffold = (script_of(name, "examples") for name in ("classifier", "fedadam", "scaffold"))
 
 RULES = {
     "fedadam": fedadam.FedAdam,
-    "fedbuff": example("fedbuff").FedBuff,
-    "inverse-probability": inverse_probability.InverseProbability,
+    "fedbuff": script_of("fedbuff", "examples").FedBuff,
+    "inverse-probability": script_of("inverse_probability", "examples").InverseProbability,
     "scaffold": scaffold.ScaffoldRule,
 }
-
-CONFORMING: dict[str, tuple[Any, ...]] = {
-    **{name: (check_aggregator, rule) for name, rule in RULES.items()},
-    "scaffold's controller": (check_controller, scaffold.Scaffold),
-    "classifier": (check_controller, classifier.Classifier, {"steps": 12, "batch": 4}),
-    "classifier alone": (check_controller, classifier.Classifier, {"share": False}),
-}
-
-
-@pytest.mark.parametrize("name", CONFORMING)
-def test_the_examples_conform(name: str) -> None:
-    check, *given = CONFORMING[name]
-    check(*given)
-
-
-@pytest.mark.parametrize("name", ["fedadam", "fedbuff", "inverse_probability", "scaffold"])
-def test_an_example_of_an_algorithm_is_short_and_imports_nothing_internal(name: str) -> None:
-    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
-    plugins_in = [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]
-    assert max(len(ast.unparse(ast.Module(node.body[1:], [])).splitlines()) for node in plugins_in) <= 30
-    imported = set(re.findall(r"^(?:import|from) (\w+)", text, flags=re.M))
-    assert imported <= {"typing", "functools", "math", "numpy", "msgspec", "meanflock"}
 
 
 @pytest.mark.parametrize("name", RULES)

@@ -68,7 +68,6 @@ def test_fragments_of_a_model_are_the_model(name: Any, weighted: bool, parts: li
 def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
     of = flown(length=LENGTH, uavs=25)
     cut = of.hops[0].coding.cut
-    assert cut is not None
     assert cut.slots == longest(of) == 3  # 97 % of them arrive; of those of 4 slots 90 %
     room = int(cut.slots * of.radio.bits_per_slot / 8)
     assert of.hops[0].coding.fragments is not None

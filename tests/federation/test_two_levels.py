@@ -1,7 +1,5 @@
 """A round on two levels gives the mean of the models that got through, and pays for each hop."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -126,12 +124,3 @@ def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int, optio
         of_kind = links[links[:, 3] == kind]
         assert sorted(set(of_kind[:, 0].tolist())) == [20 + ticks, 40 + ticks, 60 + ticks, 80 + ticks, 100 + ticks]
         assert expected is None or {(int(s), int(t)) for _, s, t, _, _ in of_kind} == expected
-
-
-def test_the_hierarchical_scenario_flies() -> None:
-    path = Path(__file__).parents[2] / "scenarios" / "hierarchical.toml"
-    summary = Lab(load(path, ["duration=41", 'stop="duration"'])).fly()
-    traffic = summary["radio"]["traffic"]
-    assert (summary["uavs"], summary["rounds"], summary["dropped_messages"]) == (100, 2, {})
-    assert traffic["relay"]["transmissions"] == 2 * 4
-    assert 2 * 75 <= traffic["uplink"]["transmissions"] <= 2 * 80

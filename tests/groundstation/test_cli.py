@@ -1,16 +1,20 @@
-"""The command line: its output, its warnings, the progress bar of a flight and the table at its end."""
+"""The command line: its output and warnings, the progress bar, the table at the end; flights without Rerun."""
 
 import io
 import json
 import os
 import re
+import sys
 
 import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
 
+import meanflock as mf
 from meanflock import kernels
+from meanflock.groundstation import doctor
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.progress import FlightProgress, summary_table
 from meanflock.kernels import sources
@@ -28,19 +32,6 @@ def test_a_flight_that_lost_uavs_names_the_first_and_the_reason(run) -> None:
     said, folder = err.splitlines()
     name = folder.removeprefix("run folder ")
     assert re.fullmatch(rf"UAVs lost: 1; the first event: .*UAV 2.*; all events are in {name}/events\.jsonl", said)
-
-
-def test_json_is_exactly_the_summary_and_a_recording_changes_no_bit(run, tmp_path) -> None:
-    hashes = set()
-    for flag in ("--record", "--no-record"):
-        flags = ("--json", "--uavs", "3", "--duration", "10", "--out", flag[2:])
-        code, out, err = run("run", "--in-process", flag, *flags)
-        assert code == EXIT_DONE
-        (folder,) = (tmp_path / flag[2:]).iterdir()
-        assert err.endswith(f"run folder {flag[2:]}/{folder.name}\n")
-        assert json.loads(out) == json.loads((folder / "summary.json").read_text())
-        hashes.add(json.loads(out)["trajectory_sha256"])
-    assert len(hashes) == 1
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -123,3 +114,50 @@ def test_there_is_no_bar_without_a_terminal() -> None:
     with FlightProgress(FLOWN, quiet=False, console=Console(file=out, width=80)) as bar:
         bar.say("joining")
     assert out.getvalue() == ""
+
+
+LINE = "no recording.rrd is written: rerun is not installed; pip install 'meanflock[ground]'\n"
+FLIGHT = ["run", "--in-process", "--uavs", "2", "--duration", "5", "--json"]
+
+
+@pytest.fixture
+def _no_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+
+
+def test_the_run_folder_is_the_same_but_for_the_recording(tmp_path, capsys, monkeypatch) -> None:
+    assert main([*FLIGHT, "--out", str(tmp_path / "full")]) == 0
+    full = json.loads(capsys.readouterr().out)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main([*FLIGHT, "--out", str(tmp_path / "lean")]) == 0
+    out, err = capsys.readouterr()
+    lean = json.loads(out)
+    assert lean == json.loads((tmp_path / "lean" / lean["run_id"] / "summary.json").read_text())
+    assert err.count(LINE) == 1
+    assert lean["trajectory_sha256"] == full["trajectory_sha256"]
+    files = {kind: {path.name for path in (tmp_path / kind).glob("*/*")} for kind in ("full", "lean")}
+    assert files["full"] - files["lean"] == {"recording.rrd"}
+    assert not files["lean"] - files["full"]
+    assert mf.open(tmp_path / "lean" / lean["run_id"]).recording is None
+
+
+@pytest.mark.usefixtures("_no_rerun")
+@pytest.mark.parametrize("flag", ["--quiet", "--no-record", "--log-format=json"])
+def test_nothing_is_said_where_nobody_listens_or_no_recording_is_wanted(flag: str, tmp_path, capsys) -> None:
+    assert main([*FLIGHT, flag, "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["arrived"] is not None
+    assert "rerun" not in err
+
+
+@pytest.mark.usefixtures("_no_rerun")
+def test_a_recording_that_is_asked_for_is_refused_and_nothing_is_written(tmp_path) -> None:
+    with pytest.raises(mf.BadInput, match=r"record=True needs it: pip install 'meanflock\[ground\]'"):
+        mf.fly(uavs=2, duration=1, out=tmp_path, record=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_warns_of_a_library_that_no_flight_needs(monkeypatch) -> None:
+    monkeypatch.setattr(doctor, "USES", {"no-such-package": "plots"})
+    found = doctor._package("no-such-package")
+    assert (found.verdict, found.remedy) == ("warning", "only needed for plots: pip install 'meanflock[ground]'")

@@ -39,7 +39,6 @@ def test_help_has_an_example_describes_every_option_and_fits_the_terminal(told, 
     assert [line for line in shown.splitlines() if len(line) > _COLUMNS] == []
     assert [line for line in shown.partition("Commands:\n")[2].splitlines() if line.endswith("...")] == []
     example = re.search(r"^  Example:\s+(meanflock .+)$", shown, re.MULTILINE)
-    assert example is not None
     assert example[1].split()[1 : len(path) + 1] == list(path)
     options = [option for option in COMMANDS[path].params if isinstance(option, click.Option)]
     assert [option.opts[-1] for option in options if not option.help] == []

@@ -157,7 +157,6 @@ def test_an_obstacle_hit_has_its_own_mark(tmp_path: Path) -> None:
     assert run.summary["obstacle_hits"] > 0
     hits = [event for event in run.events if event["kind"] == "hit"]
     assert len(hits) == run.summary["obstacle_hits"]
-    assert run.recording is not None
     crosses = rows(run.recording, look.OBSTACLE_HITS, "LineStrips2D:strips")
     assert set(crosses) == {event["tick"] for event in hits}
     stars = rows(run.recording, look.COLLISIONS, "LineStrips2D:strips")
@@ -168,7 +167,6 @@ def test_an_obstacle_hit_has_its_own_mark(tmp_path: Path) -> None:
     levels = rows(run.recording, "events", "TextLog:level")
     assert "ERROR" in levels[hits[0]["tick"]]
     assert fixed(run.recording, "map/obstacles/edges", "LineStrips2D:colors") == [drawing.GREY]
-    assert run.folder is not None
     (ax, *_) = plot_run(run.folder)["paths"].axes
     drawn = {str(line.get_label()): line for line in ax.lines}
     crosses, stars = drawn[f"obstacle hits: {len(hits)}"], drawn[f"collisions: {run.summary['collisions']}"]

@@ -16,14 +16,40 @@ from meanflock.studies import job_file, runner
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from reproduction import claims, experiments, flight, grid, tables
-from reproduction.grid import Method, Wanted
-from reproduction.tables import COORDINATES
-from tests.reproduction.tiny import fly, plan, same
+from reproduction.experiments import run_grid
+from reproduction.grid import Method, Point, Wanted
+from reproduction.tables import COORDINATES, Results
 
 RTOL = 1e-9
 # The record of the paper's scenario, seed 1, 60 s, from an independent recorder: scalars of `runs.parquet`; of each
 # series column the number of finite values, their mean and the last; sums of the models.
 RECORDED: dict[str, Any] = json.loads(Path(__file__).with_name("grid_runs.json").read_text(encoding="utf-8"))
+
+
+def tiny(method: str, *settings: str, uavs: int = 3, duration: float = 3.0) -> Any:
+    return load(None, settings, method=method, uavs=uavs, duration=duration, stop="duration")
+
+
+def plan() -> list[Wanted]:
+    points = [
+        Point("s0", tiny("mfgfl-hf", "federation.period=10")),
+        Point("s0", tiny("hjb")),
+        Point("uavs", tiny("mfgfl-hf", "federation.period=10")),
+        Point("offline", tiny("offline", "start.spacing=6"), "start.spacing=6"),
+        Point("trained", tiny("mfgfl-hf", "wind.sigma=1.5"), training=tiny("mfgfl-hf")),
+        Point("sensitivity", tiny("mfg", "learner.kappa=0.1"), "learner.kappa=0.1"),
+    ]
+    return [Wanted(point, seed) for point in points for seed in (1, 2)]
+
+
+def fly(out: Path, **options: Any) -> Results:
+    return run_grid(out, 1, jobs=options.pop("jobs", 1), quiet=True, plan=options.pop("plan", plan()), **options)
+
+
+def same(left: Results, right: Results) -> bool:
+    return all(
+        getattr(left, name).equals(getattr(right, name)) for name in ("runs", "series", "trajectories", "weights")
+    )
 
 
 def small(method: str, *settings: str, uavs: int = 6, seed: int = 1, duration: float = 15.0) -> Scenario:
@@ -71,7 +97,6 @@ def test_the_series_ends_with_the_numbers_of_the_summary() -> None:
     assert np.isnan(series["hjb_abs_mean"][0])
     assert flown.record.scalars["phi_A_175"] is None  # the flight was shorter
     trace = flown.record.trace
-    assert trace is not None
     assert trace.states.shape == (61, 6, 4)
     np.testing.assert_allclose(trace.weights[-1], flown.models[0], rtol=1e-6)
 

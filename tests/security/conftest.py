@@ -136,7 +136,6 @@ class Flight:
 
     @property
     def certificates(self) -> Path:
-        assert self.folders is not None
         return self.folders.good
 
     def client(self, name: str, folder: Path | None = None) -> ZenohBus:
@@ -162,7 +161,6 @@ class Flight:
         """Waits until the router has dealt with all that this session of `name` has sent."""
         uav = int(name.rpartition("-")[2])
         answer = attacker.ask(keys.join(RUN, name), control.encode(Join("agent", 1, uav)), DEADLINE_S)
-        assert answer is not None
         assert isinstance(refusal := control.decode(answer), Refusal)
         assert "its agent already" in refusal.reason
 
@@ -173,7 +171,6 @@ class Flight:
         if self.world.poll() is None:
             self.world.kill()
         self.world.wait()
-        assert self.world.stdout is not None
         self.world.stdout.close()
 
     def _board(self, bus: Any, join: Join, make: Callable[..., Any]) -> None:

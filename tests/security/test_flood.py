@@ -31,7 +31,6 @@ def flood(flight: Flight) -> Iterator[None]:
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(PROCESSES)]
     try:
         for process in processes:
-            assert process.stdout is not None
             assert [process.stdout.readline() for _ in range(SESSIONS)] == [b"begun\n"] * SESSIONS
         yield
         assert all(process.poll() is None for process in processes)
@@ -39,7 +38,6 @@ def flood(flight: Flight) -> Iterator[None]:
         for process in processes:
             process.kill()
             process.wait()
-            assert process.stdout is not None
             process.stdout.close()
 
 

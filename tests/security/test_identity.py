@@ -1,15 +1,17 @@
-"""Attacks without a certificate of a node, and with one: the router or the world drops what is not allowed."""
+"""Attacks without a certificate of a node, and with one of a node or the observer: what is not allowed is dropped."""
 
 import numpy as np
 import pytest
 
+from meanflock.groundstation.bridge.observer import Observer
 from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, Identity, secured
+from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, Identity, secured
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Welcome
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import HELD, HOLD_TICK, ME, PATIENCE_S, RUN, VICTIM, Flight, Folders, act_in, forged
 
@@ -41,7 +43,6 @@ def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
 def come_as_no_node(flight: Flight) -> ZenohBus:
     """Without a certificate of a node there is no link, or one over which nothing is allowed, which is returned."""
     folders = flight.folders
-    assert folders is not None
     with pytest.raises(BusError):
         without_certificate(flight.endpoint, folders)
     for folder in (folders.foreign, folders.expired):
@@ -151,3 +152,33 @@ def test_no_node_can_pass_itself_off_as_the_world(folders: Folders) -> None:
             ZenohBus.client(endpoint, PATIENCE_S, Identity(folders.good, VICTIM))
     finally:
         impostor.close()
+
+
+def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(flight: Flight, undisturbed: str) -> None:
+    observer = Observer(flight.client(OBSERVER), DEADLINE_S)
+    spy, attacker = flight.client(OBSERVER), flight.client(OBSERVER)
+    spied = [keys.sense(RUN, VICTIM), keys.act(RUN, "*"), keys.telemetry(RUN), keys.received(RUN)]
+    for key in spied:
+        spy.subscribe(key)
+    told = control.encode(Received(keys.fingerprint(RUN), 2**20))
+    for key in (*spied, keys.act(RUN, VICTIM), keys.act(RUN, OBSERVER), keys.observed(RUN), f"{keys.ROOT}/**"):
+        attacker._session.put(key, forged())
+        attacker._session.put(key, told)
+    attacker._session.delete(keys.act(RUN, VICTIM))
+    for name, join in ((VICTIM, Join("agent", 1, HELD)), (LEADER, Join(LEADER, 0)), (STATION, Join(STATION, 0))):
+        assert attacker.ask(keys.join(RUN, name), control.encode(join), PATIENCE_S) is None
+    attacker.announce(keys.alive(RUN, "agent", VICTIM))
+    attacker.announce(keys.alive(RUN, STATION, STATION))
+    for session in (spy, attacker):
+        answer = session.ask(keys.join(RUN, OBSERVER), control.encode(Join(OBSERVER, 0)), DEADLINE_S)
+        assert answer is not None  # and the router has dealt with all that came before
+        assert isinstance(control.decode(answer), Welcome)
+    summary = flight.land()
+    assert spy.receive(0.0) is None
+    assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (undisturbed, 0, 0)
+    assert set(summary["dropped_messages"]) <= {"wrong-key"}
+    rows = Kept()
+    assert observer.listen(rows)["trajectory_sha256"] == undisturbed
+    ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in rows.blocks])
+    assert ticks.tolist() == list(range(ticks[0], summary["ticks"] + 1))
+    assert ticks[0] <= HOLD_TICK

@@ -138,7 +138,6 @@ class Mishaps:
             assert hasty.returncode == 1
             assert err.startswith("error: the world refused: "), err
             assert "has its agent already" in err, err  # this UAV, or every one
-            assert patient.stderr is not None
             line = patient.stderr.readline()
             assert "refused for now: " in line, line
             with self._rejoins(uav), self._is_lost(uav):

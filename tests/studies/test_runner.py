@@ -1,8 +1,7 @@
-"""The runner of all studies: interruption, dead processes, number of processes."""
+"""The runner of all studies: signals, dead processes, number of processes."""
 
 import os
 import signal
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,32 +11,6 @@ from meanflock.studies.store import Store
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import load
-from tests.commands import ended
-
-_ENDED = """
-import time
-from functools import partial
-from meanflock.studies import runner
-
-def stop(task, result):
-    raise KeyboardInterrupt
-
-for _ in range(2):  # without `if __name__ == "__main__"`: workers do not import the script
-    try:
-        runner.run(time.sleep, [0.0, *[10.0] * 8], 2, stop)
-    except KeyboardInterrupt:
-        print("interrupted")
-"""
-
-
-@pytest.mark.processes
-def test_an_interrupted_pool_is_silent(tmp_path: Path) -> None:
-    """No traceback of its threads and no warning about leaked semaphores."""
-    script = tmp_path / "script.py"
-    script.write_text(_ENDED)
-    done = ended(sys.executable, script)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\n" * 2, "")
-
 
 DYING = """
 import os, signal

@@ -1,22 +1,23 @@
-"""Comparisons and sweeps: their flights, wrong arguments, interruption and repetition."""
+"""Comparisons and sweeps: their flights, values and plug-ins, and several flights in one recording."""
 
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
-import psutil
+import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.studies import study
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording.replay import verify
+from meanflock.studies import side_by_side
 from meanflock.studies.swept import Swept
-from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from meanflock.swarm import state
+from meanflock.swarm.errors import EXIT_DONE, BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
-from tests.polling import DEADLINE_S, until
+from tests.groundstation.recordings import column, scalars
 from tests.studies.conftest import QUICK, flown, rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -59,52 +60,6 @@ def test_values_are_words_numbers_lists_or_tables() -> None:
         Swept.parse("wind.sigma")
 
 
-HELD = """
-import time
-from pathlib import Path
-import meanflock as mf
-
-class Held(mf.Controller):
-    name = "held"
-
-    def step(self, memory, tick, own, received):
-        while self.scenario.seed > 1 and Path({!r}).exists():
-            time.sleep(0.01)
-        return mf.Step(memory, 0.0 * own[:, :2])
-"""
-
-
-@pytest.mark.processes
-def test_ctrl_c_ends_a_sweep_and_its_workers_and_a_repeat_goes_on(tmp_path: Path) -> None:
-    """Flights of the first seed end; all others wait for as long as a file is there, so none is over by chance."""
-    (hold := tmp_path / "hold").touch()
-    (plugin := tmp_path / "held.py").write_text(HELD.format(str(hold)), encoding="utf-8")
-    out = tmp_path / "out"
-    command = [sys.executable, "-c", "from meanflock.groundstation.cli.command import main; main()", "sweep"]
-    command += ["wind.sigma=0.1,0.2,0.3", "--methods", "held", "--plugin", str(plugin), "--uavs", "2"]
-    command += ["--duration", "2", "--seeds", "3", "--jobs", "2", "--quiet", "--out", str(out)]
-    pipe = subprocess.PIPE
-    flying = subprocess.Popen(command, stderr=pipe, stdout=pipe, start_new_session=True)
-    until(lambda: list(out.glob("data/jobs/*.job")) or flying.poll() is not None, "a finished flight")
-    family = psutil.Process(flying.pid).children(recursive=True)
-    os.killpg(flying.pid, signal.SIGINT)
-    printed, said = flying.communicate(timeout=DEADLINE_S)
-    assert not psutil.wait_procs(family, timeout=DEADLINE_S)[1]
-    assert (flying.returncode, printed) == (EXIT_RUN_FAILED, b"")
-    assert b"error: interrupted; " in said
-    assert b" of 9 runs are kept in" in said
-    assert b"Traceback" not in said
-    kept = {path: path.stat().st_mtime_ns for path in out.glob("data/jobs/*.job")}
-    assert 0 < len(kept) < 9
-    hold.unlink()
-    assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert len(flown(out)) == 9
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "_fly", lambda *_, **__: pytest.fail("flown again"))
-        assert main([*command[3:], "--jobs", "1"]) == EXIT_DONE
-
-
 MINE = """
 import meanflock as mf
 
@@ -132,3 +87,36 @@ def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
     first = energy("one", -0.01)
     assert energy("other", -0.02) != first
     assert energy("one", -0.02) == energy("other", -0.02) != first
+
+
+TICKS = np.arange(41)
+SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
+
+
+def roots(path: Path) -> set[str]:
+    return {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tmp_path: Path) -> None:
+    flags = ("--seeds", "1", "--uavs", "3", "--duration", "4", "--set", "stop=duration", "--jobs", "1", "--quiet")
+    code, out, _ = run("compare", *SCENARIOS, "--record", *flags, "--out", "out")
+    assert (code, "out/compare.rrd" in out.splitlines()) == (EXIT_DONE, True)
+    path = tmp_path / "out/compare.rrd"
+    summaries = {summary["method"]: summary for summary in flown(tmp_path / "out")}
+    assert verify(path) is None
+    assert roots(path) - {"__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
+    for name, scenario in SCENARIOS.items():
+        kept, part = Kept(), side_by_side.part_of(name)
+        alone = Engine(scenario, "alone", sinks=[kept]).complete()
+        assert summaries[name]["trajectory_sha256"] == alone["trajectory_sha256"]
+        states = np.concatenate([block.states for block in kept.blocks])
+        ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
+        np.testing.assert_array_equal(ticks, TICKS)
+        np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
+        ticks, drawn = scalars(path, f"{part}/{side_by_side.ENERGY}")
+        np.testing.assert_array_equal(ticks, TICKS)
+        energy = np.concatenate([block.energy for block in kept.blocks])
+        np.testing.assert_allclose(drawn[:, 0], energy.mean(axis=1), rtol=1e-6)
+        _, bits = scalars(path, f"{part}/{side_by_side.BITS}")
+        assert bits[-1, 0] == pytest.approx(alone["payload_bits"]["total"] / 1e6)

@@ -58,11 +58,6 @@ def arrays_in(value: Any) -> list[np.ndarray]:
     return [array for part in value for array in arrays_in(part)] if isinstance(value, tuple) else []
 
 
-def carrying(array: np.ndarray) -> Welcome:
-    """A message with one array."""
-    return Welcome(1, "agent-0", (0,), 2, b"{}", array)
-
-
 def numbers(dtype: str, *shape: int) -> np.ndarray:
     """A table that is easy to recognise in a hex dump."""
     count = int(np.prod(shape))

@@ -10,6 +10,7 @@ import pytest
 
 from meanflock.channel import link
 from meanflock.federation.schedule import Schedule
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.scenario import Scenario, Wind, load
@@ -160,3 +161,25 @@ def test_a_number_too_large_or_small_to_compute_with_is_bad_input_before_the_fli
 def test_bad_json_of_the_network_is_bad_input(raw: bytes) -> None:
     with pytest.raises(BadInput):
         scenario.decode(raw)
+
+
+# Controller, settings, and parts of the line.
+BEFORE_TAKE_OFF = [
+    ("hjb", ["filter.kind=magic"], ("filter 'magic' is not installed here; ", "there are braking, ecbf")),
+    ("hjb", ["filter.kind=ecbf", "filter.options.distance_m=0"], ("filter.options.distance_m: ", "> 0", "'ecbf'")),
+    (
+        "mfgfl-hf",
+        ["sharing.policy=tick"],
+        ("`[sharing]` is set, but controller 'mfgfl-hf' shares no states; ", "filter.kind"),
+    ),
+    ("mfg", ["federation.state_period=5", "cost.separation=1"], ("federation.state_period", "cost.separation")),
+    ("windmap", ["controller.spacing_m=1"], ("a map of ", " nodes; at most 1000")),
+    ("hjb", ["radio.model=disk"], ("'disk' is not installed here; ", "there are ideal, rice")),
+    ("hjb", ["radio.options.radius_m=3.0"], ("radio.options",)),
+    ("hjb", ["truth.drag=30"], ("unstable with `truth.drag` 30",)),
+]
+
+
+@pytest.mark.parametrize(("method", "settings", "parts"), BEFORE_TAKE_OFF)
+def test_a_swarm_that_cannot_fly_is_bad_input_before_take_off(method: str, settings: list[str], parts: Any) -> None:
+    check_line(lambda: Engine(load(None, settings, method=method), "refused"), *parts)

@@ -206,17 +206,3 @@ def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its
     monkeypatch.chdir(tmp_path)
     assert plugins.load_file(Path(first.name))  # by another path
     assert plugins.find("controller", "mine").source == str(first)
-
-
-@pytest.mark.parametrize(
-    ("setting", "expected"),
-    [
-        ("controller.stiffness=-1", r"controller\.stiffness: .*> 0"),
-        ("controller.stiffness=soft", r"controller\.stiffness: expected a number, got 'soft'"),
-        ("controller.stifness=1", r"controller: .*`stifness`; did you mean `controller\.stiffness`\?"),
-    ],
-)
-def test_options_that_do_not_fit_are_named_with_how_to_list_them(setting: str, expected: str) -> None:
-    plugins.load_file(Path(__file__).parents[2] / "examples" / "spring.py")
-    with pytest.raises(BadInput, match=f"{expected}.*`meanflock scenario schema --method spring` lists the options"):
-        load(None, [setting], method="spring").declared  # noqa: B018

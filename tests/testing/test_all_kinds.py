@@ -1,10 +1,11 @@
-"""The suites accept the built-in plug-ins, and reject what is wrong with a plug-in of any kind."""
+"""The suites accept the built-in plug-ins and examples, and reject what is wrong with a plug-in of any kind."""
 
+import ast
 import random
 import re
-import runpy
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ import pytest
 
 from meanflock.agent.controllers.base import Step
 from meanflock.swarm import plugins, seeds
-from meanflock.swarm.scenario import Filter, Obstacle, Scenario, Sharing, Start
-from meanflock.testing import ConformanceError, check_aggregator, check_controller, check_filter
+from meanflock.swarm.scenario import Scenario
+from meanflock.testing import ConformanceError, check_controller
 from tests.testing.good import KINDS, GoodAggregator, GoodController, Kind, calls, changed, failing
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLE = Path(__file__).parents[2] / "examples"
+SHARING = ("vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca")
 every = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
@@ -36,44 +38,66 @@ def shifted(kind: Kind, shift: Callable[[Any], Any]) -> type:
     return changed(kind.good, kind.method, change)  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [(kind, name) for kind in KINDS for name in (*plugins.names(kind), "good")]  # type: ignore[arg-type]
-)  # fmt: skip
-def test_every_built_in_plugin_conforms(kind: str, name: str) -> None:
-    KINDS[kind].check(KINDS[kind].good if name == "good" else plugins.load(kind, name))  # type: ignore[arg-type]
+class RowForEachUav(GoodAggregator):
+    """Remembers the last upload of every UAV of the swarm."""
+
+    def init(self, parameters: int) -> dict[str, Any]:
+        return {"last": np.zeros((self.scenario.uavs, parameters))}
+
+    def step(self, state: Any, uploads: Any) -> Any:
+        last = state["last"].copy()
+        last[uploads.uavs] = uploads.models
+        return {"last": last}, last.mean(axis=0)
 
 
-@pytest.mark.parametrize("name", plugins.names("filter"))
-def test_every_built_in_filter_conforms_when_states_are_sent_in_every_tick(name: str) -> None:
-    scenario = Scenario(uavs=6, filter=Filter(kind=name), sharing=Sharing(policy="tick"))
-    check_filter(plugins.load("filter", name), scenario=scenario)
+EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {  # kind of the last plug-in of a file, and options
+    "spring": ("controller", {"stiffness": 0.05}),
+    "trim": ("controller", {"stiffness": 0.05}),
+    "scaffold": ("controller", {}),
+    "classifier": ("controller", {"steps": 12, "batch": 4}),
+    "momentum": ("aggregator", {"beta": 0.9}),
+    "fedadam": ("aggregator", {}),
+    "fedbuff": ("aggregator", {}),
+    "inverse_probability": ("aggregator", {}),
+    "shadowing": ("channel", {}),
+}
+DISCS = [{"centre": (140.0, 96.0), "radius": 4.0}, {"centre": (152.0, 90.0), "radius": 3.0}]
+POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02})
+ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
+# Kind, plug-in, options, and keys of the scenario, if it is not that of the suite.
+CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
+    *((kind, name, {}, {}) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),  # type: ignore[arg-type]
+    *(("filter", name, {}, {"uavs": 6, "filter.kind": name, **TICK}) for name in plugins.names("filter")),
+    *(("controller", name, {}, {"uavs": 6, **ECBF, "sharing.delta_m": 0.05}) for name in plugins.names("controller")),
+    *(("controller", name, {}, {"uavs": 6, **ECBF, **TICK}) for name in ("mfgfl-hf", "orca")),
+    *(("controller", "windmap", {"share": share}, {}) for share in ("none", "weights", "precision", "measurements")),
+    *(
+        ("controller", name, {}, {"uavs": uavs, "obstacles": DISCS, "start.spacing": 0.5, "sharing": policy})
+        for name, uavs, policy in product(SHARING, (1, 6), POLICIES)
+    ),
+    *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
+    *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),
+    ("controller", EXAMPLE / "classifier.py", {"share": False}, {}),
+    ("aggregator", EXAMPLE / "scaffold.py", {}, {}),
+]
 
 
-@pytest.mark.parametrize("name", ["vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca"])
-@pytest.mark.parametrize("uavs", [1, 6])
-@pytest.mark.parametrize("sharing", [Sharing(policy="tick", forget_s=0.2), Sharing(repeats=3, delta_m=0.02)])
-def test_controllers_that_share_states_conform_alone_and_among_obstacles(name, uavs, sharing) -> None:
-    discs = (Obstacle(centre=(140.0, 96.0), radius=4.0), Obstacle(centre=(152.0, 90.0), radius=3.0))
-    scenario = Scenario(uavs=uavs, obstacles=discs, start=Start(spacing=0.5), sharing=sharing)
-    check_controller(plugins.load("controller", name), scenario=scenario)
+@pytest.mark.parametrize(("kind", "plugin", "options", "keys"), CONFORMING)
+def test_what_is_built_in_or_an_example_conforms(kind: Any, plugin: Any, options: Any, keys: Any) -> None:
+    if isinstance(plugin, Path):
+        (plugin,) = (found.name for found in plugins.load_file(plugin) if found.kind == kind)
+    checked = plugins.load(kind, plugin) if isinstance(plugin, str) else plugin
+    KINDS[kind].check(checked, options, **({"scenario": Scenario(**keys)} if keys else {}))
 
 
-@pytest.mark.parametrize(
-    ("check", "file", "name", "options"),
-    [
-        (check_controller, "spring.py", "Spring", {"stiffness": 0.05}),
-        (check_controller, "trim.py", "Trim", {"stiffness": 0.05}),
-        (check_aggregator, "momentum.py", "Momentum", {"beta": 0.9}),
-    ],
-)
-def test_every_example_conforms(check: Callable[..., None], file: str, name: str, options: dict[str, float]) -> None:
-    check(runpy.run_path(str(EXAMPLES / file))[name], options)
-
-
-def test_the_first_example_is_short_and_imports_nothing_internal() -> None:
-    text = (EXAMPLES / "spring.py").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 25
-    assert re.findall(r"^(?:import|from) (\w+)", text, flags=re.M) == ["typing", "numpy", "msgspec", "meanflock"]
+@pytest.mark.parametrize("file", ["spring", "fedadam", "fedbuff", "inverse_probability", "scaffold"])
+def test_an_example_of_an_algorithm_is_short_and_imports_nothing_internal(file: str) -> None:
+    text = (EXAMPLE / f"{file}.py").read_text(encoding="utf-8")
+    classes = [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]
+    assert max(len(ast.unparse(ast.Module(node.body[1:], [])).splitlines()) for node in classes) <= 30
+    assert file != "spring" or len(text.splitlines()) <= 25
+    imported = set(re.findall(r"^(?:import|from) (\w+)", text, flags=re.M))
+    assert imported <= {"typing", "functools", "math", "numpy", "msgspec", "meanflock"}
 
 
 def test_a_controller_that_draws_by_tick_and_uav_conforms() -> None:
@@ -93,24 +117,6 @@ def test_a_controller_that_asks_when_rounds_open_conforms() -> None:
     asking = type("Asking", (changed(GoodController, "step", ask),), {"name": "asking", "period_ticks": 7})
     check_controller(asking)
     check_controller(asking, scenario=Scenario(uavs=3, federation={"period": 5}))
-
-
-class RowForEachUav(GoodAggregator):
-    """Remembers the last upload of every UAV of the swarm."""
-
-    def init(self, parameters: int) -> dict[str, Any]:
-        return {"last": np.zeros((self.scenario.uavs, parameters))}
-
-    def step(self, state: Any, uploads: Any) -> Any:
-        last = state["last"].copy()
-        last[uploads.uavs] = uploads.models
-        return {"last": last}, last.mean(axis=0)
-
-
-@pytest.mark.parametrize("uavs", [1, 60])
-@pytest.mark.parametrize("good", [GoodAggregator, RowForEachUav])
-def test_a_good_rule_conforms_in_swarms_of_all_sizes(good: type[GoodAggregator], uavs: int) -> None:
-    check_aggregator(good, scenario=Scenario(uavs=uavs))
 
 
 def waiting(kind: Kind) -> type:

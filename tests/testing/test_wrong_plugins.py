@@ -1,4 +1,4 @@
-"""Each suite rejects each kind of mistake, and names it."""
+"""Each suite rejects each kind of mistake and names it; so does a flight, of channels and vehicles."""
 
 import re
 from typing import Any
@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Broadcast
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario import load
 from meanflock.testing import ConformanceError
 from tests.testing.good import (
     KINDS,
@@ -195,3 +199,73 @@ def test_a_wrong_plugin_is_rejected_with_its_mistake_and_what_to_do(kind: str, m
     text = str(caught.value)
     assert re.match(rf"{wrong.__name__}: .*; \S", text)
     assert re.search(expected, text)
+
+
+# -- in a flight, which channels and vehicles end if they are wrong ----------------------------------------------------
+
+
+class Remembering(GoodChannel):
+    """A channel with a memory."""
+
+    def init(self, uavs: int) -> Any:
+        return {"last": np.zeros(uavs)}
+
+    def carry(self, memory: Any, message: Any, rng: np.random.Generator) -> Any:
+        return memory, *self.transmit(message.distance_m, message.bits, rng)
+
+
+def carrying(memory: Any) -> Any:
+    return changed(Remembering, "carry", lambda _, answer, *__: (memory, *answer[1:]))
+
+
+CANNOT_BEGIN: list[tuple[Any, str]] = [
+    (having(Remembering, init=lambda _, uavs: [uavs]), "memory is a list; expected a dict"),
+    (having(Remembering, init=lambda *_: {"last": [0.0]}), "a checkpoint keeps"),
+    (
+        having(Remembering, init=lambda *_: {"all": np.zeros((5, 10**8))}),
+        "MiB for 5 UAVs; a checkpoint keeps up to 256",
+    ),
+    (having(Remembering, init=lambda *_: 1 / 0), "ZeroDivisionError"),
+    (having(GoodVehicle, init=lambda *_: {"charge_J": np.full(3, 1.0)}), r"hidden\['charge_J'\] has shape \(3,\)"),
+    (having(GoodVehicle, init=lambda *_: {"charge_J": 1.0}), r"hidden\['charge_J'\] is a float"),
+]
+GOES_WRONG: list[tuple[Any, str]] = [
+    (part(GoodChannel, 0, lambda slots, *_: slots[1:]), r"slots: int64 \(19,\), expected int64 \(20,\)"),
+    (part(GoodChannel, 0, lambda slots, *_: slots - 4), "slots from -3 to 0"),
+    (having(GoodChannel, expected=lambda *_: "many"), "`expected` returns 'many'"),
+    (having(Remembering, carry=lambda *_: {}), "`carry` returns a dict; expected memory, slots and delivered"),
+    (carrying({}), r"memory has \[\]; of `init` it had \['last'\]"),
+    (carrying({"last": np.zeros(1)}), r"\(1,\) float64"),
+    (writing(Remembering, "carry", 0, "last"), "read-only"),
+    (part(GoodVehicle, 1, lambda hidden, *_: {"thrust": hidden["thrust"] / 0}), r"thrust'\] of UAV 0: .* not finite"),
+    (part(GoodVehicle, 0, lambda states, *_: states * np.array([1, 1, np.nan, 1, 1])[:, None]), "states of UAV 2"),
+    (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
+    (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
+    (changed(GoodVehicle, "power", lambda _, power, *__: power[:, None]), r"power: float64 \(150, 1\)"),
+    (changed(GoodVehicle, "power", lambda _, power, *__: power * np.ones(5)), "failed.*of the rows of 30 ticks of 5"),
+]
+
+
+def flown(plugin: Any) -> Engine:
+    key = "radio.model" if issubclass(plugin, GoodChannel) else "vehicle.model"
+    plugins.register(plugin)
+    return Engine(load(None, ["uavs=5", f"{key}=good", "duration=3"], method="hjb"), "wrong")
+
+
+@pytest.mark.parametrize(("wrong", "expected"), CANNOT_BEGIN)
+def test_a_channel_or_vehicle_that_cannot_begin_is_bad_input(wrong: Any, expected: str) -> None:
+    with pytest.raises(BadInput, match=f"(channel|vehicle) 'good': .*{expected}"):
+        flown(wrong)
+
+
+@pytest.mark.parametrize(("wrong", "expected"), GOES_WRONG)
+def test_a_wrong_channel_or_vehicle_ends_the_run_with_its_mistake(wrong: Any, expected: str) -> None:
+    engine = flown(wrong)
+    with pytest.raises(RunFailed, match=f"(channel|vehicle) 'good': .*{expected}"), np.errstate(all="ignore"):
+        engine.complete()
+
+
+def test_a_checkpoint_with_another_memory_of_a_channel_is_refused() -> None:
+    medium = flown(Remembering).world.air
+    with pytest.raises(ValueError, match=r"channel 'good': memory\['last'\] is \(4,\) float64"):
+        medium.restore(medium.snapshot() | {"memory": {"last": np.zeros(4)}})

@@ -11,7 +11,6 @@ import pytest
 from meanflock.federation.fragments import resolved
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import MeanWind
@@ -111,7 +110,7 @@ def test_power_by_airspeed_is_that_of_the_speed_through_the_air() -> None:
     np.testing.assert_array_equal(over_ground, power(np.linalg.norm(states[:, 2:], axis=-1)))
 
 
-TRUE = ("truth.drag=0.3", "truth.wind=[3.0, -2.0]")
+TRUE = ("truth.drag=0.3", "truth.wind=[3.0, -2.0]", "energy.radio_W=0.5")
 
 
 def test_the_world_flies_the_truth() -> None:
@@ -122,7 +121,7 @@ def test_the_world_flies_the_truth() -> None:
     np.testing.assert_array_equal(true.states, said.states)
 
 
-def test_no_agent_or_leader_is_told_the_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.MonkeyPatch) -> None:
     import meanflock.worldsim.admission as admission
 
     sent = []
@@ -134,8 +133,3 @@ def test_no_agent_or_leader_is_told_the_truth(monkeypatch: pytest.MonkeyPatch) -
         assert decode(raw) == resolved(load(None, ["uavs=3"]))
     assert flown.known().truth.wind is None
     assert load(None).known() == load(None)
-
-
-def test_a_true_drag_that_no_tick_can_follow_is_refused() -> None:
-    with pytest.raises(BadInput, match=r"unstable with `truth.drag` 30"):
-        load(None, ["truth.drag=30"])

@@ -8,12 +8,11 @@ import pytest
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import Hidden
-from tests.testing.good import GoodVehicle, changed, writing
+from tests.testing.good import GoodVehicle
 
 
 class Glider(GoodVehicle):
@@ -62,44 +61,6 @@ def test_who_leaves_every_bound_is_put_back_with_what_it_hides() -> None:
     assert not flight.states[2, 2:].any()
     assert flight.hidden["flown"][:, 0].tolist() == [2, 2, 1, 2]
     assert np.isfinite(flight.energy).all()
-
-
-def stepping(states: Any = lambda states: states, hidden: Any = lambda hidden: hidden) -> type:
-    """A glider of which a step returns something else."""
-    return changed(Glider, "step", lambda _, answer, *__: (states(answer[0]), hidden(answer[1])))  # type: ignore[no-any-return]
-
-
-@pytest.mark.parametrize(
-    ("vehicle", "said"),
-    [
-        (
-            stepping(hidden=lambda hidden: hidden | {"thrust": hidden["thrust"] / 0}),
-            r"thrust'\] of UAV 0: .* not finite",
-        ),
-        (stepping(lambda states: states * np.array([[1], [1], [np.nan], [1]])), "states of UAV 2"),
-        (stepping(hidden=lambda hidden: {"thrust": hidden["thrust"]}), r"hidden has \['thrust'\]"),
-        (writing(Glider, "step", 0), "ValueError: .*read-only"),
-        (changed(Glider, "power", lambda _, answer, *__: answer[:, None]), r"power: float64 \(120, 1\)"),
-        (changed(Glider, "power", lambda _, answer, *__: answer * np.ones(4)), r"failed.*of the rows of 30 ticks of 4"),
-    ],
-)
-def test_a_wrong_vehicle_ends_the_run_with_its_mistake(vehicle: type, said: str) -> None:
-    engine = Engine(scenario("duration=3", vehicle=vehicle), "wrong")
-    with pytest.raises(RunFailed, match=f"vehicle 'glider': .*{said}"), np.errstate(all="ignore"):
-        for _ in engine.fly():
-            pass
-
-
-@pytest.mark.parametrize(
-    ("init", "said"),
-    [
-        (lambda *_: {"charge_J": np.full(3, 1.0)}, r"hidden\['charge_J'\] has shape \(3,\)"),
-        (lambda *_: {"charge_J": 1.0}, r"hidden\['charge_J'\] is a float"),
-    ],
-)
-def test_a_wrong_take_off_is_refused(init: Any, said: str) -> None:
-    with pytest.raises(BadInput, match=f"vehicle 'glider': .*{said}"):
-        Flight(scenario(vehicle=type("Wrong", (Glider,), {"init": init})))
 
 
 def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_counts_it() -> None:

@@ -9,26 +9,12 @@ from msgspec.structs import replace
 
 from meanflock.agent.controllers.barriers import Ecbf
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import declared, plugins
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Filter, Scenario, Sharing, load
-from meanflock.testing import check_controller
+from meanflock.swarm.scenario import Filter, Scenario, Sharing
 from meanflock.testing.trial import PointSwarm
 from tests.testing.good import GoodController
 
 SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
-
-
-# `check_filter` proves both policies for every filter.
-CASES = [*((name, "event-4") for name in plugins.names("controller")), ("mfgfl-hf", "tick"), ("orca", "tick")]
-
-
-@pytest.mark.parametrize(("name", "policy"), CASES)
-def test_every_built_in_controller_conforms_behind_the_filter(name: str, policy: Any) -> None:
-    sharing = Sharing(policy=policy, delta_m=0.05)
-    scenario = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=sharing)
-    check_controller(plugins.load("controller", name), scenario=scenario)
 
 
 class Open(plugins.load("filter", "ecbf")):  # type: ignore[misc]
@@ -108,30 +94,3 @@ def test_an_error_of_a_filter_names_the_filter_and_not_the_controller(admit: Any
     made: Any = type("Wrong", (Open,), {"admit": admit})(Ecbf.Options(), SMALL, talker())
     with pytest.raises((RuntimeError, ValueError), match=text):
         made.step(made.init(np.arange(6), np.zeros((6, 4))), 0, np.zeros((6, 4)), ())
-
-
-def test_a_filter_is_a_plugin_of_its_scenario() -> None:
-    plain, some = Scenario(), Scenario(filter=Filter(kind="ecbf"))
-    assert ("filter", "ecbf") in {(kind, name) for kind, name, _ in some.plugins()}
-    assert "filter" not in {kind for kind, _, _ in plain.plugins()}
-    with pytest.raises(BadInput, match=r"filter 'magic' is not installed here; .*; there are braking, ecbf"):
-        Engine(load(None, ["filter.kind=magic"]), "filtered")
-    with pytest.raises(BadInput, match=r"filter.options.distance_m: .*> 0.*'ecbf'"):
-        Engine(load(None, ["filter.kind=ecbf", "filter.options.distance_m=0"]), "filtered")
-    with pytest.raises(
-        BadInput, match=r"`\[sharing\]` is set, but controller 'mfgfl-hf' shares no states; .*filter.kind"
-    ):
-        Engine(load(None, ["sharing.policy=tick"]), "filtered")
-
-
-def test_the_paper_s_learner_collides_alone_and_not_behind_the_filter() -> None:
-    crowd = ["uavs=12", "duration=60"]
-    alone, behind = (
-        Engine(load(None, [*crowd, *more], method="mfgfl-h", seed=7), "flight").complete()
-        for more in ([], ["filter.kind=ecbf"])
-    )
-    assert alone["collisions"] > 0
-    assert behind["collisions"] == 0
-    assert behind["rounds"] == alone["rounds"] > 0
-    assert behind["payload_bits"]["state"] > alone["payload_bits"]["state"]
-    assert set(behind["diagnostics"]) == {*alone["diagnostics"], "infeasible", "unsent"}

@@ -56,7 +56,6 @@ def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, n
     assert [reached.policy for reached in orca.reached if reached] == ["event-r2", "event-r2"]
     assert [reached.policy for reached in more.reached if reached] == ["event-r4", "event-r4"]
     for target, reached in zip(found.targets, orca.reached, strict=True):
-        assert reached is not None
         flown = orca.policy("event-r2").confirmation
         assert reached.bound == pytest.approx(0.05 ** (1 / target.flights))
         assert reached.bound >= target.share
@@ -102,18 +101,6 @@ def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, r
     assert len(ruled) == number
     records = [(tmp_path / folder / "frontier.json").read_bytes() for folder in ("whole", "out")]
     assert records[0] == records[1]
-
-
-@pytest.mark.processes
-@pytest.mark.usefixtures("undrawn", "environment")
-def test_a_dask_cluster_flies_the_same_frontier(run, tmp_path, near) -> None:
-    pytest.importorskip("distributed", reason="dask is not installed")
-    flags = ("frontier", "--missions", near, "--controllers", "orca", "--uavs", "2", "--outages", "30", "--seeds", "3")
-    flags += ("--policies", "event", "--jobs", "1", "--quiet")
-    assert run(*flags, "--out", "here")[0] == EXIT_DONE
-    assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
-    here, there = ((tmp_path / folder / "frontier.json").read_bytes() for folder in ("here", "there"))
-    assert here == there
 
 
 def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, near, ruled, monkeypatch) -> None:

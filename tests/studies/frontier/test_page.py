@@ -43,8 +43,6 @@ def test_every_number_of_the_page_is_that_of_the_flights(docs) -> None:
     text = (docs / "price-of-safety.md").read_text()
     orca, more, *_ = found.cells
     first, last = orca.reached[-1], more.reached[-1]
-    assert first is not None
-    assert last is not None
     kbit = np.array(orca.policy("event-r2").confirmation.kbit)
     assert first.kbit == pytest.approx(kbit.mean())
     ends = f"({first.kbit_low:,.1f}…{first.kbit_high:,.1f})"

@@ -16,7 +16,6 @@ from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import state
-from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.seeds import generator
@@ -125,18 +124,6 @@ def flown(*settings: str, method: str = "mfgfl-hf") -> dict[str, Any]:
 def test_a_swarm_that_would_touch_rarely_does() -> None:
     without, apart = (flown("duration=60", *more)["collisions"] for more in ((), ("cost.separation=5",)))
     assert apart < without / 3
-
-
-def test_states_are_paid_for_only_where_they_are_shared() -> None:
-    bits = [flown("duration=10", *more)["payload_bits"]["state"] for more in ((), ("cost.separation=5",))]
-    assert bits == [25 * 4 * 32, 100 * 25 * 4 * 32]  # before take-off; and then in each tick but the first
-    hjb = [flown("duration=10", *more, method="hjb")["payload_bits"] for more in ((), ("cost.separation=5",))]
-    assert hjb[0] == hjb[1]  # what it shares already is enough
-
-
-def test_two_ways_of_sharing_states_at_once_are_refused() -> None:
-    with pytest.raises(BadInput, match=r"federation\.state_period.*cost\.separation"):
-        _ = load(None, ["federation.state_period=5", "cost.separation=1"], method="mfg").declared
 
 
 def test_a_uav_that_is_not_heard_for_a_second_is_no_longer_avoided() -> None:

@@ -13,7 +13,6 @@ from meanflock.federation.rules.base import Uploads
 from meanflock.settings import scenario_of
 from meanflock.swarm import mission, plugins
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing import check_controller
 from meanflock.worldsim.vehicles.base import MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
 
@@ -113,16 +112,6 @@ def flown(controller: Any, scenario: Scenario, ticks: int, noise: float = 0.0) -
         memory = step.memory
         states, _ = vehicle.step(states, {}, step.acceleration, noise * draw.standard_normal((5, 2)))
     return memory, states
-
-
-def test_a_map_of_too_many_nodes_is_refused_before_take_off() -> None:
-    with pytest.raises(mf.BadInput, match=r"a map of \d+ × \d+ nodes; at most 1000"):
-        mf.fly("windmap", method="windmap", **{"controller.spacing_m": 1.5})
-
-
-@pytest.mark.parametrize("share", ["none", "weights", "precision", "measurements"])
-def test_every_way_of_sharing_conforms(share: str) -> None:
-    check_controller(plugins.load("controller", "windmap"), {"share": share})
 
 
 def test_without_noise_the_wind_is_measured_as_it_is() -> None:

@@ -1,4 +1,4 @@
-"""Nodes that answer just in time, tick after tick, are warned of and then lost; on a clock of the test."""
+"""Late nodes, on a clock of the test: held commands in real time; a node that is always late is warned of and lost."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -6,11 +6,141 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from meanflock.swarm.net.bus import Delivery
+from meanflock.agent.node import Agent
+from meanflock.leader.node import Leader
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
+from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
+from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import load
+from meanflock.swarm.wire.messages import Join
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.summary import factor
 from meanflock.worldsim.waiting import Pace
-from tests.worldsim.late import PROMPT_S, Flight
+from meanflock.worldsim.world import World
+
+RUN = "late"
+TICK_S = 0.05  # dt = 0.1 s, twice as fast as the wall clock
+PROMPT_S = 0.01
+
+
+class SlowBus(MemoryBus):
+    """The world's bus on a clock that only passes while somebody waits: every answer has its delay."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        super().__init__(network, None)
+        network.endpoints.append(self)
+        self.now = 0.0
+        self.delay_s: Callable[[str], float] = lambda node: PROMPT_S
+        self.world: World
+        self._coming: list[tuple[float, int, Delivery]] = []
+
+    def subscribe(self, key: str, offer: Offer | None = None) -> None:
+        super().subscribe(key)  # nothing is here at once
+
+    def _deliver(self, delivery: Delivery) -> None:
+        if delivery.kind != "message":
+            self.world.handle(delivery)
+            return
+        due = self.now + self.delay_s(keys.node_of(delivery.key))
+        self._coming.append((due, len(self._coming), delivery))
+
+    def receive(self, timeout_s: float) -> Delivery | None:
+        self._coming.sort(key=lambda entry: entry[:2])
+        if self._coming and self._coming[0][0] <= self.now + timeout_s:
+            due, _, delivery = self._coming.pop(0)
+            self.now = max(self.now, due)
+            return delivery
+        self.now += timeout_s
+        return None
+
+
+class Flight:
+    """Two UAVs or so, each on a node of its own, 20 ticks or so in real time, or in lockstep."""
+
+    def __init__(
+        self, realtime: float | None = 2.0, settings: Sequence[str] = (), rows: Sequence[int] = (1, 1)
+    ) -> None:
+        """`rows`: UAVs of each agent."""
+        self._network = MemoryNetwork()
+        self.bus = SlowBus(self._network)
+        flown = load(None, [f"uavs={sum(rows)}", "method=mfg", "duration=2", 'stop="duration"', *settings])
+        self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
+        for count in rows:
+            self._join(Join("agent", count), Agent)
+        if flown.declared.is_federated:
+            self._join(Join("leader", 0), Leader)
+        self.world.gather(10.0)
+        self.commands: list[np.ndarray] = []
+
+    def _join(self, request: Join, make: Callable[..., Agent | Leader]) -> None:
+        endpoint = self._network.endpoint()
+        client = NodeClient(endpoint, RUN)
+        endpoint.handler = client.handle
+        client.join(request, make, timeout_s=1.0)
+
+    def fly(self, before: Callable[[int], None] = lambda tick: None) -> dict:
+        before(0)
+        for tick in self.world.fly():
+            self.commands.append(self.world._commands.accelerations.copy())
+            before(tick)
+        return self.world.finish(lambda: 0.0)
+
+
+def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
+    flight = Flight(realtime=None)
+
+    def slow(tick: int) -> None:  # then its second answers come in the same tick, or in the one after
+        late = {"agent-1": 2.5, "agent-0": 0.1 * tick} if tick in (3, 4, 9) else {}
+        flight.bus.delay_s = lambda node: late.get(node, PROMPT_S)
+
+    summary = flight.fly(slow)
+    assert summary["wall_time_s"] > 7.5
+    assert (summary["realtime"], summary["held_commands"]) == (None, None)
+    assert summary["dropped_messages"] == {}
+    assert summary["trajectory_sha256"] == Flight().fly()["trajectory_sha256"]
+
+
+def test_a_late_node_keeps_its_last_command_and_its_tick_is_counted() -> None:
+    flight = Flight()
+
+    def slow(tick: int) -> None:
+        late = {"agent-1": 1.5 * TICK_S} if tick in (3, 4, 9) else {}
+        flight.bus.delay_s = lambda node: late.get(node, PROMPT_S)
+
+    summary = flight.fly(slow)
+    assert summary["held_commands"] == 3
+    assert summary["realtime"]["deadline_misses"] == 3
+    assert summary["dropped_messages"] == {"stale": 3}
+    for tick in range(1, 20):
+        held = flight.commands[tick] == flight.commands[tick - 1]
+        assert not held[0].all()
+        assert held[1].all() == (tick in (3, 4, 9))
+    assert summary["lost"] == 0
+
+
+def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
+    flight = Flight()
+
+    def stall(tick: int) -> None:
+        if tick == 5:
+            flight.bus.now += 0.12  # begins tick 5 so late that 6 and 7 are late too
+
+    summary = flight.fly(stall)
+    late = [0.0] * 17 + [20.0, 70.0, 120.0]
+    assert summary["realtime"]["tick_start_jitter_ms"] == pytest.approx(
+        {"mean": np.mean(late), "p99": np.percentile(late, 99), "max": 120.0}, rel=1e-5
+    )
+    assert summary["realtime"]["deadline_misses"] == 2  # in tick 7 there is time for an answer
+    assert summary["held_commands"] == 4
+    assert summary["wall_time_s"] == pytest.approx(20 * TICK_S)
+
+
+@pytest.mark.parametrize("text", ["0", "-2", "nan", "inf", "fast", ""])
+def test_an_invalid_factor_is_bad_input(text: str) -> None:
+    with pytest.raises(BadInput, match="--realtime"):
+        factor(text)
+
 
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
 ANY = "pace.wait_share=1"  # of the wall time: slow replies alone are judged
