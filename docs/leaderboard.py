@@ -13,7 +13,7 @@ import numpy as np
 
 from meanflock.groundstation import statistics
 from meanflock.groundstation.statistics import Estimate
-from meanflock.studies.leaderboard import board, markdown, pareto
+from meanflock.studies.leaderboard import board, maps, markdown, pareto
 from meanflock.studies.leaderboard.board import Board, Standing
 from meanflock.studies.leaderboard.measures import BY_KEY
 
@@ -35,6 +35,7 @@ def main() -> None:
     found.write(RESULTS.parent)
     PAGE.write_text(page(found), encoding="utf-8")
     pareto.write(found.courses, PICTURES)
+    maps.write(found.courses, PICTURES)
     for drawing in PICTURES.glob("*.svg"):
         drawing.unlink()
     print(PAGE)
@@ -42,12 +43,13 @@ def main() -> None:
 
 def page(found: Board) -> str:
     """The whole page."""
-    pictures = {
+    plots = {
         course.name: f"pictures/leaderboard/{course.name}.png"
         for course in found.courses
         if any(map(pareto.drawn, course.standings))
     }
-    return markdown.markdown(found, pictures, introduction(found))
+    areas = {course.name: f"pictures/leaderboard/{course.name}-map.png" for course in found.courses}
+    return markdown.markdown(found, plots, areas, introduction(found))
 
 
 # -- the first lines -------------------------------------------------------------------------------------------------

@@ -136,9 +136,7 @@ class Braking(Barrier):
     class Options(BarrierOptions, frozen=True):
         """The options of `braking`."""
 
-        reaction_s: Annotated[
-            float, Meta(ge=0, description="time before a UAV brakes, in addition to one tick, s")
-        ] = 0.0
+        reaction_s: Annotated[float, Meta(ge=0, description="time before a UAV brakes, beside one tick, s")] = 0.0
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
         """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""

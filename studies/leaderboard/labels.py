@@ -1,238 +1,196 @@
-"""Placement of names next to the points of a plot, so that they overlap as little as possible."""
+"""Numbers beside the points of a plot. Points that lie on each other share a block; no two blocks overlap."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
 from numpy.typing import NDArray
+
+from meanflock.groundstation.plots import plotstyle
 
 Floats = NDArray[np.float64]
 
-_SIZE, _LARGE = 6.8, 8.5  # points
-_POINT_PX = 6.0  # half the side of a point's square
-_GAP_PX = 3.0  # between a point and its name
-_LEADER_PX = 14.0  # a name farther from its point than this has a line to it
-# Places that are tried around a point
-_RING_PX = 6.0
-_RINGS = 26
-_DIRECTIONS = 24
+_SIZE = 6.6  # of the digits, points
+_DIGIT_PX, _GAP_PX, _LINE_PX = 5.9, 5.2, 11.5  # of a block: a digit, the gap after a number, a line; at 100 dpi
+_COLUMNS = 4  # of a block, at most
+_MARKER_PX = 4.5  # half the side of a marker
+_TOGETHER_PX = 8.0  # points nearer to the first point of a group belong to it
+_FAR_PX = 7.0  # a block farther from its points has a line to them
+# Places that are tried around a group
+_RING_PX, _RINGS, _DIRECTIONS = 4.0, 40, 32
 # Cost of a place, added to its distance in pixels
-_ON_A_NAME = 3000.0
-_ON_A_POINT = 700.0
-_ON_A_LINE = 120.0
-_LEADER_OVER_A_NAME = 400.0
-_LEADER_OVER_A_LEADER = 150.0
-_LEADER_OVER_A_POINT = 90.0
-_NEARER_TO_ANOTHER = 60.0
-_LONG_PX = 60.0  # a line of this length costs twice its length
-_SWEEPS = 6  # rounds in which each name is moved while the others stay
-_ORDERS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))  # initial directions; the best result is used
+_ON_A_BLOCK, _ON_A_POINT, _ON_A_LINE = 1e4, 400.0, 12.0
+_WAY_OVER_A_BLOCK, _WAY_OVER_A_WAY, _WAY_OVER_A_POINT = 2e3, 600.0, 60.0
+_SWEEPS = 5  # rounds in which each block is moved while the others stay
 
 
-class Named(NamedTuple):
-    """A point and its name; large: emphasised."""
+class Numbered(NamedTuple):
+    """A point with its number and colour."""
 
-    name: str
+    number: int
     x: float
     y: float
     tone: str
-    large: bool = False
 
 
-class Placed(NamedTuple):
-    """A placed name: its box [left, low, right, high], (4,) px, and its point, (2,) px."""
+class Block(NamedTuple):
+    """A placed block: its box [left, low, right, high], (4,) px, and its way to the point, [x, y, x, y], (4,) px."""
 
     box: Floats
-    point: Floats
-
-    @property
-    def leader(self) -> Floats:
-        """Line from the point to the nearest point of the box, [x, y, x, y], px."""
-        return np.concatenate([self.point, np.clip(self.point, self.box[:2], self.box[2:])])
+    way: Floats
 
     @property
     def is_far(self) -> bool:
-        """Returns whether the name needs a line to its point."""
-        return math.dist(self.leader[:2], self.leader[2:]) > _LEADER_PX
+        """Returns whether the block needs a line to its point."""
+        return math.dist(self.way[:2], self.way[2:]) > _FAR_PX
 
 
-def label(ax: Axes, named: Sequence[Named], lines: Sequence[Floats] = ()) -> None:
-    """Write the names into a plot whose limits, size and layout are final.
+def number(ax: Axes, points: Sequence[Numbered], lines: Sequence[Floats] = ()) -> list[Block]:
+    """Write the numbers into a plot whose limits, size and layout are final.
 
     Args:
         lines: polylines (K, 2) to avoid, in the plot's coordinates.
     """
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    texts = [_text(ax, one) for one in named]
-    sizes = [text.get_window_extent(renderer) for text in texts]
-    points = ax.transData.transform([(one.x, one.y) for one in named]).reshape(-1, 2)
-    legend = ax.get_legend()
-    kept_free = [np.array(legend.get_window_extent(renderer).extents)] if legend is not None else []
-    frame = np.array(ax.get_window_extent(renderer).extents)
-    placed = place(points, [(size.width, size.height) for size in sizes], frame, _segments(ax, lines), kept_free)
+    places = ax.transData.transform([(point.x, point.y) for point in points]).reshape(-1, 2)
+    pieces = [ax.transData.transform(line) for line in lines if len(line) > 1]
+    segments = np.concatenate([np.concatenate([p[:-1], p[1:]], axis=1) for p in pieces] or [np.empty((0, 4))])
+    groups = grouped(places)
+    cells = [_cell_px(max(len(str(points[member].number)) for member in group)) for group in groups]
+    blocks = place(places, groups, cells, np.array(ax.bbox.extents), segments)
     to_axes = ax.transAxes.inverted().transform
-    for one, text, where in zip(named, texts, placed, strict=True):
-        left, middle = to_axes((where.box[0], (where.box[1] + where.box[3]) / 2))
-        text.set_position((left, middle))
-        if where.is_far:
-            (x0, y0), (x1, y1) = to_axes(where.leader.reshape(2, 2))
-            way = Line2D([x0, x1], [y0, y1], transform=ax.transAxes, color=one.tone, linewidth=0.6, alpha=0.8)
-            way.set_zorder(4)
+    for group, cell, block in zip(groups, cells, blocks, strict=True):
+        for at, member in zip(_middles(block.box, cell, len(group)), group, strict=True):
+            x, y = to_axes(at)
+            text = ax.text(x, y, str(points[member].number), transform=ax.transAxes, color=points[member].tone)
+            text.set(ha="center", va="center", fontsize=_SIZE, fontweight="bold", zorder=6, in_layout=False)
+            text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
+        if block.is_far:
+            (x, *other_x), (y, *other_y) = to_axes(block.way.reshape(2, 2)).T
+            way = Line2D([x, *other_x], [y, *other_y], transform=ax.transAxes, color=plotstyle.PALE, linewidth=0.6)
+            way.set(zorder=2.5)
             ax.add_line(way).set_in_layout(False)
+    return blocks
+
+
+def grouped(places: Floats) -> list[list[int]]:
+    """Indices of points (P, 2) px that lie on each other, in ascending order within a group."""
+    groups: list[list[int]] = []
+    for point, (x, y) in enumerate(places.tolist()):
+        near = (group for group in groups if math.dist(places[group[0]], (x, y)) < _TOGETHER_PX)
+        if (group := next(near, None)) is None:
+            groups.append([point])
+        else:
+            group.append(point)
+    return groups
 
 
 def place(
-    points: Floats,
-    sizes: Sequence[tuple[float, float]],
-    frame: Floats,
-    segments: Floats,
-    kept_free: Sequence[Floats] = (),
-) -> list[Placed]:
-    """Places of the names of `points` (P, 2), with texts of `sizes` (width and height); all in pixels.
-
-    Each name in turn takes the cheapest place around its point, until nothing changes. Of several orders the cheapest
-    result is used.
+    places: Floats, groups: Sequence[Sequence[int]], cells: Sequence[Floats], frame: Floats, segments: Floats
+) -> list[Block]:
+    """The place of the block of each group, all in pixels: the cheapest around its points, the largest block first.
 
     Args:
-        frame: [left, low, right, high] around all names. segments: (S, 4), lines to avoid. kept_free: boxes to avoid.
+        places: (P, 2). groups: indices of points. cells: width and height of a number of each group. frame: [left, low,
+            right, high] around all blocks. segments: (S, 4), lines to avoid.
     """
-    squares = np.concatenate([points - _POINT_PX, points + _POINT_PX], axis=1)
-    tried = [_around(point, *size, frame) for point, size in zip(points, sizes, strict=True)]
+    markers = np.concatenate([places - _MARKER_PX, places + _MARKER_PX], axis=1)
+    points = [places[list(group)].mean(axis=0) for group in groups]
+    sizes = [cell * _shape(len(group)) for cell, group in zip(cells, groups, strict=True)]
+    tried = [_around(point, size, frame) for point, size in zip(points, sizes, strict=True)]
+    ways = [_ways(boxes, point) for boxes, point in zip(tried, points, strict=True)]
     fixed = [
-        _lengths(boxes, point)
-        + _ON_A_POINT * _overlaps(boxes, np.delete(squares, k, axis=0)).sum(axis=1)
-        + _ON_A_NAME * _overlaps(boxes, np.array(kept_free).reshape(-1, 4)).sum(axis=1)
-        + _ON_A_LINE * _crosses(boxes, segments).sum(axis=1)
-        + _LEADER_OVER_A_POINT * _crosses(squares, _leaders(boxes, point)).sum(axis=0)
-        + _NEARER_TO_ANOTHER * _is_nearer_to_another(boxes, points, k)
-        for k, (boxes, point) in enumerate(zip(tried, points, strict=True))
+        np.hypot(*(way[:, 2:] - way[:, :2]).T)
+        + _ON_A_POINT * _overlap(boxes, markers).sum(axis=1)
+        + _ON_A_LINE * _cross(boxes, segments).sum(axis=1)
+        + _WAY_OVER_A_POINT * _cross(np.delete(markers, list(group), axis=0), way).sum(axis=0)
+        for boxes, way, group in zip(tried, ways, groups, strict=True)
     ]
-    found = [_settled(points, tried, fixed, np.argsort(points @ np.array(order), kind="stable")) for order in _ORDERS]
-    chosen, _ = min(found, key=lambda one: one[1])
-    return [Placed(tried[k][chosen[k]], points[k]) for k in range(len(points))]
-
-
-def _settled(
-    points: Floats, tried: Sequence[Floats], fixed: Sequence[Floats], order: Iterable[int]
-) -> tuple[dict[int, int], float]:
-    """Index in `tried` of the place of every name, and the total cost, for one order."""
-    chosen: dict[int, int] = {}
-    cost = 0.0
+    chosen: dict[int, Block] = {}
     for _ in range(_SWEEPS):
-        before, cost = dict(chosen), 0.0
-        for k in order:
-            others = [Placed(tried[j][at], points[j]) for j, at in chosen.items() if j != k]
-            costs = fixed[k] + _beside(tried[k], points[k], others)
-            chosen[k] = int(np.argmin(costs))
-            cost += float(costs[chosen[k]])
-        if chosen == before:
+        before = dict(chosen)
+        for k in sorted(range(len(groups)), key=lambda k: (-len(groups[k]), k)):
+            others = [block for j, block in chosen.items() if j != k]
+            best = int(np.argmin(fixed[k] + _beside(tried[k], ways[k], others)))
+            chosen[k] = Block(tried[k][best], ways[k][best])
+        if all(k in before and (before[k].box == chosen[k].box).all() for k in chosen):
             break
-    return chosen, cost
+    return [chosen[k] for k in range(len(groups))]
 
 
-def _beside(boxes: Floats, point: Floats, others: Sequence[Placed]) -> Floats | float:
-    """Cost of each place, given the placed names."""
+def _beside(boxes: Floats, ways: Floats, others: Sequence[Block]) -> Floats | float:
+    """Cost of each place, given the other blocks."""
     if not others:
         return 0.0
-    leaders = _leaders(boxes, point)
     theirs = np.array([other.box for other in others])
-    ways = np.array([other.leader for other in others if other.is_far]).reshape(-1, 4)
+    their_ways = np.array([other.way for other in others if other.is_far]).reshape(-1, 4)
     return (
-        _ON_A_NAME * _overlaps(boxes, theirs).sum(axis=1)
-        + _LEADER_OVER_A_NAME * _crosses(theirs, leaders).sum(axis=0)
-        + _LEADER_OVER_A_NAME * _crosses(boxes, ways).sum(axis=1)
-        + _LEADER_OVER_A_LEADER * _meet(leaders, ways).sum(axis=1)
+        _ON_A_BLOCK * _overlap(boxes, theirs).sum(axis=1)
+        + _WAY_OVER_A_BLOCK * (_cross(theirs, ways).sum(axis=0) + _cross(boxes, their_ways).sum(axis=1))
+        + _WAY_OVER_A_WAY * _meet(ways, their_ways).sum(axis=1)
     )
 
 
-def _text(ax: Axes, one: Named) -> Text:
-    size, weight = (_LARGE, "bold") if one.large else (_SIZE, "normal")
-    text = ax.text(0.5, 0.5, one.name, transform=ax.transAxes, color=one.tone, fontsize=size, fontweight=weight)
-    text.set(ha="left", va="center", zorder=6, in_layout=False)
-    text.set_path_effects([withStroke(linewidth=1.4, foreground="white")])
-    return text
+def _cell_px(digits: int) -> Floats:
+    """Width and height of a number with its gap, px."""
+    return np.array([_DIGIT_PX * digits + _GAP_PX, _LINE_PX])
 
 
-def _segments(ax: Axes, lines: Sequence[Floats]) -> Floats:
-    pieces = [ax.transData.transform(line) for line in lines if len(line) > 1]
-    return np.concatenate([np.concatenate([p[:-1], p[1:]], axis=1) for p in pieces] or [np.empty((0, 4))])
+def _shape(count: int) -> tuple[int, int]:
+    """Columns and rows of a block of so many numbers."""
+    return min(count, _COLUMNS), math.ceil(count / _COLUMNS)
 
 
-def _around(point: Floats, width: float, height: float, frame: Floats) -> Floats:
-    """Boxes (B, 4) around a point within the frame, near ones first; if there is none, one on the point."""
-    boxes = np.array(list(_rings(point, width, height)))
+def _middles(box: Floats, cell: Floats, count: int) -> Floats:
+    """Middles of the numbers of a block, (count, 2) px, row after row from above."""
+    row, column = np.divmod(np.arange(count), _COLUMNS)
+    return np.stack([box[0] + (column + 0.5) * cell[0], box[3] - (row + 0.5) * cell[1]], axis=1)
+
+
+def _around(point: Floats, size: Floats, frame: Floats) -> Floats:
+    """Boxes (B, 4) around a point within the frame, near ones first; if there is none, one beside the point."""
+    gap = _MARKER_PX + _RING_PX * np.arange(_RINGS)[:, None, None]
+    angle = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    towards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    # on a rectangle, so that a block above or below is centred as near as one at the side
+    towards /= np.abs(towards).max(axis=1, keepdims=True)
+    middle = (point + towards * (gap + size / 2)).reshape(-1, 2)
+    boxes = np.concatenate([middle - size / 2, middle + size / 2], axis=1)
     inside = (boxes[:, :2] >= frame[:2]).all(axis=1) & (boxes[:, 2:] <= frame[2:]).all(axis=1)
     return boxes[inside] if inside.any() else boxes[:1]
 
 
-def _rings(point: Floats, width: float, height: float) -> Iterator[tuple[float, float, float, float]]:
-    x, y = point
-    for ring in range(_RINGS):
-        gap = _POINT_PX + _GAP_PX + _RING_PX * ring
-        for turn in range(_DIRECTIONS):
-            angle = 2.0 * math.pi * turn / _DIRECTIONS
-            left, low = x + math.cos(angle) * (gap + width / 2), y + math.sin(angle) * (gap + height / 2)
-            yield left - width / 2, low - height / 2, left + width / 2, low + height / 2
+def _ways(boxes: Floats, point: Floats) -> Floats:
+    """Lines (B, 4) from the point to the nearest place of each box."""
+    nearest = np.clip(point, boxes[:, :2], boxes[:, 2:])
+    return np.concatenate([np.broadcast_to(point, nearest.shape), nearest], axis=1)
 
 
-def _leaders(boxes: Floats, point: Floats) -> Floats:
-    """Lines (B, 4) from the point to each box; zero length if the box is near."""
-    ends = np.clip(point, boxes[:, :2], boxes[:, 2:])
-    near = np.hypot(*(ends - point).T) <= _LEADER_PX
-    return np.concatenate([np.broadcast_to(np.where(near[:, None], ends, point), ends.shape), ends], axis=1)
-
-
-def _lengths(boxes: Floats, point: Floats) -> Floats:
-    """Cost of the distance of each box from the point."""
-    gaps = np.clip(point, boxes[:, :2], boxes[:, 2:]) - point
-    far = np.hypot(gaps[:, 0], gaps[:, 1])
-    cost: Floats = far * (1.0 + far / _LONG_PX)
-    return cost
-
-
-def _is_nearer_to_another(boxes: Floats, points: Floats, own: int) -> NDArray[np.bool_]:
-    """Mask (B,) of boxes that are nearer to another point."""
-    gaps = np.clip(points[None], boxes[:, None, :2], boxes[:, None, 2:]) - points[None]  # (B, P, 2)
-    far = np.hypot(gaps[..., 0], gaps[..., 1])
-    found: NDArray[np.bool_] = far.min(axis=1) < far[:, own] - _GAP_PX
-    return found
-
-
-def _overlaps(boxes: Floats, others: Floats) -> NDArray[np.bool_]:
+def _overlap(boxes: Floats, others: Floats) -> NDArray[np.bool_]:
     """Mask (B, O) of boxes that overlap."""
     one, other = boxes[:, None], others[None]
-    found: NDArray[np.bool_] = np.all(one[..., :2] < other[..., 2:], axis=-1) & np.all(
-        other[..., :2] < one[..., 2:], axis=-1
-    )
+    found: NDArray[np.bool_] = np.all((one[..., :2] < other[..., 2:]) & (other[..., :2] < one[..., 2:]), axis=-1)
     return found
 
 
-def _crosses(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
+def _cross(boxes: Floats, segments: Floats) -> NDArray[np.bool_]:
     """Mask (B, S) of segments that cross a box, by clipping at its slabs, axis by axis."""
     start, way = segments[None, :, :2], segments[None, :, 2:] - segments[None, :, :2]
     way = np.where(way == 0.0, 1e-9, way)
     low, high = (boxes[:, None, :2] - start) / way, (boxes[:, None, 2:] - start) / way
     first = np.minimum(low, high).max(axis=-1)
     last = np.maximum(low, high).min(axis=-1)
-    found: NDArray[np.bool_] = (
-        (first < last) & (last > 0.0) & (first < 1.0) & (np.hypot(*np.moveaxis(way, -1, 0)) > 1e-6)
-    )
+    found: NDArray[np.bool_] = (first < last) & (last > 1e-6) & (first < 1.0 - 1e-6)
     return found
 
 
 def _meet(segments: Floats, others: Floats) -> NDArray[np.bool_]:
     """Mask (S, O) of segments that cross: the ends of each lie on both sides of the other."""
-    a = segments[:, None, :2]
-    b = segments[:, None, 2:]
-    c = others[None, :, :2]
-    d = others[None, :, 2:]
+    a, b = segments[:, None, :2], segments[:, None, 2:]
+    c, d = others[None, :, :2], others[None, :, 2:]
     return (_turn(a, b, c) * _turn(a, b, d) < 0.0) & (_turn(c, d, a) * _turn(c, d, b) < 0.0)
 
 

@@ -8,11 +8,11 @@ from meanflock.studies.leaderboard.measures import MEASURES
 from meanflock.studies.markdown import table
 
 
-def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") -> str:
+def markdown(board: Board, plots: Mapping[str, str], maps: Mapping[str, str], introduction: str = "") -> str:
     """The text of the page.
 
     Args:
-        pictures: a link for a mission's name. introduction: replaces the first paragraph.
+        plots, maps: links by the names of missions. introduction: replaces the first paragraph.
     """
     parts = [
         "# Leaderboard",
@@ -24,7 +24,7 @@ def markdown(board: Board, pictures: Mapping[str, str], introduction: str = "") 
     if len(board.courses) > 1:
         parts += ["## Flights without collisions", tables.OVERVIEW, _table(*_bold(tables.overview(board)))]
     for course in board.courses:
-        parts += section(course, board.policies, pictures)
+        parts += section(course, board.policies, plots, maps)
     parts += ["## The rows", _table(("row", "controller and settings", "what it is"), tables.settings(rows(board)))]
     return "\n\n".join(parts) + "\n"
 
@@ -43,16 +43,18 @@ def columns() -> str:
     return "\n".join(f"- *{measure.titled}*: {measure.about}." for measure in MEASURES)
 
 
-def section(course: Course, policies: Sequence[str], pictures: Mapping[str, str]) -> list[str]:
-    """Heading, words, table, notes and picture of a mission."""
+def section(course: Course, policies: Sequence[str], plots: Mapping[str, str], maps: Mapping[str, str]) -> list[str]:
+    """Heading, words, map, table, notes and plots of a mission."""
     conditions = tables.conditions(course, policies)
     parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {conditions}"]
+    if course.name in maps:
+        parts.append(f"![{tables.MAP.format(course.title)}]({maps[course.name]})")
     if course.standings:
         parts.append(_table(*_bold((tables.head(course), tables.body(course)))))
     if remarks := tables.notes(course):
         parts.append("\n".join(f"- {note}" for note in remarks))
-    if course.name in pictures:
-        parts.append(f"![{course.title}: time and energy, bits and collisions]({pictures[course.name]})")
+    if course.name in plots:
+        parts.append(f"![{tables.PLOTS.format(course.title)}]({plots[course.name]})")
     return parts
 
 

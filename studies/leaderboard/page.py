@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from meanflock.studies.leaderboard import markdown, pareto, tables
+from meanflock.studies.leaderboard import maps, markdown, pareto, tables
 from meanflock.studies.leaderboard.board import Board, Course
 from meanflock.studies.leaderboard.measures import MEASURES
 from meanflock.studies.leaderboard.tables import Text
@@ -15,8 +15,8 @@ from meanflock.swarm.errors import RunFailed
 PICTURES = "pictures"
 
 
-def html(board: Board, pictures: Mapping[str, Path]) -> str:
-    """The text of the file. pictures: a PNG for a mission's name."""
+def html(board: Board, plots: Mapping[str, Path], maps: Mapping[str, Path]) -> str:
+    """The text of the file. plots, maps: PNG files by the names of missions."""
     css = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = " · ".join(f"<a href='#{escape(course.name)}'>{escape(course.title)}</a>" for course in board.courses)
     columns = "".join(f"<dt>{escape(measure.titled)}</dt><dd>{escape(measure.about)}</dd>" for measure in MEASURES)
@@ -29,7 +29,7 @@ def html(board: Board, pictures: Mapping[str, Path]) -> str:
         f"<title>Leaderboard</title><style>{css}</style></head><body><main>"
         f"<h1>Leaderboard</h1><p>{escape(markdown.how_flown(board))}</p><nav>{links}</nav>"
         f"<p>{read}</p><details><summary>the columns</summary><dl>{columns}</dl></details>"
-        f"{_overview(board)}{''.join(_course(course, board.policies, pictures) for course in board.courses)}"
+        f"{_overview(board)}{''.join(_course(course, board.policies, plots, maps) for course in board.courses)}"
         f"<section><h2>The rows</h2>{rows}</section>"
         "</main></body></html>\n"
     )
@@ -42,21 +42,25 @@ def _overview(board: Board) -> str:
     return f"<section><h2>{heading}</h2><p>{words}</p>{_table(*tables.overview(board), set())}</section>"
 
 
-def _course(course: Course, policies: Sequence[str], pictures: Mapping[str, Path]) -> str:
+def _course(course: Course, policies: Sequence[str], plots: Mapping[str, Path], maps: Mapping[str, Path]) -> str:
     yours = {row.name for row in course.standings if row.yours}
     notes = "".join(f"<li>{escape(note)}</li>" for note in tables.notes(course))
-    picture = ""
-    if course.name in pictures:
-        data = base64.b64encode(pictures[course.name].read_bytes()).decode("ascii")
-        description = f"{escape(course.title)}: time and energy, bits and collisions"
-        picture = f"<figure><img alt='{description}' src='data:image/png;base64,{data}'></figure>"
     shown = _table(tables.head(course), tables.body(course), yours) if course.standings else ""
     return (
         f"<section id='{escape(course.name)}'><h2>{escape(course.title)}</h2>"
         f"<p><code>{escape(course.name)}</code>: {escape(course.about or course.title)}. "
         f"{escape(tables.conditions(course, policies)).replace('`', '')}</p>"
-        f"{shown}{f'<ul>{notes}</ul>' if notes else ''}{picture}</section>"
+        f"<div class='beside'>{shown}{_picture(course, maps, tables.MAP)}</div>"
+        f"{f'<ul>{notes}</ul>' if notes else ''}{_picture(course, plots, tables.PLOTS)}</section>"
     )
+
+
+def _picture(course: Course, pictures: Mapping[str, Path], words: str) -> str:
+    """The picture of a mission, inside the page; empty if there is none."""
+    if course.name not in pictures:
+        return ""
+    data = base64.b64encode(pictures[course.name].read_bytes()).decode("ascii")
+    return f"<figure><img alt='{escape(words.format(course.title))}' src='data:image/png;base64,{data}'></figure>"
 
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[Text]], yours: set[str]) -> str:
@@ -78,10 +82,14 @@ def write(board: Board, out: Path) -> list[Path]:
     """
     paths = [board.write(out), out / "leaderboard.md", out / "leaderboard.html"]
     try:
-        drawn = pareto.write(board.courses, out / PICTURES)
-        links = {name: f"{PICTURES}/{path.name}" for name, path in drawn.items()}
-        durable.replace(paths[1], markdown.markdown(board, links).encode())
-        durable.replace(paths[2], html(board, drawn).encode())
+        plots, areas = (draw.write(board.courses, out / PICTURES) for draw in (pareto, maps))
+        text = markdown.markdown(board, _links(plots), _links(areas))
+        durable.replace(paths[1], text.encode())
+        durable.replace(paths[2], html(board, plots, areas).encode())
     except OSError as error:
         raise RunFailed(f"{out}: {error.strerror}; make room and repeat the command") from error
     return paths
+
+
+def _links(pictures: Mapping[str, Path]) -> dict[str, str]:
+    return {name: f"{PICTURES}/{path.name}" for name, path in pictures.items()}

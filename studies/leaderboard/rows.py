@@ -19,6 +19,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: in tables. method: the controller; unset: as `name`. about: short description. settings: dotted keys of
     the scenario, for all missions. missions: those it can fly; empty for all. yours: from a file of the user.
+    family: the rows that have one colour in the pictures.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     settings: dict[str, Any] = {}  # msgspec copies it
     missions: tuple[str, ...] = ()
     yours: bool = False
+    family: str = ""
 
     @property
     def controller(self) -> str:
@@ -73,6 +75,12 @@ def shipped() -> tuple[Row, ...]:
     """The rows of rows.toml, in their order."""
     text = Path(__file__).with_name("rows.toml").read_bytes()
     return msgspec.toml.decode(text, type=dict[str, tuple[Row, ...]])["row"]
+
+
+def family(name: str, controller: str) -> str:
+    """The family of a row by its name, else that of the first shipped row with its controller; empty if none has it."""
+    found = {row.controller: row.family for row in reversed(shipped())} | {row.name: row.family for row in shipped()}
+    return found.get(name, found.get(controller, ""))
 
 
 def chosen(names: Iterable[str]) -> list[Row]:

@@ -10,6 +10,8 @@ from meanflock.studies.leaderboard.measures import MEASURES, Measure
 _PER_CENT = ("arrived", "free")
 # Columns for which a terminal of 80 columns has room.
 SHORT = ("arrived", "time_s", "energy_J", "regret_J", "cost_J", "collisions_all", "closest_m", "free", "kbit")
+MAP = "{}: map of the mission"  # words instead of a picture
+PLOTS = "{}: time and energy, bits and collisions"
 OVERVIEW = (
     "Share of flights without any collision or hit, %, arrived UAVs included; bold: all flights. Intervals and "
     "costs are in the table of each mission."
@@ -21,7 +23,8 @@ HOW_TO_READ = (
     "corrected after Holm, so that a table contains a wrong mark with a probability of at most 5 %. Rows in which "
     "fewer than 99 % of the UAVs arrived are compared by arrivals only. Time, energy, regret, cost and effort are "
     "compared only among safe rows: the one-sided 95 % bound of their free flights is at least 90 %, which takes 30 of "
-    "30. *Infeasible* is compared only among rows of one filter or controller."
+    "30. *Infeasible* is compared only among rows of one filter or controller. In the pictures a row has the "
+    "number of its place in the table, and a family of rows has one colour."
 )
 
 
