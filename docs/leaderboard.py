@@ -2,10 +2,10 @@
 
 meanflock leaderboard --out out/leaderboard    # 30 seeds of every row in every mission
 python docs/leaderboard.py out/leaderboard     # takes its leaderboard.json; without a folder: the page again
+python docs/leaderboard.py docs/results out/more    # adds the rows of another folder, which replace those of its names
 """
 
 import argparse
-import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import board, maps, markdown, pareto
 from meanflock.studies.leaderboard.board import Board, Standing
 from meanflock.studies.leaderboard.measures import BY_KEY
+from meanflock.swarm import process
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"
@@ -25,13 +26,18 @@ TOLD = ("paper", "unknown", "windy")  # missions in which learning together is c
 NO_GAIN = 0.01  # of the whole: less is nothing gained
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write record, page and pictures.
+
+    Raises:
+        BadInput: the folders have no boards, or boards that cannot be joined.
+    """
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("out", nargs="?", type=Path, help="folder of a leaderboard; none: write the page again")
-    given = options.parse_args()
-    if given.out is not None:
-        shutil.copyfile(given.out / board.FILE, RESULTS)
-    found = board.remarked(board.read(RESULTS))
+    options.add_argument(
+        "out", nargs="*", type=Path, help="folders of leaderboards to join; none: write the page again"
+    )
+    given = options.parse_args(arguments)
+    found = board.joined([board.read(out / board.FILE) for out in given.out or [RESULTS.parent]])
     found.write(RESULTS.parent)
     PAGE.write_text(page(found), encoding="utf-8")
     pareto.write(found.courses, PICTURES)
@@ -66,7 +72,7 @@ def introduction(found: Board) -> str:
         "fields are in "
         "[data](data.md#leaderboardjson); the controllers are on [their page](controllers.md).",
     ]
-    if found.code == AT_TICKS:
+    if AT_TICKS in found.codes():
         parts.append(
             f"Code {AT_TICKS} looked for collisions at ticks only. Later code counts the closest approach between "
             "ticks and finds more of them. It also calls a round void if only the averager's own model arrived; this "
@@ -226,4 +232,4 @@ def _free(row: Standing) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    process.main(main)

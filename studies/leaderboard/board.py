@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from meanflock.groundstation import statistics
 from meanflock.groundstation.results.quantities import Field
 from meanflock.groundstation.statistics import Estimate
-from meanflock.studies.leaderboard import marks
+from meanflock.studies.leaderboard import marks, rows
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
@@ -43,6 +44,7 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     Field("courses.standings.about", "", "description of the row"),
     Field("courses.standings.settings.*", "", "scenario keys that the row sets"),
     Field("courses.standings.yours", "", "whether the controller is from a file of the user"),
+    Field("courses.standings.code", "", "version and fingerprint of the code that flew the row; empty: `code`"),
     Field("courses.standings.cells.*.mean", "", "mean of the flights, by measure; shares are of 1"),
     Field("courses.standings.cells.*.low", "", "lower end of its 95 % interval; null if there is none"),
     Field("courses.standings.cells.*.high", "", "upper end of its 95 % interval"),
@@ -87,7 +89,8 @@ class Cell(msgspec.Struct, frozen=True):
 class Standing(msgspec.Struct, frozen=True):
     """A row of a mission. values: of each measure, a number a seed, null if the flight has none. kbit_by_kind: mean
     payload until the last arrival, by kind. failed: number of flights that failed; why: reason of the first one, or of
-    the first lost UAV. lost: number of lost UAVs in all flights."""
+    the first lost UAV. lost: number of lost UAVs in all flights. code: version and fingerprint of the code that flew
+    it; empty: that of the board."""
 
     name: str
     controller: str
@@ -100,6 +103,7 @@ class Standing(msgspec.Struct, frozen=True):
     lost: int = 0
     failed: int = 0
     why: str = ""
+    code: str = ""
 
     def column(self, key: str) -> Floats:
         """Numbers of a measure, (K,), NaN if a flight has none."""
@@ -132,6 +136,14 @@ class Board(msgspec.Struct, frozen=True):
     seeds: list[int]
     courses: list[Course]
     policies: list[str] = []  # msgspec copies it
+
+    def codes(self) -> dict[str, list[str]]:
+        """Names of the rows by the code that flew them, the code of most rows first."""
+        found: dict[str, dict[str, None]] = {}
+        for course in self.courses:
+            for row in course.standings:
+                found.setdefault(row.code or self.code, {})[row.name] = None
+        return {code: list(names) for code, names in sorted(found.items(), key=lambda each: -len(each[1]))}
 
     def encode(self) -> bytes:
         """JSON, a line a row."""
@@ -186,6 +198,55 @@ def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
         least = float(known.min()) if BY_KEY[key].least else None
         result[key] = Cell(found.value, low, high, found.n, least=least)
     return result
+
+
+def joined(boards: Sequence[Board]) -> Board:
+    """One board of several. A row of a later board replaces the row of the same name; rows have the order of rows.toml,
+    others follow.
+
+    Raises:
+        BadInput: missions, seeds, policies or schema differ.
+    """
+    first, *others = boards
+    for other in others:
+        for part in ("schema", "seeds", "policies"):
+            if getattr(other, part) != getattr(first, part):
+                raise BadInput(
+                    f"boards of different {part} cannot be joined: {getattr(first, part)} and {getattr(other, part)}"
+                )
+        flown, theirs = ([_conditions(course) for course in each.courses] for each in (first, other))
+        if flown != theirs:
+            raise BadInput(f"boards of different missions cannot be joined: {flown} and {theirs}")
+    last = boards[-1]
+    courses = [
+        _united([_coded(course, each.code, last.code) for each, course in zip(boards, parts, strict=True)])
+        for parts in zip(*(each.courses for each in boards), strict=True)
+    ]
+    return remarked(msgspec.structs.replace(last, courses=courses))
+
+
+def _conditions(course: Course) -> tuple[str, int, float, float | None]:
+    return course.name, course.uavs, course.duration_s, course.acceleration_max_m_s2
+
+
+def _coded(course: Course, code: str, other: str) -> Course:
+    """A mission of a board with `code`, for a board of another code."""
+    by_row = [(row, row.code or code) for row in course.standings]
+    standings = [msgspec.structs.replace(row, code="" if own == other else own) for row, own in by_row]
+    return msgspec.structs.replace(course, standings=standings)
+
+
+def _united(parts: Sequence[Course]) -> Course:
+    """One mission of several boards."""
+    standings: dict[str, Standing] = {}
+    absent: dict[str, str] = {}
+    for course in parts:
+        flown = {row.name: row for row in course.standings}
+        absent = {name: reason for name, reason in absent.items() if name not in flown} | course.absent
+        standings = {name: row for name, row in standings.items() if name not in course.absent} | flown
+    order = [row.name for row in rows.shipped()]
+    placed = sorted(standings.values(), key=lambda row: order.index(row.name) if row.name in order else len(order))
+    return msgspec.structs.replace(parts[-1], standings=placed, absent=absent)
 
 
 def remarked(found: Board) -> Board:

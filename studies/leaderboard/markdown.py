@@ -35,7 +35,14 @@ def how_flown(board: Board) -> str:
     seeds = f"seeds {first} to {last}" if last > first else f"seed {first}"
     flights = sum(len(row.values["time_s"]) for course in board.courses for row in course.standings)
     flown = f"Flights: {flights:,}, missions: {len(board.courses)}, rows: {len(rows(board))}"
-    return f"{flown}, {seeds}, the same for every row. Code {board.code}."
+    return f"{flown}, {seeds}, the same for every row. {_codes(board)}"
+
+
+def _codes(board: Board) -> str:
+    """Sentence about the code that flew the rows."""
+    (code, _), *others = board.codes().items() or [(board.code, [])]
+    exceptions = "".join(f"; code {other}: {', '.join(f'`{name}`' for name in names)}" for other, names in others)
+    return f"Code {code}{exceptions}."
 
 
 def columns() -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.statistics import Estimate
-from meanflock.studies.leaderboard import board, missions, rows
+from meanflock.studies.leaderboard import board, markdown, missions, rows
 from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
@@ -70,6 +70,30 @@ def test_only_safe_rows_are_compared_by_energy_and_only_rows_of_one_filter_by_in
     rows = [row("a", 5.0, behind, infeasible=3.0), row("bb", 5.0, behind, infeasible=9.0)]
     rows.append(row("orca", 5.0, infeasible=1.0))
     assert [result.cells["infeasible"].best for result in board.marked(rows)] == [True, False, False]
+
+
+def flown(code: str, *standings: board.Standing, **parts: Any) -> board.Board:
+    absent = {"straight": "flies windmap only"} if code == "1+a" else {"lqr": "no more"}
+    course = board.Course("near", "Near", "", 3, 4.0, board.marked(list(standings)), absent, [], [])
+    return board.Board(**{"schema": 1, "version": "1", "code": code, "seeds": [1, 2], "courses": [course]} | parts)
+
+
+def test_joined_boards_have_the_later_rows_and_name_the_code_of_each() -> None:
+    first = flown("1+a", row("mine", 2.0), row("orca", 6.0), row("lqr", 9.0), row("plan", 5.0))
+    second = flown("1+b", row("orca", 4.0), row("straight", 7.0))
+    both = board.joined([first, second])
+    (course,) = both.courses
+    names = {each.name: each for each in course.standings}
+    assert list(names) == ["plan", "orca", "straight", "mine"]  # of rows.toml, then others
+    assert names["orca"].cells["energy_J"].mean == pytest.approx(4.0, abs=0.1)
+    assert course.absent == {"lqr": "no more"}
+    assert both.codes() == {"1+a": ["plan", "mine"], "1+b": ["orca", "straight"]}
+    assert "Code 1+a; code 1+b: `orca`, `straight`." in markdown.how_flown(both)
+    assert names["mine"].cells["energy_J"].best  # marked anew
+    assert board.joined([both]) == both
+    for part in ({"seeds": [1]}, {"policies": ["tick"]}, {"courses": []}):
+        with pytest.raises(board.BadInput, match="cannot be joined"):
+            board.joined([first, flown("1+b", row("orca", 4.0), **part)])
 
 
 def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
