@@ -1,0 +1,192 @@
+"""Published results by name: numbers of docs/results, of the record of the benchmarks, and of tables of the pages."""
+
+import json
+import math
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import meanflock as mf
+from benchmarks import scaling, store
+from meanflock.groundstation import statistics
+from meanflock.studies import federation, published, tuning
+from meanflock.studies.leaderboard import board
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "docs" / "results"
+QUIET = "neighbours, 0.03, int8"
+NEAR = ("trouble", "uploads reach 2 m", "leader")
+RATIO = "wire bytes / payload bytes"
+OUTAGES = "outages, %"
+PAPER = "the paper's"  # of the radios of clusters
+
+
+@cache
+def leaderboard() -> board.Board:
+    return board.read(RESULTS / board.FILE)
+
+
+def models(*kinds: str) -> float:
+    """Bits of the models of `fed-lspi` on the leaderboard's `paper`, kbit."""
+    paper, *_ = leaderboard().courses
+    (row,) = (row for row in paper.standings if row.name == "fed-lspi")
+    return sum(row.kbit_by_kind[kind] for kind in kinds)
+
+
+@cache
+def flown() -> list[dict[str, Any]]:
+    return published.read_rows(federation.RESULTS)[1:]
+
+
+def column(name: str, *case: str) -> np.ndarray:
+    """A number of the flights of a table, mission and way of the page about federations."""
+    rows = [row for row in flown() if (row["table"], row["where"], row["way"]) == case]
+    return np.array([row[name] for row in rows], dtype=np.float64)
+
+
+def share(name: str, where: str, way: str = QUIET) -> float:
+    """A total on a calm mission beside that under a leader."""
+    return float(column(name, "calm", where, way).sum() / column(name, "calm", where, "leader").sum())
+
+
+def tracking(kind: str, where: str, way: str, first: str = "leader") -> statistics.Estimate:
+    """Ratio of tracking costs, paired by seed, with its interval."""
+    own, others = (np.log(column("tracking", kind, where, each)) for each in (way, first))
+    found = statistics.difference(own, others)
+    return statistics.Estimate(*(math.exp(value) for value in (found.value, found.low, found.high)), found.n)
+
+
+def ends(found: statistics.Estimate) -> str:
+    return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}]"
+
+
+def per_cent(found: statistics.Estimate) -> str:
+    """What a cost rises or falls by, %."""
+    values = sorted(abs(100.0 * (value - 1.0)) for value in (found.low, found.high))
+    return f"{abs(100.0 * (found.value - 1.0)):.0f} % [{values[0]:.0f}, {values[1]:.0f}]"
+
+
+def sparing(name: str, way: str) -> float:
+    """What a way of the paper's learner saves."""
+    return float((column(name, "sparing", "paper", "fraction 0.8") - column(name, "sparing", "paper", way)).mean())
+
+
+@cache
+def benchmarks() -> dict[str, Any]:
+    record = store.read(ROOT / "benchmarks" / "latest.json")
+    assert record is not None
+    return record
+
+
+def median(race: str, name: str) -> float:
+    return next(float(one["median"]) for one in benchmarks()["races"][race]["figures"] if one["name"] == name)
+
+
+def two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):.0f}"
+
+
+def one_digit(value: float) -> str:
+    return f"{float(f'{value:.1g}'):.0f}"
+
+
+@cache
+def fitted() -> scaling.Fit:
+    record = store.read(scaling.RECORD)
+    assert record is not None
+    return scaling.fit(scaling.samples_of(record))
+
+
+def of_fit(name: str) -> float:
+    return 1e3 * float(fitted().coefficients[list(scaling.TERMS).index(name)])  # µs
+
+
+def rows_of(page: str, mark: str) -> Iterator[dict[str, str]]:
+    """Rows of a table that a study wrote after a mark."""
+    text = (ROOT / page).read_text(encoding="utf-8").partition(f"<!-- {mark} -->")[2].partition("<!-- end")[0]
+    head, _, *lines = [line for line in text.splitlines() if line.startswith("|")]
+    names = [cell.strip() for cell in head.strip("|").split("|")]
+    for line in lines:
+        yield dict(zip(names, [cell.strip() for cell in line.strip("|").split("|")], strict=True))
+
+
+def sent(method: str, payload: str, name: str) -> str:
+    (row,) = (
+        row
+        for row in rows_of("docs/communication.md", "flights")
+        if (row["method"], row["payload"]) == (f"`{method}`", payload)
+    )
+    return row[name]
+
+
+def transmission(method: str, payload: str, name: str) -> float:
+    (row,) = (
+        row
+        for row in rows_of("docs/communication.md", "transmissions")
+        if (row["method"], row["payload"]) == (f"`{method}`", payload)
+    )
+    return float(row[name].replace(",", ""))
+
+
+def envelope_bytes() -> float:
+    ratio, bits = (transmission("mfgfl-h", "float32", name) for name in (RATIO, "bits"))
+    return (ratio - 1.0) * bits / 8.0
+
+
+def kbit(method: str, payload: str) -> float:
+    return sum(float(sent(method, payload, name).replace(",", "")) for name in ("up, kbit", "down, kbit"))
+
+
+def feedback_gains() -> list[float]:
+    """How many times smaller feedback makes the error over all rounds."""
+    rows = list(rows_of("docs/communication.md", "rounding"))
+    return [
+        float(without["all rounds"]) / float(with_it["all rounds"])
+        for without, with_it in zip(*[iter(rows)] * 2, strict=True)
+    ]
+
+
+def clusters(radio: str, name: str, *, several: bool, uavs: str = "") -> list[float]:
+    return [
+        float(row[name].replace(",", ""))
+        for row in rows_of("docs/scaling.md", "clusters")
+        if row["radio"].startswith(radio) and (row["K"] != "1") == several and uavs in ("", row["N"])
+    ]
+
+
+def more_bits() -> list[float]:
+    """Bits of clusters beside those of one leader, % more."""
+    rows = list(rows_of("docs/scaling.md", "clusters"))
+    bits = {(row["radio"], row["N"], row["K"]): float(row["up, kbit"].replace(",", "")) for row in rows}
+    return [
+        100.0 * (value / bits[radio, uavs, "1"] - 1.0) for (radio, uavs, heads), value in bits.items() if heads != "1"
+    ]
+
+
+@cache
+def first_flight() -> dict[str, Any]:
+    return dict(mf.fly("paper", seed=1).summary)
+
+
+@cache
+def records() -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = json.loads(tuning.RECORD.read_text(encoding="utf-8"))
+    return found
+
+
+def chosen(name: str) -> dict[str, Any]:
+    record = records()[name]
+    return next(each for each in record["candidates"] if each["options"] == record["chosen"] and each["flights"] > 10)
+
+
+def unsafe(name: str) -> int:
+    return int(chosen(name)["unsafe"])
+
+
+def installed(group: str) -> int:
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    return len(tomllib.loads(text)["project"]["entry-points"][f"meanflock.{group}"])
