@@ -104,8 +104,11 @@ __all__ = [  # imported at first use
 def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from meanflock.swarm.errors import available
+
     module, attribute = _WHERE[name]
-    found = import_module(module)
+    with available(f"meanflock.{name}", "ground"):
+        found = import_module(module)
     value = getattr(found, attribute) if attribute else found
     globals()[name] = value
     return value

@@ -89,6 +89,21 @@ def printable_lines(text: str) -> str:
 
 
 @contextmanager
+def available(by: str, extra: str = "") -> Iterator[None]:
+    """Context that uses libraries in a process that goes on: `by` needs them, and our extra `extra` installs them.
+
+    Raises:
+        BadInput: a library is not installed; the message says which one, and what to install.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as missing:
+        if not (message := lacking(missing, by, extra)):
+            raise
+        raise BadInput(message) from missing
+
+
+@contextmanager
 def needed(by: str, extra: str = "") -> Iterator[None]:
     """Context that imports libraries: `by` needs them, and our extra `extra` installs them.
 

@@ -13,7 +13,7 @@ from meanflock.agent.controllers.policy.network import Network, read
 from meanflock.agent.controllers.policy.network import save as _save
 from meanflock.env.rewards import TERMS, WEIGHTS
 from meanflock.settings import with_settings
-from meanflock.swarm.errors import BadInput, lacking
+from meanflock.swarm.errors import available
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane
 
@@ -47,11 +47,9 @@ def parallel_env(
     Raises:
         BadInput: an argument cannot be used, or the extra `rl` is not installed.
     """
-    try:
+    with available("meanflock.env.parallel_env", "rl"):
         from meanflock.env.episode import Form
         from meanflock.env.parallel import ParallelFlock
-    except ModuleNotFoundError as error:
-        raise _missing(error, "meanflock.env.parallel_env") from error
     return ParallelFlock(Form(mission, neighbours, message, acceleration, reward, keys))
 
 
@@ -77,17 +75,10 @@ def vector_env(
     Raises:
         BadInput: an argument cannot be used, or the extra `rl` is not installed.
     """
-    try:
+    with available("meanflock.env.vector_env", "rl"):
         from meanflock.env.episode import Form
         from meanflock.env.vector import VectorFlock
-    except ModuleNotFoundError as error:
-        raise _missing(error, "meanflock.env.vector_env") from error
     return VectorFlock(Form(mission, neighbours, message, acceleration, reward, keys), flights)
-
-
-def _missing(error: ModuleNotFoundError, by: str) -> Exception:
-    advice = lacking(error, by, "rl")
-    return BadInput(advice) if advice else error
 
 
 class Policy:

@@ -8,7 +8,7 @@ import numpy as np
 
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER
-from meanflock.swarm.errors import BadInput, lacking
+from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.toml import put
 
 Kind = TypeVar("Kind")
@@ -124,12 +124,10 @@ def toml_text(table: msgspec.Struct) -> str:
     Raises:
         BadInput: an option of a plug-in is None, which TOML cannot express; or the library that writes TOML is missing.
     """
-    try:
+    with available("a scenario as TOML", "ground"):
         import tomli_w  # only here: agents and leaders write no TOML
-
+    try:
         return tomli_w.dumps(_without_unset(msgspec.to_builtins(table, order="sorted")))
-    except ModuleNotFoundError as error:
-        raise BadInput(lacking(error, "a scenario as TOML", "ground")) from error
     except TypeError as error:
         raise BadInput("an option of a plug-in is None, and TOML has no such value; leave that option out") from error
 

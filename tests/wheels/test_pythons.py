@@ -84,6 +84,11 @@ def test_the_lean_wheel_flies_the_same_on_every_python(version: str, repaired: P
     written = {path.name for path in (tmp_path / "runs").glob("*/*")}
     assert {"summary.json", "events.jsonl", "scenario.toml"} <= written
     assert not {name for name in written if name.endswith(".rrd")}
+    said = ended(python, "-c", "import meanflock as mf; mf.compare", cwd=tmp_path)
+    assert (
+        "BadInput: scipy is not installed, and meanflock.compare needs it: pip install 'meanflock[ground]'"
+        in said.stderr
+    )
     (empty := tmp_path / "empty").mkdir()
     for library, line in NEEDS.items():
         said = ended(meanflock, *line, cwd=empty)
