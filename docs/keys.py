@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from meanflock.groundstation import catalogue
 from meanflock.groundstation.cli.completion import KEYS as COMPLETED
 from meanflock.groundstation.results.quantities import KEY_UNITS
-from meanflock.swarm import scenario
+from meanflock.swarm import plugins, scenario
 
 PAGE = Path(__file__).with_suffix(".md")
 PRINTED = "printed"
@@ -233,18 +234,43 @@ def keys() -> list[str]:
 
 
 def completed() -> str:
-    """The keys that a shell completes, with what they mean, as CSV: those whose values fit on a command line."""
+    """The keys that a shell completes, as CSV: those with values that fit on a line, and options of our plug-ins."""
     schema = scenario.schema()["$defs"]
-    written = io.StringIO()
-    rows = csv.writer(written, lineterminator="\n")
+    rows: dict[tuple[str, str, str, str], list[str]] = {}  # names of plug-ins by key, its choice, values and meaning
+    named = {key: kind for kind, key in catalogue.KEYS.items()}
     for key in keys():
         table, _, name = key.rpartition(".")
         described = schema["Scenario"]["properties"]
         if table:
             described = schema[described[table]["$ref"].rpartition("/")[2]]["properties"]
         if key not in ("controller", "faults", "obstacles") and name != "options":
-            rows.writerow((key, _typed(described[name]).get("description", "")))
+            values = [*_values(described[name])]
+            if kind := named.get(key):
+                default = described[name].get("default")
+                values = [default] if default and default not in plugins.names(kind) else []
+                values.append(plugins.GROUPS[kind])
+            rows[key, "", " ".join(values), _description(described[name])] = []
+    for plugin in plugins.installed():
+        if plugin.source.startswith("meanflock "):
+            found: Any = plugins.load(plugin.kind, plugin.name)
+            for name, key in catalogue.schema_of_options(found.Options)["properties"].items():
+                values = " ".join(_values(key))
+                row = (f"{plugins.options_table(plugin.kind)}.{name}", catalogue.KEYS[plugin.kind], values)
+                rows.setdefault((*row, _description(key)), []).append(plugin.name)
+    written = io.StringIO()
+    lines = csv.writer(written, lineterminator="\n")
+    for (key, choice, values, about), names in rows.items():
+        lines.writerow((key, f"{choice}={' '.join(names)}" if names else "", values, about))
     return written.getvalue()
+
+
+def _values(key: dict[str, Any]) -> Iterator[str]:
+    """The values of a key, if it has a few."""
+    if key.get("type") == "boolean":
+        yield from ("true", "false")
+    yield from map(str, key.get("enum", ()))
+    for part in key.get("anyOf", ()):
+        yield from _values(part)
 
 
 def _faults(schema: dict[str, Any]) -> Iterator[str]:
@@ -260,7 +286,7 @@ def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:
             continue
         path = prefix + name
         paper, reason = KEYS[path]
-        about = _typed(key).get("description", "")
+        about = _description(key)
         unit = KEY_UNITS.get(path, "")
         for suffix in (f", {unit}", f", {unit.replace(', ', ' and ')}"):
             about = about.removesuffix(suffix) if unit else about
@@ -301,8 +327,13 @@ def _number(value: float) -> str:
 
 
 def _meaning(key: dict[str, Any]) -> str:
-    about = _typed(key).get("description", "")
+    about = _description(key)
     return f": {about}" if about else ""
+
+
+def _description(key: dict[str, Any]) -> str:
+    about: str = _typed(key).get("description") or key.get("description", "")
+    return about
 
 
 if __name__ == "__main__":

@@ -78,9 +78,15 @@ def _ends_a_sentence(word: str) -> bool:
     return plain.endswith(".") and not is_initial and plain not in _ABBREVIATIONS
 
 
-def _options(kind: type[msgspec.Struct]) -> Iterator[Option]:
-    (reference,), components = msgspec.json.schema_components([kind])
-    schema = components[reference["$ref"].rpartition("/")[2]]
+def schema_of_options(options: type[msgspec.Struct]) -> dict[str, Any]:
+    """JSON schema of the options of a plug-in."""
+    (reference,), components = msgspec.json.schema_components([options])
+    schema: dict[str, Any] = components[reference["$ref"].rpartition("/")[2]]
+    return schema
+
+
+def _options(options: type[msgspec.Struct]) -> Iterator[Option]:
+    schema = schema_of_options(options)
     for name, key in schema["properties"].items():
         bounds = [f"{sign} {key[word]:g}" for word, sign in _BOUNDS.items() if word in key]
         bounds += [" | ".join(map(str, key["enum"]))] if "enum" in key else []

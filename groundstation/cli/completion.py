@@ -1,4 +1,4 @@
-"""Completion in a shell, by Click's own mechanism: controllers, scenarios, keys and runs.
+"""Completion in a shell, by Click's own mechanism: controllers, scenarios, keys, their values, and runs.
 
 Nothing here imports NumPy or the classes of plug-ins: a completion takes a tenth of a second, not half of one.
 """
@@ -6,25 +6,37 @@ Nothing here imports NumPy or the classes of plug-ins: a completion takes a tent
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import click
-from click.shell_completion import BashComplete, CompletionItem, ZshComplete, add_completion_class
+from click.shell_completion import BashComplete, CompletionItem, ZshComplete, add_completion_class, split_arg_string
 
 from meanflock import swarm
 
 VARIABLE = "_MEANFLOCK_COMPLETE"  # set by the shell's function while it asks
-KEYS = Path(__file__).with_name("keys.csv")  # of a scenario, with what they mean; written by docs/keys.py
-_GROUP = "meanflock.controllers"
+KEYS = Path(__file__).with_name("keys.csv")  # rows as `_Key`; written by docs/keys.py
+_GROUP = "meanflock."  # begins the name of each group of entry points
 _RUNS = Path("runs")  # the default folder of runs
 _OF_A_RUN = ("scenario.toml", "summary.json")
 Items = list[CompletionItem]
 
 
+class _Key(NamedTuple):
+    """A key of a scenario.
+
+    needs: `KEY=NAME…`, the plug-ins of which it is an option; else empty. values: those that it can have, and groups of
+    plug-ins whose names it can have, separated by spaces; else empty. about: what it means.
+    """
+
+    key: str
+    needs: str
+    values: str
+    about: str
+
+
 def controllers(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
     """Names of the installed controllers."""
-    from importlib.metadata import entry_points
-
-    return _beginning(incomplete, sorted({point.name for point in entry_points(group=_GROUP)}))
+    return _beginning(incomplete, _plugins("meanflock.controllers"))
 
 
 def scenarios(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
@@ -37,13 +49,22 @@ def missions(_context: click.Context, _parameter: click.Parameter, incomplete: s
     return _or_files(incomplete, (*_shipped(), "all"))
 
 
-def keys(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
-    """Keys of a scenario, each with `=`."""
-    import csv
+def keys(context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
+    """Keys of a scenario, each with `=`; behind it, the values of a key that names a plug-in or has a few.
 
-    with KEYS.open(encoding="utf-8", newline="") as file:
-        rows = [(key, about) for key, about in csv.reader(file) if f"{key}=".startswith(incomplete)]
-    return [CompletionItem(f"{key}=", help=about) for key, about in rows]
+    Options of plug-ins are those of the chosen ones, and of all where none is chosen.
+    """
+    chosen = dict(setting.partition("=")[::2] for setting in context.params.get("settings") or ())
+    if isinstance(method := context.params.get("method"), str):
+        chosen["method"] = method
+    rows = [row for row in _keys() if _applies(row, chosen)]
+    key, equals, values = incomplete.partition("=")
+    if not equals:
+        matching = {row.key: row.about for row in reversed(rows) if row.key.startswith(incomplete)}
+        return [CompletionItem(f"{name}=", help=matching[name]) for name in reversed(matching)]
+    typed = incomplete[: len(incomplete) - len(values.rpartition(",")[2])]  # a sweep has several values
+    offered = dict.fromkeys(value for row in rows if row.key == key for value in _values(row))
+    return _beginning(incomplete, [typed + value for value in offered])
 
 
 def runs(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
@@ -70,6 +91,26 @@ def install() -> None:
 
 
 class _Bash(BashComplete):
+    """Bash hands over `KEY=VALUE` as three words, and replaces the last of them only."""
+
+    _before = ""  # the part of the incomplete word that stays
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        last = int(os.environ["COMP_CWORD"])
+        parts = [*split_arg_string(os.environ["COMP_WORDS"]), ""][1 : last + 1]
+        words: list[str] = []
+        for before, part in zip(["", *parts], parts, strict=False):
+            if words and (part == "=" or before == "="):
+                self._before = words[-1] + "=" * (part == "=")
+                words[-1] += part
+            else:
+                self._before = ""
+                words.append(part)
+        return words[:-1], words[-1]
+
+    def format_completion(self, item: CompletionItem) -> str:
+        return f"{item.type},{item.value.removeprefix(self._before)}"
+
     source_template = BashComplete.source_template.replace(
         "COMPREPLY+=($value)", "COMPREPLY+=($value)\n            [[ $value == *= ]] && compopt -o nospace"
     )
@@ -86,6 +127,31 @@ class _Zsh(ZshComplete):
 def _shipped() -> list[str]:
     """Names of the shipped scenarios; `swarm.toml` has them too, and imports NumPy."""
     return sorted(path.stem for path in Path(swarm.__file__).with_name("scenarios").glob("*.toml"))
+
+
+def _keys() -> Iterable[_Key]:
+    import csv
+
+    with KEYS.open(encoding="utf-8", newline="") as file:
+        yield from map(_Key._make, csv.reader(file))
+
+
+def _applies(row: _Key, chosen: dict[str, str]) -> bool:
+    """Returns whether a key is an option of no plug-in, or of a chosen one, or none of its kind is chosen."""
+    key, _, names = row.needs.partition("=")
+    return key not in chosen or chosen[key] in names.split()
+
+
+def _values(row: _Key) -> list[str]:
+    words = row.values.split()
+    return [name for word in words for name in (_plugins(word) if word.startswith(_GROUP) else [word])]
+
+
+def _plugins(group: str) -> list[str]:
+    """Names of the installed plug-ins of a group of entry points."""
+    from importlib.metadata import entry_points
+
+    return sorted({point.name for point in entry_points(group=group)})
 
 
 def _beginning(incomplete: str, names: Iterable[str]) -> Items:

@@ -2,6 +2,8 @@
 
 import os
 import re
+import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -9,9 +11,10 @@ from click.shell_completion import BashComplete
 
 from meanflock.groundstation.cli.command import cli
 from meanflock.groundstation.cli.completion import VARIABLE
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, MeanflockError
 from meanflock.swarm.toml import shipped
-from tests.commands import loaded
+from tests.commands import loaded, printed
 from tests.groundstation.conftest import QUICK
 from tests.pages import commands
 
@@ -93,6 +96,17 @@ HEAVY = {"numpy", "msgspec", "rich", "pyarrow", "psutil", "matplotlib", "zenoh",
         ("frontier --missions stre", {"streams"}),
         ("run --set wind.si", {"wind.sigma="}),
         ("sweep uav", {"uavs="}),
+        ("run --set federation.topology=", {f"federation.topology={name}" for name in plugins.names("topology")}),
+        ("run --set filter.kind=", {f"filter.kind={name}" for name in ("none", "braking", "ecbf")}),
+        ("run --set method=mfgfl-h", {"method=mfgfl-h", "method=mfgfl-hf"}),
+        ("run --set federation.error_feedback=t", {"federation.error_feedback=true"}),
+        ("sweep controller.share=true,f", {"controller.share=true,false"}),
+        ("run --set wind.sigma=", set()),
+        ("run --set controller.fi", {"controller.file="}),
+        ("run --method orca --set controller.fi", set()),
+        ("run --method rls --set controller.s", {"controller.share=", "controller.speed_m_s="}),
+        ("run --set method=rls --set controller.share=", {"controller.share=true", "controller.share=false"}),
+        ("run --set filter.kind=ecbf --set filter.options.n", {"filter.options.neighbours="}),
         ("run wind", {"windy", "windmap"}),
         ("compare hjb --scenario cro", {"crowd"}),
         ("run mine/", {"mine/"}),  # by the shell: a file
@@ -114,7 +128,35 @@ def test_words_are_completed(line: str, offered: set[str], tmp_path, monkeypatch
     assert {item.value for item in items} == offered
 
 
-@pytest.mark.parametrize("line", ["meanflock run --method plan", "meanflock sweep uavs", "meanflock show r"])
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("run --set filter.kind = e", "ecbf"),  # the three words that Bash makes of one
+        ("run --set federation.topology =", "clusters leader neighbours"),
+        ("run --set method = rls --set controller.share = t", "true"),
+        ("sweep method = plan,orc", "plan,orca"),
+        ("run --method = windm", "windmap"),
+    ],
+)
+def test_bash_completes_values(words: str, offered: str, tmp_path) -> None:
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    code = (
+        f'eval "$({VARIABLE}=bash_source meanflock)"; COMP_WORDS=(meanflock {words}); COMP_CWORD={len(words.split())}; '
+    )
+    code += "_meanflock_completion meanflock; echo ${COMPREPLY[@]}"
+    assert printed("bash", "-c", code, cwd=tmp_path, env=environment) == f"{offered}\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "meanflock run --method plan",
+        "meanflock run --set radio.model=i",
+        "meanflock run --set controller.sp",
+        "meanflock sweep uavs",
+        "meanflock show r",
+    ],
+)
 def test_a_completion_imports_nothing_that_flies(line: str, tmp_path) -> None:
     env = os.environ | {VARIABLE: "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
     code = "from meanflock.groundstation.cli.command import main\nassert main() == 0"
