@@ -2,6 +2,7 @@
 
 import io
 import re
+import runpy
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,14 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 import meanflock as mf
 from meanflock import env
-from meanflock.agent.controllers.policy.network import default, read, save
+from meanflock.agent.controllers.policy.network import TRAINED, read
 from meanflock.agent.controllers.policy.perception import width
 from meanflock.agent.node import Agent
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.studies.leaderboard import rows
 from meanflock.swarm.scenario import encode
 from meanflock.swarm.wire.messages import Welcome
+from tests.sources import ROOT
 
 SMALL: dict[str, Any] = {"uavs": 5, "duration": 8.0}
 NEIGHBOURS, MESSAGE = 3, 2
@@ -166,7 +169,7 @@ def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(
     assert scenario.sha256() == resolved.sha256()
     plan = mf.mission.starts(scenario).astype(np.float32)
     Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
-    save(policy.path, default())
+    policy.path.write_bytes(TRAINED.read_bytes())
     with pytest.raises(mf.BadInput, match=f"the scenario wants {policy.sha256}; copy the same file"):
         Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
     with pytest.raises(mf.BadInput, match="copy the same file"):
@@ -174,6 +177,22 @@ def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(
     policy.path.unlink()
     again = mf.Scenario(**msgspec.to_builtins(resolved))  # of a run that is only looked at
     assert again.sha256() == scenario.sha256()
+
+
+def test_the_installed_policy_is_recorded_flies_and_is_that_of_the_example(tmp_path: Path) -> None:
+    installed = env.policy(TRAINED)
+    assert mf.Scenario(method="policy").resolved().controller == {"sha256": installed.sha256}
+    with pytest.raises(mf.BadInput, match="install the same meanflock on every host"):
+        mf.fly("paper", method="policy", **{"controller.sha256": "0" * 64})
+    train = runpy.run_path(str(ROOT / "examples" / "train.py"))
+    numbers = np.array([10.0, 12.0, 1.0, -0.1, 0.1, 2.0, 1.5, 0.5, 0.2])
+    files = [train["saved"](tmp_path / name, numbers).path.read_bytes() for name in ("a.npz", "b.npz")]
+    assert files[0] == files[1]
+    with np.load(TRAINED) as ours, np.load(tmp_path / "a.npz") as theirs:
+        assert [(name, array.shape) for name, array in ours.items()] == [(n, a.shape) for n, a in theirs.items()]
+    for row in rows.chosen(["policy", "policy-ecbf"]):
+        run = mf.fly(row.scenario({"uavs": 9}, 1001, "a mission"))
+        assert (run.summary["arrived"], run.summary["collisions"]) == (9, 0), row.name
 
 
 def arrays_of(path: Path, **changed: Any) -> bytes:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.policy.network import Network, default, read
+from meanflock.agent.controllers.policy.network import TRAINED, Network, read
 from meanflock.agent.controllers.policy.perception import Perception
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -20,7 +20,7 @@ class Policy(Controller):
     """Flies a policy that was trained in `meanflock.env` and saved to a file.
 
     The scenario records the SHA-256 of the file. A node whose file has another one is refused. Without a file it flies
-    the policy that `examples/train.py` finds.
+    the policy that is installed with it, which `examples/train.py` trained.
     """
 
     name = "policy"
@@ -31,22 +31,24 @@ class Policy(Controller):
         """The options of `policy`."""
 
         file: Annotated[
-            str, Meta(description="the saved policy, on every host that flies it; unset: that of examples/train.py")
+            str, Meta(description="the saved policy, on every host that flies it; unset: the installed one")
         ] = ""
         sha256: Annotated[str, Meta(description="SHA-256 of the file, 64 hexadecimal digits; filled in if unset")] = ""
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._network = self._read(options) if options.file else default()
+        self._network = self._read(options)
         self._perception = Perception(scenario, self._network.neighbours, self._network.message)
         self.broadcast_numbers = self._perception.broadcast_numbers
 
     def _read(self, options: Any) -> Network:
-        network, sha256 = read(options.file)
+        path = options.file or TRAINED
+        network, sha256 = read(path)
         if options.sha256 not in ("", sha256):
+            remedy = "copy the same file to" if options.file else "install the same meanflock on"
             raise BadInput(
-                f"policy {options.file} has the SHA-256 {sha256} here, and the scenario wants {options.sha256}; "
-                "copy the same file to every host"
+                f"policy {path} has the SHA-256 {sha256} here, and the scenario wants {options.sha256}; "
+                f"{remedy} every host"
             )
         self.recorded = {"sha256": sha256}
         return network

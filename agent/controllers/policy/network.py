@@ -10,8 +10,9 @@ import numpy as np
 
 from meanflock.agent.controllers.policy.perception import width
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.state import AXES, SIZE, Floats, Plane
+from meanflock.swarm.state import AXES, Floats, Plane
 
+TRAINED = Path(__file__).with_name("trained.npz")  # written by examples/train.py
 VERSION = 1
 MAX_NEIGHBOURS, MAX_MESSAGE, MAX_LAYERS = 64, 64, 8
 _MAX_BYTES = 16 * 2**20  # of the arrays of a file
@@ -75,16 +76,6 @@ class Network(NamedTuple):
         if self.limit <= 0.0 or not (np.asarray(self.scale) > 0.0).all():
             raise ValueError("limit and scale must be greater than 0")
         return self
-
-
-def default() -> Network:
-    """The policy that `examples/train.py` finds for the mission `paper`, rounded."""
-    neighbours = 2
-    weights, axes = np.zeros((width(neighbours, 0), AXES)), np.arange(AXES)
-    weights[axes, axes] = -0.05  # position minus the goal
-    weights[AXES + axes, axes] = -0.15  # velocity
-    weights[SIZE + axes, axes] = 0.05  # position of the nearest UAV minus the own
-    return Network(neighbours, 0, 3.0, np.ones(len(weights)), ((weights, np.array([-0.15, 0.12])),))
 
 
 def save(path: str | Path, network: Network) -> Path:
