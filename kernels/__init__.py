@@ -10,10 +10,12 @@ import os
 __all__ = [
     "BACKEND",
     "alignment",
+    "closest",
     "columns",
     "fade",
     "learn",
     "move",
+    "multiply",
     "nearest",
     "pairs",
     "poisson",
@@ -21,6 +23,7 @@ __all__ = [
     "reached",
     "read",
     "repel",
+    "solve",
     "write",
 ]
 
@@ -30,10 +33,12 @@ try:
     from meanflock.kernels.compiled import (
         BACKEND,
         alignment,
+        closest,
         columns,
         fade,
         learn,
         move,
+        multiply,
         nearest,
         pairs,
         poisson,
@@ -41,16 +46,19 @@ try:
         reached,
         read,
         repel,
+        solve,
         write,
     )
 except ImportError:
     from meanflock.kernels.reference import (
         BACKEND,
         alignment,
+        closest,
         columns,
         fade,
         learn,
         move,
+        multiply,
         nearest,
         pairs,
         poisson,
@@ -58,5 +66,6 @@ except ImportError:
         reached,
         read,
         repel,
+        solve,
         write,
     )

@@ -8,16 +8,19 @@ from typing import Any
 from meanflock.kernels._native import (
     SOURCES,
     alignment,
+    closest,
     columns,
     fade,
     learn,
     move,
+    multiply,
     nearest,
     pairs,
     poisson,
     reached,
     read,
     repel,
+    solve,
     tables,
     write,
 )
@@ -30,10 +33,12 @@ if checksum() not in (0, SOURCES):
 __all__ = [
     "BACKEND",
     "alignment",
+    "closest",
     "columns",
     "fade",
     "learn",
     "move",
+    "multiply",
     "nearest",
     "pairs",
     "poisson",
@@ -41,6 +46,7 @@ __all__ = [
     "reached",
     "read",
     "repel",
+    "solve",
     "write",
 ]
 

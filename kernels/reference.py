@@ -6,21 +6,25 @@ Arrays are C-contiguous float64 unless a function says otherwise. Rows are indep
 import numpy as np
 
 from meanflock.kernels.all_pairs import alignment, pairs
+from meanflock.kernels.elimination import multiply, solve
 from meanflock.kernels.fading import fade, poisson
 from meanflock.kernels.halfplanes import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.motion import move, reached
+from meanflock.kernels.ranking import closest
 from meanflock.kernels.state import Floats
 from meanflock.kernels.wire import read, write
 
 __all__ = [
     "BACKEND",
     "alignment",
+    "closest",
     "columns",
     "fade",
     "learn",
     "move",
+    "multiply",
     "nearest",
     "pairs",
     "poisson",
@@ -28,6 +32,7 @@ __all__ = [
     "reached",
     "read",
     "repel",
+    "solve",
     "write",
 ]
 

@@ -52,11 +52,17 @@ def arguments(name: str) -> dict[str, Any]:
         }
     if name == "reached":
         return {"states": np.full((2, 4), 7.0), "goals": np.ones((2, 4)), "radius": 1.0, "within": np.ones(2, bool)}
+    if name == "closest":
+        return {"distance": np.ones((2, 5)), "reach": 2.0, "found": np.full((2, 3), 7, np.intp)}
+    if name == "solve":
+        return {"matrices": np.ones((2, 3, 3)), "rights": np.ones((2, 3, 2)), "found": np.full((2, 3, 2), 7.0)}
+    if name == "multiply":
+        return {"left": np.ones((2, 3, 4)), "right": np.ones((2, 4, 2)), "found": np.full((2, 3, 2), 7.0)}
     states = {"before": draw.normal(size=(2, 4)), "after": draw.normal(size=(2, 4))}
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
 
-FUNCTIONS = ("learn", "repel", "nearest", "fade", "poisson", "move", "reached", "pairs")
+FUNCTIONS = ("closest", "solve", "multiply", "learn", "repel", "nearest", "fade", "poisson", "move", "reached", "pairs")
 FREE = {("fade", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
 # Of the right size and type, but with numbers or a length that would lead astray.
 WRONG: list[tuple[str, str, Any]] = [
@@ -70,6 +76,13 @@ WRONG: list[tuple[str, str, Any]] = [
     ("poisson", "reached", np.zeros(0)),
     ("move", "wind", np.zeros((3, 2))),
     ("pairs", "before", [0.0] * 8),
+    ("closest", "distance", np.ones((3, 5))),
+    ("closest", "distance", np.ones(10)),
+    ("solve", "matrices", np.ones((2, 3, 2))),
+    ("solve", "rights", np.ones((2, 4, 2))),
+    ("multiply", "right", np.ones((2, 3, 2))),
+    ("multiply", "left", np.ones((3, 3, 4))),
+    ("multiply", "left", np.ones((3, 4))),
 ]
 
 

@@ -134,8 +134,9 @@ class FedLspi(PlannedLearner):
         fresh = self._follows(memory, tick)
         if fresh.any():
             first, second = seen(memory["error"], memory["input"], error)
-            squares = squares + np.where(fresh[:, None, None], first, 0.0)
-            steps = steps + np.where(fresh[:, None, None], second, 0.0)
+            first[~fresh] = second[~fresh] = 0.0
+            squares = squares + first
+            steps = steps + second
         memory = memory | {"squares": squares, "steps": steps}
         if (tick + 1) % self.period_ticks == 0:
             options = self.options
@@ -182,9 +183,12 @@ def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
         at, its = 6 + 4 * axis, 3 + 3 * axis
         first[:, axis, at : at + 4] = np.stack([p[:, axis], v[:, axis], u[:, axis], one], axis=-1)
         second[:, axis, its : its + 3] = np.stack([p_[:, axis], v_[:, axis], one], axis=-1)
-    columns = first[..., None]
-    squares, steps = columns * first[..., None, :], columns * second[..., None, :]
-    return squares[:, 0] + squares[:, 1], steps[:, 0] + steps[:, 1]
+    squares, steps = np.zeros((rows, PAIRS, PAIRS)), np.zeros((rows, PAIRS, STATES))
+    for axis in range(AXES):
+        column = first[:, axis, :, None]
+        squares += column * first[:, axis, None, :]
+        steps += column * second[:, axis, None, :]
+    return squares, steps
 
 
 def following(gains: Floats) -> Floats:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm import state
 from meanflock.swarm.state import VX, VY, Floats, Mask, Plane, Rows, States, X, Y
 
@@ -116,10 +117,9 @@ def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most:
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
     """Columns within reach, at most `most`, nearest first; and the mask of those in use: (M, K)."""
-    within = distance <= reach
-    count = min(most, int(np.maximum.reduce(np.add.reduce(within, axis=1), initial=0)))
-    which = np.argsort(np.where(within, distance, np.inf), axis=1, kind="stable")[:, :count]
-    return which, within[np.arange(len(within))[:, None], which]
+    found = np.empty((len(distance), most), dtype=np.intp)
+    which = found[:, : kernels.closest(distance, reach, found)]
+    return which, which >= 0
 
 
 def _apart(x: Rows, y: Rows, closing: Plane, present: Mask, right: Rows | float) -> Closest:

@@ -37,11 +37,15 @@ class Fare:
         """
         if not self._through_air:
             along, across = np.zeros_like(along), np.zeros_like(across)
-        headway = SPEEDS_M_S - along[..., None]
-        squared = headway * headway + (across * across)[..., None]
-        each = (self._vehicle.power(squared, np.sqrt(squared)) + self._price) / SPEEDS_M_S
-        which = np.argmin(each, axis=-1)
-        return np.take_along_axis(each, which[..., None], axis=-1)[..., 0], SPEEDS_M_S[which]
+        least, best = np.full(along.shape, np.inf), np.full(along.shape, SPEEDS_M_S[0])
+        sideways = across * across
+        for speed in SPEEDS_M_S:  # one by one, so that all arrays stay in the cache
+            headway = speed - along
+            squared = headway * headway + sideways
+            cost = (self._vehicle.power(squared, np.sqrt(squared)) + self._price) / speed
+            best[cost < least] = speed
+            np.minimum(least, cost, out=least)
+        return least, best
 
 
 class Corridor:
