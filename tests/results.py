@@ -21,6 +21,7 @@ RESULTS = ROOT / "docs" / "results"
 QUIET = "neighbours, 0.03, int8"
 NEAR = ("trouble", "uploads reach 2 m", "leader")
 RATIO = "wire bytes / payload bytes"
+LSPI = ("fed-lspi", "fed-lspi-data", "fed-lspi-alone")
 OUTAGES = "outages, %"
 PAPER = "the paper's"  # of the radios of clusters
 
@@ -183,8 +184,23 @@ def chosen(name: str) -> dict[str, Any]:
     return next(each for each in record["candidates"] if each["options"] == record["chosen"] and each["flights"] > 10)
 
 
-def unsafe(name: str) -> int:
-    return int(chosen(name)["unsafe"])
+def tuned(names: tuple[str, ...], shown: tuple[str, ...]) -> list[str]:
+    """Unsafe flights of the chosen candidates, and their constants."""
+    found = [chosen(name) for name in names]
+    words = [f"`{key}` {', '.join(format(each['options'][key], 'g') for each in found)}" for key in shown]
+    return [", ".join(str(each["unsafe"]) for each in found), ("; " if len(found) > 1 else ", ").join(words)]
+
+
+def claim(number: str) -> dict[str, Any]:
+    """The record of a claim of the paper."""
+    found: list[dict[str, Any]] = json.loads((RESULTS / "claims.json").read_text(encoding="utf-8"))
+    return next(record for record in found if record["id"] == number)
+
+
+def zenoh_share() -> float:
+    """Share of bare Zenoh in a tick of many processes, median of their numbers."""
+    figures = benchmarks()["races"]["scale_processes"]["figures"]
+    return 1.0 / float(np.median([one["ratio"] for one in figures if one["ratio"]]))
 
 
 def installed(group: str) -> int:
