@@ -16,7 +16,7 @@ def ended(*line: object, **options: Any) -> "subprocess.CompletedProcess[str]":
 
 def loaded(code: str, **options: Any) -> set[str]:
     """The modules and packages that a process has loaded that has run `code`."""
-    tells = "\nimport sys\nprint('modules:', *sys.modules, file=sys.stderr)"
+    tells = "\nimport sys\nprint('modules:', *(name for name in sys.modules if sys.modules[name]), file=sys.stderr)"
     done = ended(sys.executable, "-c", code + tells, **options)
     assert done.returncode == 0, done.stderr
     names = done.stderr.partition("modules: ")[2].split()

@@ -52,8 +52,7 @@ def compose() -> dict[str, Any]:
         text=True,
         check=True,
     )
-    services: dict[str, Any] = json.loads(resolved.stdout)["services"]
-    return services
+    return json.loads(resolved.stdout)["services"]
 
 
 MOMENTARY = {"runs", "completed"}  # services that do one thing and end

@@ -1,15 +1,13 @@
 """Modules that the process of an agent loads: as few as it needs, and all of them before it is forked."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.polling import DEADLINE_S
-
-ROOT = Path(__file__).parents[2]
+from tests.commands import loaded, printed
+from tests.sources import ROOT
 
 # Not `hashlib`, `random`, `inspect`, `platform`: NumPy insists.
 NEEDLESS = {
@@ -37,26 +35,16 @@ for method, inbox in ((b"mfgfl-hf", ()), (b"hjb", (heard,))):
     acts = [agent.act(Sense(1, now, plan[1:2].astype("<f8"), True, True, inbox)) for now in range(5)]
     raw = [tick.write_act(act) for act in acts]
     assert sum(len(act.outbox) for act in acts) >= 2
-print(*(name for name, module in sys.modules.items() if module is not None))
 """
 
 
-def loaded_by(code: str) -> set[str]:
-    """Modules in a process that has run `code`, which prints them."""
-    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert ran.returncode == 0, ran.stderr
-    return set(ran.stdout.split())
-
-
 # Finding plug-ins loads parsers of packages, 2 MiB, which forked agents share.
-FINDING = "import sys, importlib.metadata; print(*sys.modules)"
+FINDING = "import importlib.metadata"
 FORKED = """
-import sys
 import meanflock.agent.__main__
 from meanflock.agent import prefork
 
 prefork._preload()
-print(*sys.modules)
 """
 PREPARED = """
 from pathlib import Path
@@ -67,11 +55,11 @@ forker.prepare(Path("scenarios/paper.toml"))
 
 
 def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_forked() -> None:
-    loaded = loaded_by(LIFE)
-    assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < loaded
-    assert sorted((loaded & NEEDLESS) - loaded_by(FINDING)) == []
-    assert sorted(loaded - loaded_by(FORKED)) == []
-    assert sorted(loaded_by(PREPARED + LIFE) - loaded_by(PREPARED + "import sys; print(*sys.modules)")) == []
+    modules = loaded(LIFE, cwd=ROOT)
+    assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < modules
+    assert sorted((modules & NEEDLESS) - loaded(FINDING, cwd=ROOT)) == []
+    assert sorted(modules - loaded(FORKED, cwd=ROOT)) == []
+    assert sorted(loaded(PREPARED + LIFE, cwd=ROOT) - loaded(PREPARED, cwd=ROOT)) == []
 
 
 IMPORTS = """
@@ -113,5 +101,4 @@ def test_an_agent_flies_plug_ins_that_import_whatever_is_installed(by: str, tmp_
         (info / "METADATA").write_text("Metadata-Version: 2.1\nName: linked\nVersion: 1.0\n")
         (info / "entry_points.txt").write_text("[meanflock.controllers]\nlinked = linked:Linked\n")
         environment["PYTHONPATH"] = str(tmp_path)
-    ran = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert ran.stdout == "linked\n", ran.stderr
+    assert printed(*command, cwd=ROOT, env=environment) == "linked\n"

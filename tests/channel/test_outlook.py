@@ -72,10 +72,9 @@ STUDY = ["--seeds", "1", "--jobs", "1", *SHORT]
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_that_flies_warns_before_take_off(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_that_flies_warns_before_take_off(command, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)  # to draw takes longer than to fly
     monkeypatch.setenv("COLUMNS", "1000")
     main(command)
     out, err = capsys.readouterr()
@@ -90,9 +89,7 @@ def test_python_warns_before_take_off(fly: Callable[[], object], capsys: pytest.
     assert WARNING in capsys.readouterr().err
 
 
-def test_a_flight_that_federated_nothing_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_flight_that_federated_nothing_says_so(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     flags = ["--in-process", "--no-record", "--quiet", "--duration", "30"]
     assert main(["run", *flags, "--plugin", LARGE, "--method", "large"]) == 0

@@ -23,8 +23,7 @@ def flown_alone(out: Path, *arguments: str) -> dict[str, Any]:
     line = [sys.executable, "-m", "meanflock", "run", "--in-process", "--no-record", "--json", "--quiet"]
     line += [word for setting in (*SHORT, f"uavs={UAVS}") for word in ("--set", setting)]
     env = {name: value for name, value in os.environ.items() if not name.startswith("OPENBLAS")}
-    summary: dict[str, Any] = json.loads(printed(*line, *arguments, "--out", out, env=env, cwd=REPOSITORY))
-    return summary
+    return json.loads(printed(*line, *arguments, "--out", out, env=env, cwd=REPOSITORY))
 
 
 @pytest.fixture(scope="module")

@@ -160,9 +160,7 @@ def test_without_the_extra_the_error_has_the_line_that_installs_it(monkeypatch: 
 # -- the file of a policy ----------------------------------------------------------------------------------------------
 
 
-def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(
-    policy: env.Policy, tmp_path: Path
-) -> None:
+def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(policy: env.Policy, tmp_path) -> None:
     scenario = mf.Scenario(method="policy", controller={"file": str(policy.path)}, **SMALL)
     resolved = scenario.resolved()
     assert resolved.controller["sha256"] == policy.sha256

@@ -60,9 +60,7 @@ class Lab:
         return bus
 
     def client_of(self, name: str) -> NodeClient:
-        client = self.bus_of(name).handler.__self__  # type: ignore[union-attr]
-        assert isinstance(client, NodeClient)
-        return client
+        return self.bus_of(name).handler.__self__
 
     def listen(self, hear: Callable[[int, Frames], Any]) -> None:
         """From now on calls `hear` with the tick and each batch of frames that is transmitted."""
@@ -73,7 +71,7 @@ class Lab:
                 hear(tick, batch)
             return send(tick, frames, *rest)
 
-        self.world.air.send = tell  # type: ignore[method-assign, assignment]
+        self.world.air.send = tell
 
     def kill(self, name: str) -> None:
         """The node is gone, and its token with it."""
@@ -134,7 +132,7 @@ def saying(flown: Scenario, node: str, say: Say) -> Lab:
         for message in say(act) if isinstance(act, Act) else [raw]:
             put(key, message if isinstance(message, bytes) else written(message))
 
-    client._bus.put = speak  # type: ignore[method-assign]
+    client._bus.put = speak
     return lab
 
 

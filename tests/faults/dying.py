@@ -30,7 +30,7 @@ def flight(
     for tick in engine.fly():
         if tick == dies_at:
             folder._background.wait()  # a checkpoint is written beside the flight
-            folder._spool = None  # type: ignore[assignment]  # as after kill -9: nothing is completed
+            folder._spool = None  # as after kill -9: nothing is completed
             folder._events.close()
             raise Died
     summary = engine.world.finish()

@@ -146,7 +146,7 @@ def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
         outboxes.extend(answer.outbox)
         return msgspec.structs.replace(answer, outbox=tuple(outboxes[:1])) if sense.tick == 63 else answer
 
-    client._node.act = again  # type: ignore[method-assign]
+    client._node.act = again
     summary = lab.fly()
     assert summary["dropped_messages"] == {"duplicate": 1}
     assert summary["rounds"] == ROUNDS - 1

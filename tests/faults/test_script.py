@@ -24,7 +24,7 @@ def flown(*faults: str, method: str = "mfgfl-h", settings: tuple[str, ...] = ())
 
 def test_a_killed_uav_falls_silent_and_its_process_goes_home() -> None:
     lab = Lab(flown('{kind="kill", tick=30, uavs=[1, 2]}'), uavs_per_node=1)
-    client = lab.bus_of("agent-1").handler.__self__  # type: ignore[union-attr]
+    client = lab.bus_of("agent-1").handler.__self__
     summary = lab.fly({35: lambda: lab.agent()})  # a new process may take over
     assert "killed" in client.stopped.reason
     assert not client.stopped.lost
@@ -41,7 +41,7 @@ def test_a_killed_uav_falls_silent_and_its_process_goes_home() -> None:
 
 def test_a_paused_uav_holds_its_last_command_and_learns_nothing_and_then_goes_on() -> None:
     lab = Lab(flown('{kind="pause", tick=30, duration_s=1.0, uavs=[3]}'))
-    agent = lab.bus_of("agent-0").handler.__self__._node  # type: ignore[union-attr]
+    agent = lab.bus_of("agent-0").handler.__self__._node
     weights_at = {}
     hold = {tick: (lambda tick=tick: weights_at.update({tick: agent.models.copy()})) for tick in (30, 31, 40, 41)}
     lab.fly(hold)

@@ -58,7 +58,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
             assert isinstance(control.decode(answer), Welcome)
             late.append(listen(lab))
 
-    lab.world._wait = start  # type: ignore[method-assign]
+    lab.world._wait = start
     lab.fly()
     assert sum(len(block.states) for block in late[0].blocks) == 121
 
@@ -84,8 +84,8 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
     bus, station, left = lab.engine.network.endpoints[1], lab.engine.station, lost.copy()
 
     def lossy(delivery: Delivery) -> None:
-        if delivery.kind == "message" and control.decode(delivery.payload).block in left:  # type: ignore[union-attr]
-            left.remove(control.decode(delivery.payload).block)  # type: ignore[union-attr]
+        if delivery.kind == "message" and control.decode(delivery.payload).block in left:
+            left.remove(control.decode(delivery.payload).block)
         else:
             station.handle(delivery)
 
@@ -115,7 +115,7 @@ def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_an
         if waiting and now[0] % every_s < timeout_s:
             station.handle(waiting.pop(0))
 
-    lab.world._wait, lab.world._clock = wait, lambda: now[0]  # type: ignore[method-assign]
+    lab.world._wait, lab.world._clock = wait, lambda: now[0]
     for _ in lab.engine.fly():
         pass
     summary = lab.world.finish(lambda: linger_s)

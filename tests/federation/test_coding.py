@@ -66,7 +66,7 @@ def test_a_weight_is_off_by_at_most_half_a_step_of_its_part(method: str) -> None
 
 @pytest.mark.parametrize("name", ["int8", "float16", "float32", "float64"])
 def test_a_decoded_model_is_encoded_again_without_loss(name: str) -> None:
-    coding = Coding(name, HF)  # type: ignore[arg-type]
+    coding = Coding(name, HF)
 
     @QUICK
     @given(drawn(largest=6e4))
@@ -80,7 +80,7 @@ def test_a_decoded_model_is_encoded_again_without_loss(name: str) -> None:
 @pytest.mark.parametrize("name", ["int8", "float16", "float32"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 def test_a_weight_that_cannot_be_written_makes_its_own_row_unsound_and_no_other(name: str, bad: float) -> None:
-    coding = Coding(name, H)  # type: ignore[arg-type]
+    coding = Coding(name, H)
     meant = np.ones((3, 108))
     meant[1, 7] = bad
     coded = coding.encode(meant)
@@ -147,7 +147,7 @@ def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
 @pytest.mark.parametrize("name", ["int8", "float16"])
 def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_checkpoint(name: str) -> None:
     of = flown(f"federation.payload={name}", "federation.fraction=0.7")
-    agent, coding = Agent(welcome(of)), Coding(name, HF)  # type: ignore[arg-type]
+    agent, coding = Agent(welcome(of)), Coding(name, HF)
     heard, sent, meant = uploads(agent, 36), np.zeros((3, 246)), np.zeros((3, 246))
     assert len({len(batch.source) for _, batch in heard}) > 1
     for seen, batch in heard:

@@ -109,8 +109,7 @@ def fixed(path: Path, entity: str, name: str) -> list[Any]:
     for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
         batch = chunk.to_record_batch()
         if look.TICKS not in batch.schema.names and name in batch.schema.names:
-            values: list[Any] = batch.column(name).to_pylist()[0]
-            return values
+            return batch.column(name).to_pylist()[0]
     return []
 
 

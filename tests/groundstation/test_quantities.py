@@ -1,13 +1,16 @@
-"""Each quantity has one name in tables, plots, recordings and pages; intervals against their definitions."""
+"""Quantities and their files: one name and unit in tables, plots, recordings, pages and metadata; intervals."""
 
 import io
 import json
 import math
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,32 +21,50 @@ from rich.console import Console
 from scipy import stats
 
 from meanflock.groundstation import statistics
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import fly
-from meanflock.groundstation.plots import plotstyle
+from meanflock.groundstation.plots import comparison, plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
-from meanflock.groundstation.results import quantities
+from meanflock.groundstation.results import event_log, inbound, quantities
 from meanflock.groundstation.results.quantities import FIELDS, Quantity
-from meanflock.groundstation.results.series import Reported, block_of
+from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
+from meanflock.groundstation.results.series import Reported, block_of, diagnostics_in
+from meanflock.groundstation.results.series import schema as schema_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
+from meanflock.swarm.errors import EXIT_BAD_INPUT, MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from reproduction.curves import CRITERIA
-from tests.groundstation.recordings import DIAGNOSTICS
+from tests.groundstation.conftest import every_axis
+from tests.groundstation.recordings import DIAGNOSTICS, flight
+from tests.pages import script_of
 
 ROOT = Path(__file__).parents[2]
 QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, Quantity)}
 
 
+FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    out = tmp_path_factory.mktemp("runs")
-    options = Options(out=out, in_process=True, record=False, quiet=True)
-    methods = ("hjb", "mfgfl-hf")
-    return {method: fly(load(None, method=method, uavs=9, duration=45.0), options).folder for method in methods}
+    """Folders of short flights by method: with faults, and in real time where it learns most, but for `hjb`."""
+    folders = {}
+    for method, realtime in (("offline", None), ("mfgfl-hf", 200.0), ("hjb", None)):
+        flown = load(None, method=method, uavs=4, duration=30.0, faults=FAULTS if method != "hjb" else [])
+        out = tmp_path_factory.mktemp("runs")
+        options = Options(out=out, in_process=True, record=False, quiet=True, realtime=realtime)
+        folders[method] = fly(flown, options).folder
+    return folders
+
+
+@pytest.fixture(params=["offline", "mfgfl-hf"])
+def run(request: pytest.FixtureRequest, runs: dict[str, Path]) -> Path:
+    return runs[request.param]
 
 
 def plain(title: str) -> str:
@@ -77,7 +98,7 @@ def test_the_tables_and_plots_of_a_run_and_of_a_recording_use_the_names(runs: di
     summary: dict[str, Any] = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
     console = Console(file=io.StringIO(), width=200)
     console.print(summary_table(summary))
-    table = console.file.getvalue()  # type: ignore[attr-defined]
+    table = console.file.getvalue()
     for field in ("t_avg_s", "energy_mean_J", "phi_A", "phi_C_distinct", "collisions", "distance_mean_m", "outages"):
         assert f"│ {FIELDS[field].name}" in table
     assert re.search(r"alignment φ_A +│ +[\d.]+ │ m/s, lower is better", table)
@@ -188,3 +209,128 @@ def test_rate_covers_as_it_says() -> None:
 def test_missing_values_leave_their_pair() -> None:
     estimate = statistics.difference([1.0, math.nan, 3.0, 4.0], [0.0, 1.0, math.nan, 2.0])
     assert (estimate.value, estimate.n) == (1.5, 2)
+
+
+def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(runs: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(runs["mfgfl-hf"], tmp_path / "run"))
+    with (folder / "events.jsonl").open("a") as events:
+        events.write('{"tick": 3, "kind": "coll')  # the last line was cut off
+    figures = plot_run(folder)
+    assert set(figures) == {"paths", "curves"}
+    assert all(map(every_axis, figures.values()))
+    ours = plotstyle.write({"paths": figures["paths"]}, tmp_path / "ours")
+    assert [path.name for path in ours] == ["paths.png", "paths.svg"]
+    with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
+        theirs = plotstyle.write({"paths": plot_run(folder)["paths"]}, tmp_path / "theirs")
+    assert [path.read_bytes() for path in theirs] == [path.read_bytes() for path in ours]
+
+
+@pytest.mark.parametrize(("left", "says"), [(900, "damaged: "), (0, "No such file")])
+def test_a_damaged_time_series_is_bad_input_with_a_remedy(left: int, says: str, runs, tmp_path, capsys) -> None:
+    folder = Path(shutil.copytree(runs["offline"], tmp_path / "run"))
+    path = folder / "timeseries.parquet"
+    kept = path.read_bytes()[:left]
+    path.unlink()
+    if kept:
+        path.write_bytes(kept)
+    assert main(["plot", str(folder)]) == EXIT_BAD_INPUT
+    (line,) = capsys.readouterr().err.splitlines()
+    again = f"bring the file back, or fly the run again with `meanflock run {folder / 'scenario.toml'}`"
+    assert line.startswith(f"error: {path}: {says}")
+    assert again in line
+
+
+def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
+    return [
+        {
+            "uavs": 4,
+            "arrived": 3,
+            "t_avg_censored_s": level + seed,
+            "energy_mean_J": level,
+            "payload_bits": {"total": 1e6 * level},
+            "phi_A": level / 10,
+            "phi_C_distinct": None if seed == 0 else 0.01,
+            "collisions": seed,
+        }
+        for seed in range(seeds)
+    ]
+
+
+@pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
+def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
+    points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
+    figure = comparison.plot_sweep("wind.sigma", points)
+    assert len(figure.axes) == 4
+    assert figure.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
+
+
+def test_the_page_is_that_of_the_code() -> None:
+    script = script_of("data")
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run `python docs/data.py`"
+
+
+def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
+    schema = pq.read_schema(run / TIMESERIES)
+    described = quantities.columns(diagnostics_in(schema))
+    assert schema.names == [column.key for column in described]
+    for column in described:
+        told = {key.decode(): value.decode() for key, value in schema.field(column.key).metadata.items()}
+        assert told["description"] == column.about
+        assert told["unit"] == column.unit
+        assert told["cumulative"] == ("true" if column.cumulative else "false")
+    assert schema.types == schema_of(diagnostics_in(schema)).types
+    assert [str(schema.field(name).type) for name in ("tick", "x_m", "energy_J", "status", "phi_A")] == [
+        "int32", "list<element: double>", "list<element: float>", "list<element: uint8>", "double",
+    ]  # fmt: skip
+    values = schema.field("status").metadata[b"values"].decode()
+    assert values == ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
+    rows = pq.read_table(run / TIMESERIES)
+    for column in described:  # a count that is cumulative never falls; means may
+        if column.cumulative and not column.key.startswith("phi_"):
+            assert (np.diff(np.array(rows[column.key].to_pylist()), axis=0) >= 0).all(), column.key
+
+
+def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    for key, value in record.items():
+        if isinstance(value, dict) and (
+            value or prefix + key in ("diagnostics", "diagnostics_max", "dropped_messages")
+        ):
+            yield from flat(value, f"{prefix}{key}.") if value else [f"{prefix}{key}.*"]
+        else:
+            yield prefix + key
+
+
+def described(key: str, known: set[str]) -> str | None:
+    """The entry of the table for a field."""
+    parts = key.split(".")
+    wild = [
+        ".".join("*" if place == hidden else part for place, part in enumerate(parts)) for hidden in range(len(parts))
+    ]
+    return next((name for name in (key, *wild) if name in known), None)
+
+
+def test_every_field_of_the_summary_is_described_and_every_described_field_is_there(run: Path) -> None:
+    summary = json.loads((run / SUMMARY).read_text())
+    known = {field.key for field in quantities.SUMMARY}
+    assert len(known) == len(quantities.SUMMARY)
+    found = {key: described(key, known) for key in flat(summary)}
+    assert not [key for key, entry in found.items() if entry is None]
+    absent = set()
+    for table in ("realtime", "steered"):
+        absent |= {key for key in known if key.startswith(f"{table}.")} if summary[table] is None else {table}
+    assert known - set(found.values()) == absent
+
+
+def test_every_kind_of_event_is_described(run: Path) -> None:
+    told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
+    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(event_log.KINDS)
+    assert all(set(event) == set(event_log.FIELDS) for event in told)
+    assert set(event_log.LEVELS) <= set(event_log.KINDS)
+
+
+def test_a_block_with_a_diagnostic_called_as_a_column_is_rejected() -> None:
+    (block,) = flight(uavs=2, ticks=20)
+    inbound.check(block, 2)
+    for names in (("status", "b", "c"), ("b", "b", "c"), ("not a name", "b", "c")):
+        with pytest.raises(MessageRejected, match="diagnostics"):
+            inbound.check(msgspec.structs.replace(block, diagnostic_names=names), 2)

@@ -42,7 +42,7 @@ def kept(out: Path, blocks: list[Telemetry]) -> Path:
     for block in blocks:
         folder.write(block)
     folder._background.wait()
-    folder._spool = None  # type: ignore[assignment]
+    folder._spool = None
     folder._events.close()
     return folder.path
 

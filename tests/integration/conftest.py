@@ -18,7 +18,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.processes import free_endpoint
-from tests.polling import DEADLINE_S, until
+from tests.polling import DEADLINE_S
 
 Spawn = Callable[..., "subprocess.Popen[str]"]
 
@@ -82,13 +82,6 @@ class Command:
         """The only run folder."""
         (folder,) = self.out.iterdir()
         return folder
-
-    def flying(self) -> str:
-        """Waits until telemetry reaches the disk; the run's name."""
-        until(lambda: list(self.out.glob("*/.telemetry")), "a run folder")
-        spool = next(self.out.glob("*/.telemetry"))
-        until(lambda: spool.stat().st_size > 20_000, "rows in the time series")
-        return spool.parent.name
 
 
 @pytest.fixture

@@ -68,9 +68,7 @@ def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, spa
     assert "error: interrupted" in err
 
 
-def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(
-    command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(command, monkeypatch, capsys) -> None:
     monkeypatch.setattr(Swarm, "wait", lambda swarm, timeout_s: ["agent-1"])
     flags = ("--uavs", "2", "--duration", "5", "--no-record", "--out", str(command.out))
     assert main(["run", "--quiet", "--json", *flags]) == 0
@@ -80,9 +78,7 @@ def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(
     until(lambda: not processes_of(command.folder.name), "the end of all processes", SOON_S)
 
 
-def test_processes_inherit_only_the_variables_that_are_theirs(
-    command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypatch) -> None:
     flags = ("--uavs", "2", "--duration", "5", "--no-record")
     expected = command.summary("--in-process", *flags)
     for name, said in {"SET": "uavs=3 wind.sigma=2", "UAV": "1", "RESUME": "/nowhere", "TLS": "/nowhere"}.items():

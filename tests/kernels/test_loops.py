@@ -25,9 +25,7 @@ def test_columns_of_any_strides_are_side_by_side(
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [(0, 0), (1, 3), (2, 4)])
-def test_the_largest_tells_whether_a_number_is_not_finite(
-    backend: ModuleType, bad: float, where: tuple[int, int]
-) -> None:
+def test_the_largest_tells_whether_a_number_is_not_finite(backend, bad: float, where: tuple[int, int]) -> None:
     whole = np.ones((3, 5))
     whole[where] = bad
     whole[2, 2] = 1e300
@@ -85,9 +83,7 @@ def test_a_bound_that_is_no_number_is_never_reached(backend: ModuleType) -> None
 
 @both_forms
 @given(st.integers(0, 6), st.integers(0, 30), st.booleans(), st.integers(0, 2**32 - 1))
-def test_terms_of_poisson_are_summed_from_the_last(
-    backend: ModuleType, rates: int, terms: int, late: bool, seed: int
-) -> None:
+def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: int, late: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)
     rate, reached = draw.uniform(0, 20, rates), draw.uniform(0, 1, 12)
     first = draw.integers(0, 20, rates).astype(float) * late

@@ -1,19 +1,40 @@
-"""Attacks without a certificate of a node, and with one of a node or the observer: what is not allowed is dropped."""
+"""Attacks without a certificate of a node, with one, and with many sessions of one: what is not allowed is dropped."""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
+import psutil
 import pytest
 
 from meanflock.groundstation.bridge.observer import Observer
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.launch.station import Kept
+from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, Identity, secured
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Welcome
+from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import DEADLINE_S, until
-from tests.security.conftest import HELD, HOLD_TICK, ME, PATIENCE_S, RUN, VICTIM, Flight, Folders, act_in, forged
+from tests.security.conftest import (
+    HELD,
+    HOLD_TICK,
+    ME,
+    PATIENCE_S,
+    RUN,
+    SETTINGS,
+    VICTIM,
+    Flight,
+    Folders,
+    act_in,
+    forged,
+)
 
 pytestmark = pytest.mark.processes
 
@@ -182,3 +203,86 @@ def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(fli
     ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in rows.blocks])
     assert ticks.tolist() == list(range(ticks[0], summary["ticks"] + 1))
     assert ticks[0] <= HOLD_TICK
+
+
+FLOWN = scenario.load(None, SETTINGS)
+LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
+PROCESSES, SESSIONS, MEGABYTES = 5, 2, 60
+MOST_MB = 200
+
+
+FLOODS = """
+import sys, threading
+from pathlib import Path
+from meanflock.swarm.net.access import Identity
+from meanflock.swarm.net.session import ZenohBus
+
+endpoint, folder, name, key, sessions, megabytes = sys.argv[1:]
+
+def flood():
+    bus = ZenohBus.client(endpoint, 180.0, Identity(Path(folder), name))
+    print("begun", flush=True)
+    while True:
+        bus.put(key, bytes(int(megabytes) * 10**6))
+
+for _ in range(int(sessions)):
+    threading.Thread(target=flood).start()
+"""
+
+
+@contextmanager
+def flood(flight: Flight) -> Iterator[None]:
+    """Ten sessions in five processes, from when all of them send."""
+    where = [flight.endpoint, str(flight.certificates), ME, keys.act(RUN, ME), str(SESSIONS), str(MEGABYTES)]
+    command = [sys.executable, "-c", FLOODS, *where]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(PROCESSES)]
+    try:
+        for process in processes:
+            assert [process.stdout.readline() for _ in range(SESSIONS)] == [b"begun\n"] * SESSIONS
+        yield
+        assert all(process.poll() is None for process in processes)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+
+
+@pytest.fixture
+def memory_mb(flight: Flight) -> Iterator[list[float]]:
+    world, ended, measured = psutil.Process(flight.world.pid), threading.Event(), [0.0]
+
+    def watch() -> None:
+        with suppress(psutil.NoSuchProcess):
+            while not ended.wait(0.01):
+                measured.append(world.memory_info().rss / 2**20)
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    yield measured
+    ended.set()
+    thread.join()
+
+
+def test_a_flood_of_messages_that_are_too_long_costs_neither_the_flight_nor_memory(
+    flight: Flight, undisturbed: str, memory_mb: list[float]
+) -> None:
+    """Those of many sessions do not even reach the world; those that are hardly too long are counted."""
+    ended, attacker = threading.Event(), flight.client(ME)
+
+    def send() -> None:
+        while not ended.is_set():
+            attacker.put(keys.act(RUN, ME), bytes(LONGEST + 500))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        until(lambda: flight.said().count("oversized") >= 50, "fifty messages dropped")
+        with flood(flight):
+            summary = flight.land()  # while it goes on
+    finally:
+        ended.set()
+        thread.join()
+    assert summary["dropped_messages"]["oversized"] >= 50
+    assert (summary["trajectory_sha256"], summary["lost"]) == (undisturbed, 0)
+    assert max(memory_mb) < MOST_MB

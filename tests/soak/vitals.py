@@ -33,7 +33,7 @@ class Vitals:
         flight = self._flight
         for process in (flight.world, flight.station, *flight.agents, *flight.leaders):
             if process.poll() is None:
-                name = f"{process.args[2].rpartition('.')[2]} {process.pid}"  # type: ignore[index]
+                name = f"{process.args[2].rpartition('.')[2]} {process.pid}"
                 with suppress(psutil.NoSuchProcess):  # it may be killed right now
                     self.memory[name].append((tick, psutil.Process(process.pid).memory_info().rss / MIB))
                     self.seconds[name].append(time.monotonic())

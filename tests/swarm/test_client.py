@@ -66,8 +66,7 @@ class World:
         self.bus.put(keys.sense(RUN, WELCOME.node), tick.write_sense(sense))
 
     def hear(self) -> Delivery:
-        delivery = self.bus.receive(DEADLINE_S)
-        return delivery
+        return self.bus.receive(DEADLINE_S)
 
 
 def test_a_join_is_repeated_with_the_same_token_until_it_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,9 +76,7 @@ def test_a_join_is_repeated_with_the_same_token_until_it_is_accepted(monkeypatch
         assert world.join(Node()).uavs == (3,)
         assert len(world.joins) == 3
         assert len(set(world.joins)) == 1
-        join = control.decode(world.joins[0])
-        assert isinstance(join, Join)
-        tokens.add(join.token)
+        tokens.add(control.decode(world.joins[0]).token)
     assert len(tokens - {0}) == 2  # every node has its own
 
 

@@ -190,7 +190,7 @@ def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monke
         path = written(tmp_path, f"{GOOD}\nMine.number = {number}\nAlso = Mine\n")
         os.utime(path, (1e9, 1e9))  # a file of the same length, of the same second
         plugins.load_file(path)
-        assert plugins.load("controller", "mine").number == number  # type: ignore[attr-defined]
+        assert plugins.load("controller", "mine").number == number
     assert list(tmp_path.iterdir()) == [path]
 
 

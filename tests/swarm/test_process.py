@@ -1,13 +1,24 @@
-"""Flags, addresses, signals and restarts of the processes."""
+"""Flags, addresses, signals and restarts of the processes; their log as text and as JSON."""
 
+import json
+import logging
 import os
 import signal
+import sys
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from meanflock.groundstation.launch.engine import Engine
+from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, parser, seconds
+from meanflock.swarm.scenario import load
 
 
 @pytest.mark.parametrize("text", ["nan", "-1", "soon"])
@@ -71,3 +82,86 @@ def test_a_port_is_of_this_machine_unless_there_is_a_host(text: str, host: str, 
 def test_a_text_that_is_no_address_is_named_with_its_flag(text: str) -> None:
     with pytest.raises(BadInput, match=r"--metrics .*HOST:PORT"):
         Address.parse("--metrics", text)
+
+
+RUN = "logged"
+
+
+@pytest.fixture(autouse=True)
+def _stop() -> Iterator[None]:
+    yield
+    logs.stop()
+
+
+def record(message: str, error: Any = None, **extra: object) -> logging.LogRecord:
+    entry = logging.LogRecord("meanflock.test", logging.WARNING, __file__, 1, "%s", (message,), error)
+    entry.__dict__.update(extra)
+    return entry
+
+
+@given(st.text(), st.dictionaries(st.sampled_from(logs.FIELDS), st.text() | st.integers() | st.lists(st.integers())))
+def test_any_message_is_one_line_of_json_or_of_text_that_steers_no_terminal(text: str, extra: dict[str, Any]) -> None:
+    line = logs.JsonLines({"run": text, "node": "world"}).format(record(text, **extra))
+    assert len(line.splitlines()) == 1
+    read = json.loads(line)
+    assert read.pop("time").endswith("+00:00")
+    said = {"level": "WARNING", "logger": "meanflock.test", "message": text, "run": text, "node": "world"}
+    assert read == said | extra
+    line = logs.TextLines().format(record(text))
+    assert line.isprintable()
+    assert line.endswith(f" meanflock.test WARNING {text}") or not text.isprintable()
+
+
+def test_no_line_of_a_traceback_looks_like_one_of_the_log() -> None:
+    try:
+        raise ValueError("broken\n2026-01-01 meanflock.world WARNING lost agent-1\x1b[2J")
+    except ValueError:
+        failed = record("failed", sys.exc_info())
+    first, *rest = logs.TextLines().format(failed).split("\n")
+    assert first.endswith("WARNING failed")
+    assert all(line.startswith("    ") and line.isprintable() for line in rest)
+    (line,) = logs.JsonLines({}).format(failed).splitlines()
+    assert "ValueError: broken" in json.loads(line)["exception"]
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+
+
+def test_a_text_for_the_user_is_written_at_any_level_in_the_form_of_the_log(capsys, monkeypatch) -> None:
+    monkeypatch.setenv("MEANFLOCK_LOG", "error")
+    logs.start("text", run=RUN)
+    logs.show("said")
+    assert capsys.readouterr().err == "said\n"
+    logs.start("json", run=RUN)
+    logs.show("said")
+    (read,) = lines(capsys)
+    assert (read["message"], read["level"], read["run"]) == ("said", "INFO", RUN)
+
+
+def test_an_unknown_form_or_level_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BadInput, match="--log-format xml: choose text or json"):
+        logs.start("xml")
+    monkeypatch.setenv("MEANFLOCK_LOG", "loud")
+    with pytest.raises(BadInput, match=r"MEANFLOCK_LOG=LOUD.*WARNING"):
+        logs.start("text")
+
+
+def test_the_world_and_a_node_log_the_reason_of_a_drop_and_of_a_loss(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.start("json", run=RUN, node="world")
+    engine = Engine(load(None, ["uavs=4", "duration=2", "method=mfg"]), RUN, uavs_per_node=2)
+    network = engine.network.endpoint()
+    (doomed,) = (bus for bus in engine.network.endpoints if keys.sense(RUN, "agent-2") in bus._subscriptions)
+    for tick in engine.fly():
+        if tick == 3:
+            network.put(keys.act(RUN, "agent-0"), b"nonsense")
+            network.put(keys.sense(RUN, "agent-0"), b"\x00")
+        if tick == 5:
+            doomed.close()
+    dropped, node, lost = lines(capsys)
+    expected = {"tick": 3, "peer": "agent-0", "reason": "malformed", "level": "WARNING"}
+    expected |= {"logger": "meanflock.world", "run": RUN, "node": "world"}
+    assert {name: dropped[name] for name in expected} == expected
+    assert (node["logger"], node["tick"], node["reason"]) == ("meanflock.node", 2, "malformed")
+    assert (lost["tick"], lost["peer"], lost["uavs"]) == (5, "agent-2", [2, 3])
+    assert lost["reason"] == "its liveliness token vanished"

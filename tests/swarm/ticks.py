@@ -22,7 +22,7 @@ def table(dtype: str, rows: st.SearchStrategy[int], columns: st.SearchStrategy[i
     kind = np.dtype(dtype)
     numbers = None
     if kind.kind == "f":
-        numbers = st.floats(width=8 * kind.itemsize, allow_nan=False, allow_infinity=False)  # type: ignore[call-overload]
+        numbers = st.floats(width=8 * kind.itemsize, allow_nan=False, allow_infinity=False)
     return hnp.arrays(kind, st.tuples(rows, columns), elements=numbers)
 
 

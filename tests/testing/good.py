@@ -122,6 +122,10 @@ def changed(good: type, method: str, change: Callable[..., Any]) -> Any:
     return type("Wrong", (good,), {method: wrong})
 
 
+def having(good: type, **members: Any) -> Any:
+    return type("Wrong", (good,), members)
+
+
 def failing(good: type, method: str, error: BaseException) -> Any:
     def fail(*_: Any) -> Any:
         raise error

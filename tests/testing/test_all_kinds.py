@@ -17,7 +17,7 @@ from meanflock.agent.controllers.base import Step
 from meanflock.swarm import plugins, seeds
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError, check_controller
-from tests.testing.good import KINDS, GoodAggregator, GoodController, Kind, calls, changed, failing
+from tests.testing.good import KINDS, GoodAggregator, GoodController, Kind, calls, changed, failing, having
 
 EXAMPLE = Path(__file__).parents[2] / "examples"
 SHARING = ("vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca")
@@ -35,7 +35,7 @@ def shifted(kind: Kind, shift: Callable[[Any], Any]) -> type:
         parts[kind.position] = parts[kind.position] + number
         return tuple(parts)
 
-    return changed(kind.good, kind.method, change)  # type: ignore[no-any-return]
+    return changed(kind.good, kind.method, change)
 
 
 class RowForEachUav(GoodAggregator):
@@ -66,7 +66,7 @@ POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02}
 ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
 # Kind, plug-in, options, and keys of the scenario, if it is not that of the suite.
 CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
-    *((kind, name, {}, {}) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),  # type: ignore[arg-type]
+    *((kind, name, {}, {}) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),
     *(("filter", name, {}, {"uavs": 6, "filter.kind": name, **TICK}) for name in plugins.names("filter")),
     *(("controller", name, {}, {"uavs": 6, **ECBF, "sharing.delta_m": 0.05}) for name in plugins.names("controller")),
     *(("controller", name, {}, {"uavs": 6, **ECBF, **TICK}) for name in ("mfgfl-hf", "orca")),
@@ -126,24 +126,20 @@ def waiting(kind: Kind) -> type:
         time.sleep(0.002)
         return answer
 
-    return changed(kind.good, kind.method, wait)  # type: ignore[no-any-return]
-
-
-def having(kind: Kind, **members: Any) -> type:
-    return type("Wrong", (kind.good,), members)
+    return changed(kind.good, kind.method, wait)
 
 
 def lacking(kind: Kind) -> type:
-    return type("Wrong", (kind.good.__base__,), {"name": "lacking"})  # type: ignore[arg-type]
+    return type("Wrong", (kind.good.__base__,), {"name": "lacking"})
 
 
 FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
 DIFFERED = "differed in a second run.*; .*{0.remedy}"
 MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, and a part of the verdict
-    "no name": (lambda kind: having(kind, name=""), "no `name`.*; .+"),
-    "a path": (lambda kind: having(kind, name="../elsewhere"), "a name is up to 64 of.*; .+"),
+    "no name": (lambda kind: having(kind.good, name=""), "no `name`.*; .+"),
+    "a path": (lambda kind: having(kind.good, name="../elsewhere"), "a name is up to 64 of.*; .+"),
     "cannot be made": (
-        lambda kind: having(kind, __init__=lambda *_: [].pop()),
+        lambda kind: having(kind.good, __init__=lambda *_: [].pop()),
         r"cannot be made: IndexError: .* \(test_all_kinds.py, line \d+\).*; .+",
     ),
     "a text": (lambda _: "good", "it is no class; pass the class itself"),

@@ -23,13 +23,9 @@ from tests.testing.good import (
     calls,
     changed,
     failing,
+    having,
     writing,
 )
-
-
-def having(good: type, **members: Any) -> Any:
-    return type("Wrong", (good,), members)
-
 
 # -- controllers: a step with another field, which is a function of the good step and of the states ------------------
 

@@ -1,14 +1,30 @@
-"""The distributions that all tests of this folder install; they are built once."""
+"""The distributions that all tests of this folder install, built once, and environments for them."""
 
 import shutil
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from tests.commands import printed
 from tests.sources import ROOT
-from tests.wheels.building import Distributions
+
+
+class Distributions(NamedTuple):
+    """What `python -m build` makes; it builds the wheel from the source distribution."""
+
+    source: Path
+    wheel: Path
+
+
+def made_environment(interpreter: Path, folder: Path, *wanted: str) -> Path:
+    """The interpreter of a new environment in `folder` with the wanted packages. Our pip installs them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    printed(interpreter, "-m", "venv", "--without-pip", folder, cwd=folder)
+    python = folder / "bin" / "python"
+    printed(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile", *wanted, cwd=folder)
+    return python
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,7 @@ from tests.commands import ended, printed
 from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
 from tests.sources import ROOMS, ROOT
-from tests.wheels.building import Distributions, made_environment
-from tests.wheels.hostile_folder import LIBRARIES, PACKAGES, hostile
+from tests.wheels.conftest import Distributions, made_environment
 
 pytestmark = pytest.mark.processes
 
@@ -26,6 +25,21 @@ PAGES = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("first-flight", "your-controller", "your-aggregation")),
 ]
+PACKAGES = (*ROOMS, "meanflock", "reproduction")
+LIBRARIES = ("concurrent", "msgspec", "numpy", "zenoh")
+
+
+def hostile(below: Path) -> tuple[Path, Path]:
+    """A working folder with files and folders of all our names, and where each leaves a trace if it is run."""
+    working, ran = below / "working", below / "ran"
+    trace = f"open({str(ran)!r}, 'a').write(__name__ + '\\n')\nraise SystemExit('not ours')\n"
+    for name in PACKAGES:
+        (working / name).mkdir(parents=True)
+        for file in ("__init__.py", "__main__.py"):
+            (working / name / file).write_text(trace)
+    for name in (*PACKAGES, *LIBRARIES):
+        (working / f"{name}.py").write_text(trace)
+    return working, ran
 
 
 def oldest(requirement: Requirement) -> str:

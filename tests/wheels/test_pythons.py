@@ -13,7 +13,7 @@ import meanflock as mf
 from benchmarks.peer.environment import Environment
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.commands import ended, printed
-from tests.wheels.building import made_environment
+from tests.wheels.conftest import made_environment
 
 pytestmark = pytest.mark.processes
 

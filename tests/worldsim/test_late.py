@@ -163,7 +163,7 @@ def fly(
         heard.extend((event.tick, event.kind, event.text) for event in flight.world._reporter.events)
         begin(block, first_tick)
 
-    flight.world._reporter.begin = begin_and_tell  # type: ignore[method-assign]
+    flight.world._reporter.begin = begin_and_tell
     summary = flight.fly(slow)
     told = heard + [(event.tick, event.kind, event.text) for event in flight.world.flight.events]
     return {**summary, "told": [entry for entry in told if entry[1] in ("slow", "lost")]}
@@ -203,7 +203,7 @@ def test_time_in_which_the_machine_stood_still_does_not_count_as_silence(stands_
             flight.bus.now += stands_still_s
         return receive(timeout_s)
 
-    flight.bus.receive = standing  # type: ignore[method-assign]
+    flight.bus.receive = standing
     assert flight.fly(silent)["nodes_lost"] == lost
 
 
@@ -261,8 +261,8 @@ class Nobody:
 
 def slow_tick(pace: Pace, late: str) -> list[str]:
     pace.begin()
-    pace.look(0.1, Nobody(late))  # type: ignore[arg-type]
-    pace.look(3.0, Nobody(late))  # type: ignore[arg-type]
+    pace.look(0.1, Nobody(late))
+    pace.look(3.0, Nobody(late))
     return [verdict.node for verdict in pace.overdrawn()]
 
 

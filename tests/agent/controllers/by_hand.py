@@ -12,8 +12,7 @@ DISCS = "obstacles=[{centre=[10.0, 0.0], radius=2.0}, {centre=[-30.0, 40.0], rad
 def made(method: str, *settings: str, uavs: int = 2) -> Controller:
     """The controller of a scenario without drag, so that what it commands is what the source says."""
     wanted = [f"uavs={uavs}", "wind.drag=0", *settings]
-    controller: Controller = declared.controller(load(None, wanted, method=method))
-    return controller
+    return declared.controller(load(None, wanted, method=method))
 
 
 def stepped(controller: Controller, states: np.ndarray) -> Step:

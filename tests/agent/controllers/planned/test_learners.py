@@ -77,7 +77,7 @@ def riccati(drag: float, push: float = 0.0) -> tuple[float, float, float]:
     for _ in range(5000):
         gain = DISCOUNT * np.linalg.solve(0.5 + DISCOUNT * b.T @ value @ b, b.T @ value @ a)
         value = q + DISCOUNT * a.T @ value @ a - DISCOUNT * a.T @ value @ b @ gain
-    return tuple(gain[0].tolist())  # type: ignore[return-value]
+    return tuple(gain[0].tolist())
 
 
 def observed(rows: int, ticks: int, drag: float, push: tuple[float, float], noise: float) -> tuple[np.ndarray, ...]:

@@ -47,8 +47,8 @@ def test_a_state_beyond_16_bits_is_not_sent_and_counted(subject: tuple[str, ...]
     for moved, sent, counted in ((far, [0], [0.0, 1.0, 1.0]), (fast, [], [1.0, 1.0, 1.0])):
         step = controller.step(memory, 1, moved, ())
         assert step.diagnostics[:, -1].tolist() == counted
-        assert step.broadcasts[0].rows.tolist() == sent  # type: ignore[union-attr]
-    assert not controller.step(step.memory, 2, STATES, ()).diagnostics[:, -1].any()  # type: ignore[index]
+        assert step.broadcasts[0].rows.tolist() == sent
+    assert not controller.step(step.memory, 2, STATES, ()).diagnostics[:, -1].any()
 
 
 @each
@@ -141,7 +141,7 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     expected[:2] += 0.1 * now[2, 2:]
     np.testing.assert_allclose(known[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)
     also = neighbours(Sharing(policy="event", velocity_delta_m_s=0.3))
-    assert also.broadcast_states(also.init(UAVS, plan()), 10, now)[1].rows.tolist() == [2, 3]  # type: ignore[union-attr]
+    assert also.broadcast_states(also.init(UAVS, plan()), 10, now)[1].rows.tolist() == [2, 3]
     again, broadcast = table.broadcast_states(
         after, 11, np.where(UAVS[:, None] == 2, expected, table.states(after, 11)[0])
     )
