@@ -68,8 +68,8 @@ def run(effort: Effort, say: Say) -> Outcome:
     )
     keep(1000, 0, [100.0 / factor for factor in factors], 1000 // ROWS)
     outcome.notes.append(
-        "A sweep along x finds close pairs, so a UAV is compared with its neighbours only; alignment is a sum over all "
-        "N²/2 pairs, in single precision, at 0.3 ns a pair: what is left of the growth. [Scaling](scaling.md) says "
-        "what that means for larger swarms."
+        "A sweep along x finds close pairs, so a UAV is compared with its neighbours only; alignment of up to 3,000 "
+        "UAVs is a sum over all N²/2 pairs, in single precision, at 0.3 ns a pair: what is left of the growth. "
+        "[Scaling](scaling.md) says what that means for larger swarms."
     )
     return outcome

@@ -1,4 +1,4 @@
-"""Functions of all pairs of UAVs: the mean difference of their velocities, and the close pairs."""
+"""The pairs of UAVs that are close to each other in a tick."""
 
 import math
 
@@ -8,33 +8,7 @@ from numpy.typing import NDArray
 from meanflock.kernels import state
 from meanflock.kernels.state import Floats
 
-# UAVs up to which all N² speed differences are one sum in double precision, as in all_pairs.c, and all pairs are
-# compared at once.
-FEW = 100
-# Largest relative error of `alignment` of more UAVs. The difference of two velocities u, relative to their mean, is
-# wrong by at most 2⁻²⁴ (‖u_i‖ + ‖u_j‖), because u is rounded, and by 3 · 2⁻²⁴ of itself, because of the operations; and
-# no UAV is farther from the mean than it is from the others on average. In flights these errors cancel to some 1e-9.
-ALIGNMENT_ERROR = 5.0 * 2.0**-24
-
-
-def alignment(states: Floats) -> float:
-    """The mean over all N² pairs of UAVs `(N, 4)` of ‖v_j − v_i‖, m/s; 0 of no UAV.
-
-    Of more than `FEW` UAVs, each difference is taken in single precision, relative to the mean velocity.
-    """
-    n, columns = len(states), np.ascontiguousarray(states[:, state.VELOCITY].T)
-    if n <= FEW:
-        difference = columns[:, :, None] - columns[:, None, :]
-        difference *= difference
-        return float(np.add.reduce(np.sqrt(difference[0] + difference[1]).ravel())) / max(1, n * n)
-    mean = np.add.reduce(columns, axis=-1) / n
-    columns = (columns - mean[:, None]).astype(np.float32)
-    sums = np.zeros(n)  # Σ_{i < j} ‖v_j − v_i‖ of each j
-    for i in range(n - 1):
-        difference = columns[:, i + 1 :] - columns[:, i, None]
-        difference *= difference
-        sums[i + 1 :] += np.sqrt(difference[0] + difference[1])
-    return 2.0 * float(np.add.reduce(sums)) / (float(n) * float(n))
+FEW = 100  # UAVs up to which all pairs are compared at once
 
 
 def pairs(

@@ -5,7 +5,8 @@ Arrays are C-contiguous float64 unless a function says otherwise. Rows are indep
 
 import numpy as np
 
-from meanflock.kernels.all_pairs import alignment, pairs
+from meanflock.kernels.all_pairs import pairs
+from meanflock.kernels.differences import alignment
 from meanflock.kernels.elimination import multiply, solve
 from meanflock.kernels.fading import fade, poisson
 from meanflock.kernels.halfplanes import nearest
