@@ -160,6 +160,18 @@ def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     assert FedAvg(FedAvg.Options(), of).step({}, uploads)[1].tolist() == [4, 4, 4, 4]
 
 
+def test_of_late_uploads_the_latest_of_each_uav_counts_in_the_order_of_the_uavs() -> None:
+    way, leader = Coding("float64", (1,)), np.array([9])
+    mails = {number: Mail(way, leader) for number in (1, 2)}
+    for number, uavs, models in ((1, [3, 5], [[1.0], [2.0]]), (2, [2, 5], [[7.0], [8.0]])):
+        links = np.array([[0, 9], [1, 9]], dtype=np.int32)
+        frames = Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), way.encode(np.array(models)), links)
+        mails[number].add(frames)
+    uploads, *_ = Joined(mails, way, leader).to(0, 2)
+    assert (uploads.uavs.tolist(), uploads.sent.tolist()) == ([2, 3, 5], [2, 1, 2])
+    assert uploads.models[:, 0].tolist() == [7.0, 1.0, 8.0]
+
+
 def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
     of = flown("federation.fragment=6", "duration=2.6", uavs=2)  # most are lost
     summary, sink = fly(of)

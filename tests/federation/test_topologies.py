@@ -26,7 +26,7 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
     return load(None, [*fixed, 'stop="duration"', *settings], method=method, seed=5)
 
 
-SILENT = "federation.upload_threshold=0.2"
+SILENT, DEADLINE = "federation.upload_threshold=0.2", "federation.deadline=0.2"
 MOMENTUM = "federation.aggregation=momentum"  # a rule with a state
 LEADER, NEIGHBOURS = "federation.topology=leader", "federation.topology=neighbours"
 CLUSTERS = ("federation.topology=clusters", "federation.clusters=2")
@@ -37,6 +37,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "a ring": ("mfgfl-h", (*SLOW, "federation.payload=int8")),
     "clusters": ("mfgfl-h", (*SLOW, *CLUSTERS, SILENT)),
     "leader with a state": ("mfgfl-h", (*SLOW, LEADER, MOMENTUM)),
+    "late uploads to a leader": ("mfgfl-h", (*SLOW, LEADER, DEADLINE)),
     "neighbours with states, some silent": ("mfgfl-h", (*SLOW, NEIGHBOURS, MOMENTUM, SILENT)),
     "fragments to a leader": ("long", (*FRAGMENTS, LEADER, "federation.payload=int8")),
     "fragments to heads": ("long", (*FRAGMENTS, *CLUSTERS)),
@@ -58,6 +59,7 @@ def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(
     assert len(whole["models_sha256"]) == 64
     assert (method == "long") == (of.hops[0].coding.count > 10)
     assert (SILENT in settings) == (whole["uploads_silent"] > 0)
+    assert (DEADLINE in settings) == (whole["uploads_late"] > 0)
     pasts = record.checkpoints[1:]
     assert [past.tick for past in pasts] == [101, 201, 301]  # a round is under way
     others = [fly(of, rows=2)[0], *(fly(of, resume=past)[0] for past in pasts[1:])]

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation import scaffold
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.results.flown_plugins import FOLDER
@@ -19,6 +20,7 @@ from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
 from tests.commands import ended, printed
 from tests.faults.dying import dead
+from tests.testing.good import KINDS, having
 
 SPRING = Path(__file__).parents[2] / "examples" / "spring.py"
 HOVERS = "Hovers as J. Doe et al. did in 1999 (cf. Eq. 3, e.g. of her thesis)."
@@ -158,11 +160,12 @@ def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkey
     monkeypatch.setenv("PYTHONPATH", str(site))
     passed = f"{2 * len(names)} passed"
     assert passed in printed(sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *packages)
-    for kind, name in names.items():
-        command, *flight = scaffold.flight(kind, name).split()
-        short = ("--json", "--quiet", "--no-record", "--uavs", "4", "--duration", "25")
-        summary = json.loads(printed(Path(sys.executable).with_name(command), *flight, *short))
-        assert (summary["uavs"], summary["lost"], summary["collisions_all"] >= 0) == (4, 0, True)
+    short = ("--quiet", "--no-record", "--uavs", "4", "--duration", "25")
+    lines = [[*scaffold.flight(kind, name).split()[1:], *short] for kind, name in names.items()]
+    flies = f"from meanflock.groundstation.cli.command import main\nassert not any([main(line) for line in {lines}])"
+    printed(sys.executable, "-P", "-c", flies)
+    flown = [json.loads(path.read_text()) for path in tmp_path.glob("runs/*/summary.json")]
+    assert [(summary["uavs"], summary["lost"]) for summary in flown] == [(4, 0)] * len(names)
 
 
 @pytest.mark.parametrize(
@@ -184,76 +187,51 @@ def test_a_name_that_cannot_be_used_is_refused_and_nothing_is_written(name: str,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "link"]
 
 
-PLUGINS = """
-import meanflock as mf
-from tests.testing.good import GoodAggregator, GoodChannel, GoodController, GoodFilter, GoodVehicle
-
-
 class Odd(BaseException):
     pass
 
 
-def fail(*_):
-    raise RAISED
+# Kind and method that raises, and the exit code: before take-off, in flight, or of a round, which it costs and no more.
+RAISES = {
+    **dict.fromkeys(
+        [("controller", name) for name in ("Options", "__init__", "weights", "init", "prediction")], EXIT_BAD_INPUT
+    ),
+    **dict.fromkeys([("aggregator", "init"), ("vehicle", "init")], EXIT_BAD_INPUT),
+    **dict.fromkeys([("controller", "step"), ("filter", "admit"), ("channel", "transmit")], EXIT_RUN_FAILED),
+    **dict.fromkeys([("channel", "expected"), ("vehicle", "step"), ("vehicle", "power")], EXIT_RUN_FAILED),
+    ("aggregator", "step"): EXIT_DONE,
+}
+KEYS = ("filter.kind", "federation.aggregation", "radio.model", "vehicle.model")
+ALL_GOOD = [word for key in KEYS for word in ("--set", f"{key}=good")]
+FLIGHT = ("run", "--in-process", "--method", "good", "--uavs", "2", "--duration", "1", "--quiet", "--out", "runs")
 
 
-class Pilot(GoodController):
-    name = "pilot"
-    period_ticks = 4
+@pytest.mark.parametrize("raised", [RuntimeError("no"), SystemExit(0), Odd("no")], ids=repr)
+def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, raised: BaseException) -> None:
+    def fail(*_: object) -> None:
+        raise raised
 
-    class Options(mf.Options, frozen=True):
-        def __post_init__(self):
-            if "METHOD" == "Options.__post_init__":
-                fail()
-
-
-class Shield(GoodFilter):
-    name = "shield"
-
-
-class Rule(GoodAggregator):
-    name = "rule"
-
-
-class Air(GoodChannel):
-    name = "air"
-
-
-class Craft(GoodVehicle):
-    name = "craft"
-
-
-owner, _, method = "METHOD".partition(".")
-if owner == "import":
-    fail()
-elif owner not in ("nowhere", "Options"):
-    setattr(globals()[owner], method, property(fail) if method == "weights" else fail)
-"""
-OF_A_CONTROLLER = ("__init__", "weights", "init", "prediction")
-BEFORE_TAKE_OFF = ("import", "Options.__post_init__", *(f"Pilot.{name}" for name in OF_A_CONTROLLER))
-BEFORE_TAKE_OFF += ("Rule.init", "Craft.init")
-IN_FLIGHT = ("Pilot.step", "Shield.admit", "Air.transmit", "Air.expected", "Craft.step", "Craft.power")
-A_ROUND = ("Rule.step",)  # costs that round and no more
-FLIGHT = ("--plugin", "mine.py", "--method", "pilot", "--uavs", "2", "--duration", "1", "--quiet", "--out", "runs")
-SETTINGS = ("filter.kind=shield", "federation.aggregation=rule", "radio.model=air", "vehicle.model=craft")
-
-
-@pytest.mark.parametrize("raised", ["RuntimeError('no')", "SystemExit(0)", "Odd('no')"])
-def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, raised: str) -> None:
-    expected = dict.fromkeys(BEFORE_TAKE_OFF, EXIT_BAD_INPUT)
-    expected |= dict.fromkeys(IN_FLIGHT, EXIT_RUN_FAILED) | dict.fromkeys(A_ROUND, EXIT_DONE)
-    if raised.startswith("Odd"):
-        expected = dict.fromkeys(expected, EXIT_RUN_FAILED)
-    for method, code in {"nowhere": EXIT_DONE, **expected}.items():
-        (tmp_path / "mine.py").write_text(PLUGINS.replace("METHOD", method).replace("RAISED", raised))
-        flags = [*FLIGHT, *(flag for setting in SETTINGS for flag in ("--set", setting))]
-        left, _, told = run("run", "--in-process", *flags)
+    def check(code: int, *flags: str) -> None:
+        left, _, told = run(*FLIGHT, *ALL_GOOD, *flags)
         errors = [line for line in told.splitlines() if line.startswith("error: ")]
-        assert (method, left, len(errors)) == (method, code, int(code != EXIT_DONE)), told
+        assert (left, len(errors)) == (code, int(code != EXIT_DONE)), told
         assert "Traceback" not in told
         assert code != EXIT_BAD_INPUT or not (tmp_path / "runs").exists()
         shutil.rmtree(tmp_path / "runs", ignore_errors=True)
-        assert code == EXIT_DONE or raised.partition("(")[0] in errors[0]
+        assert code == EXIT_DONE or type(raised).__name__ in errors[0]
+
+    options = type("Options", (mf.Options,), {"__post_init__": fail}, frozen=True)
+    members = {"weights": property(fail), "Options": options}
+    for (of, method), code in RAISES.items():
+        for name, kind in KINDS.items():
+            good = having(kind.good, period_ticks=4)
+            plugins.register(having(good, **{method: members.get(method, fail)}) if name == of else good)
+        check(EXIT_RUN_FAILED if isinstance(raised, Odd) else code)
+    for kind in KINDS.values():
+        plugins.register(kind.good)
+    check(EXIT_DONE)
+    (tmp_path / "mine.py").write_text(f"class Odd(BaseException):\n    pass\n\nraise {raised!r}\n")
+    check(EXIT_RUN_FAILED if isinstance(raised, Odd) else EXIT_BAD_INPUT, "--plugin", "mine.py")
 
 
 NOISY = """
