@@ -43,7 +43,7 @@ INLINE Lanes pairwise(const Lanes *a, const Lanes *b, int n) {
 
 #if LANES == 1
 /* The same sum of any number of terms, at least one. */
-static double sum_of(const double *a, ptrdiff_t n) {
+static inline double sum_of(const double *a, ptrdiff_t n) {
     if (n <= PAIRWISE) return pairwise(a, NULL, (int)n);
     ptrdiff_t half = n / 2 - n / 2 % 8;
     return sum_of(a, half) + sum_of(a + half, n - half);
