@@ -160,12 +160,13 @@ def main():
     parser.add_argument("--uavs", type=int, default=10, help="number of UAVs")
     parser.add_argument("--rounds", type=int, default=40, help="number of rounds")
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help="all, or some")
-    parser.add_argument("--out", type=Path, default=Path("classifier.png"), help="picture to write")
+    parser.add_argument("--out", type=Path, default=Path("out/classifier.png"), help="picture to write")
     given, flown = parser.parse_args(), {}
     for way in given.ways:
         flown[way] = fly(way, given.uavs, given.rounds)
         accuracy, least, bits = flown[way][-1]
         print(f"{way}: {accuracy:.1%} of the tests, {least:.1%} by the worst UAV, {bits / 1e6:.1f} Mbit", flush=True)
+    given.out.parent.mkdir(parents=True, exist_ok=True)
     picture(flown, given.out)
 
 

@@ -71,11 +71,11 @@ from concurrent.futures import ProcessPoolExecutor
 
 import meanflock as mf
 
-def flown():
-    return [row["payload_bits"] for row in mf.compare("mfg", seeds=2, uavs=2, duration=1, jobs=2)]
+def flown(jobs=2):
+    return [row["payload_bits"] for row in mf.compare("mfg", seeds=2, uavs=2, duration=1, jobs=jobs)]
 
 if __name__ == "__main__":
-    here, fork = flown(), multiprocessing.get_context("fork")
+    here, fork = flown(jobs=1), multiprocessing.get_context("fork")
     with ProcessPoolExecutor(1, mp_context=fork) as pool:
         assert pool.submit(flown).result() == here
     with fork.Pool(1) as pool:

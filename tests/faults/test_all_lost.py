@@ -11,6 +11,7 @@ from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
+from tests.controller_files import controller_file
 from tests.faults.conftest import Lab, scenario
 
 
@@ -86,18 +87,6 @@ def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: P
     assert kept == [2, 102, 302, 402]
 
 
-BREAKS = """
-import meanflock as mf
-
-
-class Breaks(mf.Controller):
-    name = "breaks"
-
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, -own[:, :2] * (1 / (10 - tick)))
-"""
-
-
 @pytest.mark.parametrize(
     ("method", "killed", "code"),
     [("breaks", [], 1), ("breaks", [0, 2], 1), ("breaks", [0, 1, 2], 0), ("plan", [0, 1, 2], 0)],
@@ -105,9 +94,9 @@ class Breaks(mf.Controller):
 def test_a_run_has_failed_if_it_lost_every_uav_and_the_fault_script_did_not_kill_them(
     method: str, killed: list[int], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "breaks.py").write_text(BREAKS)
+    plugin = controller_file(tmp_path, "breaks", "return mf.Step(memory, -own[:, :2] * (1 / (10 - tick)))")
     script = f'faults=[{{kind="kill", tick=5, uavs={killed}}}]' if killed else "faults=[]"
-    flags = ["--plugin", str(tmp_path / "breaks.py"), "--method", method, "--uavs", "3", "--duration", "2"]
+    flags = ["--plugin", str(plugin), "--method", method, "--uavs", "3", "--duration", "2"]
     flags += ["--set", script, "--no-record", "--json", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["run", "--in-process", *flags]) == code
     printed, told = capsys.readouterr()
@@ -118,4 +107,4 @@ def test_a_run_has_failed_if_it_lost_every_uav_and_the_fault_script_did_not_kill
     errors = [line for line in told.splitlines() if line.startswith("error: every UAV was lost: ")]
     assert len(errors) == code
     assert all(str(folder) in error for error in errors)
-    assert killed or "ZeroDivisionError: division by zero (breaks.py, line 9)" in errors[0]
+    assert killed or "ZeroDivisionError: division by zero (breaks.py, line 8)" in errors[0]

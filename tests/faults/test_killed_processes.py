@@ -24,6 +24,7 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
 from meanflock.swarm.net.session import LEASE
+from tests.controller_files import controller_file
 from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, events_in
 from tests.faults.conftest import Lab, honest
 from tests.faults.dying import resumed
@@ -266,27 +267,11 @@ def test_a_forker_that_is_killed_before_take_off_ends_the_run(forked: int) -> No
     assert not any(map(alive, family))
 
 
-STARTS_A_THREAD = """
-import threading
-import time
-
-import meanflock as mf
-
-threading.Thread(target=time.sleep, args=(1e6,), daemon=True).start()
-
-
-class Threaded(mf.Controller):
-    name = "threaded"
-
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, -0.02 * own[:, :2])
-"""
-
-
 def test_processes_are_started_one_by_one_where_a_plug_in_starts_a_thread(tmp_path: Path) -> None:
     """A killed agent is replaced all the same."""
-    (tmp_path / "threaded.py").write_text(STARTS_A_THREAD)
-    flags = ("--plugin", str(tmp_path / "threaded.py"), "--no-record")
+    top = "import threading, time\nthreading.Thread(target=time.sleep, args=(1e6,), daemon=True).start()\n"
+    plugin = controller_file(tmp_path, "threaded", "return mf.Step(memory, -0.02 * own[:, :2])", top)
+    flags = ("--plugin", str(plugin), "--no-record")
     settings = ("method=threaded", "uavs=2", "duration=100000", "stop=duration")
     with launched(tmp_path / "runs", *settings, flags=flags) as run:
         started = psutil.Process(run.process.pid).children()

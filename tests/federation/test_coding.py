@@ -19,7 +19,7 @@ from tests.agent.nodes import UAVS, flown, kept, models, sense, welcome
 from tests.methods import FEDERATED, PARTS
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
-H, F, HF = (PARTS[method] for method in FEDERATED)
+H, HF = PARTS["mfgfl-h"], PARTS["mfgfl-hf"]
 
 
 @st.composite

@@ -15,6 +15,7 @@ from meanflock.groundstation.launch.children import environment
 from meanflock.groundstation.launch.processes import Swarm, free_endpoint
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
+from tests.controller_files import controller_file
 from tests.integration.conftest import Command, Spawn, processes_of
 from tests.polling import DEADLINE_S, until
 
@@ -35,23 +36,9 @@ def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> Non
             world.kill()
 
 
-HANGS = """
-from pathlib import Path
-import meanflock as mf
-
-class Hangs(mf.Controller):
-    name = "hangs"
-
-    def step(self, memory, tick, own, received):
-        Path(__file__).with_suffix(".hangs").touch()
-        while True:
-            pass
-"""
-
-
 def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:
-    plugin = tmp_path / "hangs.py"
-    plugin.write_text(HANGS)
+    step = 'Path(__file__).with_suffix(".hangs").touch()\nwhile True:\n    pass'
+    plugin = controller_file(tmp_path, "hangs", step, top="from pathlib import Path")
     launcher = command.start("--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", "2", "--no-record")
     until(plugin.with_suffix(".hangs").exists, "a controller that hangs")
     run = command.folder.name

@@ -20,6 +20,7 @@ from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.scenario import load
 from meanflock.swarm.toml import apply
+from tests.controller_files import controller_file
 from tests.groundstation.recordings import column, scalars
 from tests.studies.conftest import QUICK, flown, rows
 
@@ -63,22 +64,11 @@ def test_values_are_words_numbers_lists_or_tables() -> None:
         Swept.parse("wind.sigma")
 
 
-MINE = """
-import meanflock as mf
-
-class Mine(mf.Controller):
-    name = "{}"
-
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, own[:, :2] * {})
-"""
-
-
 def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
     """The folder `out` has the flights of an earlier form of the file."""
 
     def energy(name: str, push: float) -> list[float]:
-        (tmp_path / f"{name}.py").write_text(MINE.format(name, push), encoding="utf-8")
+        controller_file(tmp_path, name, f"return mf.Step(memory, own[:, :2] * {push})")
         out = tmp_path / "out"
         return [
             row["energy_mean_J"]
@@ -125,21 +115,11 @@ def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tm
         assert bits[-1, 0] == pytest.approx(alone["payload_bits"]["total"] / 1e6)
 
 
-DYING = """
-import os, signal
-from pathlib import Path
-import meanflock as mf
-
-class Dying(mf.Controller):
-    name = "dying"
-
-    def step(self, memory, tick, own, received):
-        marker = Path(__file__).with_suffix(".died")
-        if os.getpid() != {parent} and self.scenario.seed == 2 and not marker.exists():
-            {mark}
-            os.kill(os.getpid(), signal.SIGKILL)
-        return mf.Step(memory, 0.0 * own[:, :2])
-"""
+DIES = """marker = Path(__file__).with_suffix(".died")
+if os.getpid() != {parent} and self.scenario.seed == 2 and not marker.exists():
+    {mark}
+    os.kill(os.getpid(), signal.SIGKILL)
+return mf.Step(memory, 0.0 * own[:, :2])"""
 
 
 @pytest.mark.processes
@@ -147,8 +127,8 @@ def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
     """The second of four flights kills its process, once or always; a repeated study flies the rest."""
 
     def hashes(mark: str, jobs: int, out: Path) -> list[str]:
-        file = tmp_path / "dying.py"
-        file.write_text(DYING.format(parent=os.getpid(), mark=mark))
+        step, top = DIES.format(parent=os.getpid(), mark=mark), "import os, signal\nfrom pathlib import Path"
+        file = controller_file(tmp_path, "dying", step, top)
         plugins.load_files([file])
         flights = study.seeded(load(None, method="dying", uavs=2, duration=1.0), 4)
         flown = study.fly_all({"dying": flights}, jobs, lambda *_: None, Store(out))
