@@ -31,13 +31,6 @@ def leaderboard() -> board.Board:
     return board.read(RESULTS / board.FILE)
 
 
-def models(*kinds: str) -> float:
-    """Bits of the models of `fed-lspi` on the leaderboard's `paper`, kbit."""
-    paper, *_ = leaderboard().courses
-    (row,) = (row for row in paper.standings if row.name == "fed-lspi")
-    return sum(row.kbit_by_kind[kind] for kind in kinds)
-
-
 @cache
 def flown() -> list[dict[str, Any]]:
     return published.read_rows(federation.RESULTS)[1:]

@@ -39,7 +39,6 @@ from tests.results import (
     kbit,
     leaderboard,
     median,
-    models,
     more_bits,
     of_fit,
     one_digit,
@@ -196,15 +195,6 @@ SENTENCES = [
         FEDERATION,
         "averaging after 1.5 s lowers the leader's tracking cost to {}, and neighbours with that deadline reach {};",
         lambda: [ends(tracking("late", "unknown", f"{way}, deadline 1.5 s")) for way in ("leader", "neighbours")],
-    ),
-    Sentence(
-        FEDERATION,
-        "under a leader on `paper` {} of {} kbit are, and {} are broadcasts",
-        lambda: [
-            f"{models('uplink'):.1f}",
-            f"{models('uplink', 'broadcast'):.1f}",
-            f"{models('broadcast'):.1f}",
-        ],
     ),
     Sentence(
         COMMUNICATION,
