@@ -19,6 +19,7 @@ import meanflock as mf
 SHAPES = ((64, 32), (1, 32), (32, 10), (1, 10))  # weights and offsets of two layers
 SIZES = tuple(rows * columns for rows, columns in SHAPES)
 NEIGHBOURS = {"federation.topology": "neighbours"}
+DT = 0.1  # a tick of both missions, s
 WAYS = {  # how to fly it: mission and settings
     "alone": ("paper", {"controller.share": False}),
     "leader": ("paper", {}),
@@ -133,7 +134,7 @@ def fly(way, uavs, rounds):
     """After each round: the test accuracy of the UAVs' models, mean and least, and the bits of models so far."""
     mission, settings = WAYS[way]
     period = Classifier.period_ticks
-    settings = {"federation.fraction": 1.0, "stop": "duration", "duration": (rounds + 1) * period * 0.1, **settings}
+    settings = {"federation.fraction": 1.0, "stop": "duration", "duration": (rounds + 1) * period * DT, **settings}
     flown = mf.fly(mission, method=Classifier, uavs=uavs, **settings).frame().to_pylist()
     rows = flown[period::period][: rounds + 1]  # each before the next global model
     bits = [sum(row[f"{kind}_bits"] for kind in ("uplink", "relay", "broadcast")) for row in rows]

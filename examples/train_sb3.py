@@ -24,6 +24,8 @@ REWARD_SCALE = 0.1  # the values of states are then near 1, which the critic lea
 class Rows(VecEnv):
     """The rows of one flight as Stable-Baselines3 wants them: a flight that is over begins anew in the same step.
 
+    `set_attr` and `env_method` are abstract there, and PPO calls neither.
+
     An action is a number before tanh, because the action of a saved policy is `acceleration * tanh(…)`.
     """
 

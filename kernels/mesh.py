@@ -72,7 +72,9 @@ def _near(points: NDArray[np.float32], begin: NDArray[np.intp], end: NDArray[np.
     total = 0
     while len(left):
         ahead = right < last
-        left, right, last = left[ahead], right[ahead], last[ahead]
+        left = left[ahead]
+        right = right[ahead]
+        last = last[ahead]
         apart = points[:, right] - points[:, left]
         apart *= apart
         squared = np.minimum(apart[0] + apart[1], np.float32(1.0))

@@ -125,7 +125,7 @@ def _arrows(
 
 
 def _legend(figure: Figure, flown: Scenario) -> None:
-    uniform, speed = not flown.wind.field_rms, _speed(flown)
+    uniform, speed = not flown.flown().wind.field_rms, _speed(flown)
     lines: list[tuple[str, dict[str, Any]]] = [
         ("start", {"linestyle": "", "marker": "o", "markersize": 2.5, "color": plotstyle.INK}),
         ("goal", _RING),

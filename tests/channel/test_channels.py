@@ -77,18 +77,18 @@ def test_shadows_keep_the_correlation_of_their_way_and_their_variance(shadowing:
     source, target = np.triu_indices(uavs, 1)
     channel = shadowing(shadowing.Options(sigma_db=6.0, correlation_m=20.0), Scenario())
     rng, memory = np.random.default_rng(3), channel.init(uavs)
-    heard = []
+    carried = []
     for tick in range(5):  # all fly 5 m a tick, and in one tick nothing is sent
         if tick != 2:
             place = np.full((uavs, 2), [way_m * tick, 0.0])
             message = Message(tick, 128, source, target, np.full(len(source), 50.0), place)
             memory, _, arrives = channel.carry(memory, message, rng)
-            heard.append((tick, memory["shadow_db"][source, target], arrives))
-    for tick, shadow_db, arrives in heard:
+            carried.append((tick, memory["shadow_db"][source, target], arrives))
+    for tick, shadow_db, arrives in carried:
         assert shadow_db.std() == pytest.approx(6.0, rel=0.02)
         assert np.array_equal(arrives, shadow_db > 0.0)  # at the reach the path loss is zero
         both_m = 2.0 * way_m * tick
-        correlation = np.corrcoef(heard[0][1], shadow_db)[0, 1]
+        correlation = np.corrcoef(carried[0][1], shadow_db)[0, 1]
         assert correlation == pytest.approx(np.exp(-both_m / 20.0), abs=0.02)
 
 

@@ -103,8 +103,8 @@ def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_
 
 def test_the_world_of_containers_cannot_be_steered_and_says_why() -> None:
     line = ["meanflock.worldsim", "--endpoint", "tcp/127.0.0.1:7447", "--realtime", "1", "--steer", "0.0.0.0:14540"]
-    said = docker_fails("run", "--rm", "--network", "none", "meanflock-world:local", *line)
-    assert said == "error: pymavlink is not installed, and --steer needs it: pip install 'meanflock[mavlink]'\n"
+    error = docker_fails("run", "--rm", "--network", "none", "meanflock-world:local", *line)
+    assert error == "error: pymavlink is not installed, and --steer needs it: pip install 'meanflock[mavlink]'\n"
 
 
 def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_are_asked(compose: Compose) -> None:

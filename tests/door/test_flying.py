@@ -233,7 +233,7 @@ HOSTILE = "raise SystemExit('a file of somebody else was taken for ours')\n"
 
 
 def python(code: str, folder: Path) -> str:
-    """What code prints that is run in a folder, which is first on the path."""
+    """Runs code in a folder, which is first on the path, and returns its output."""
     return printed(sys.executable, "-c", code, cwd=folder)
 
 

@@ -8,26 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 import meanflock as mf
-from benchmarks.peer.environment import Environment
 from meanflock.swarm.net.access import Address
 from tests.commands import COMMAND, ended
 
 SCRIPT = Path(__file__).with_name("mavsdk_steers.py")
+JUDGE = "mavsdk"
 UAVS = 5
 STEERED = 2
 STRONG = 4.0  # m/s², to the north
 END_S = 120.0
-
-
-@pytest.fixture(scope="module")
-def python() -> Path:
-    """The interpreter of an environment with MAVSDK, which is made once and kept."""
-    environment = Environment("mavsdk", kind="judge")
-    environment.make(timeout_s=280.0)
-    return environment.python
 
 
 @contextmanager

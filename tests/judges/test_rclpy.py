@@ -5,22 +5,13 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import meanflock as mf
-from benchmarks.peer.environment import Environment
 from meanflock.groundstation.cli.command import main
 from tests.polling import DEADLINE_S
 
 SCRIPT = Path(__file__).with_name("rclpy_reads.py")
-
-
-@pytest.fixture(scope="module")
-def python() -> Path:
-    """The interpreter of an environment with rclpy, which is made once and kept."""
-    environment = Environment("rclpy", kind="judge")
-    environment.make(timeout_s=280.0)
-    return environment.python
+JUDGE = "rclpy"
 
 
 def test_rclpy_reads_the_states_that_were_flown_as_messages_of_its_own_types(python: Path, tmp_path: Path) -> None:

@@ -5,24 +5,14 @@ import os
 import sysconfig
 from pathlib import Path
 
-import pytest
-
 import meanflock as mf
-from benchmarks.peer.environment import Environment
 from meanflock import env
 from tests.commands import printed
 from tests.sources import ROOT
 
 SCRIPT = Path(__file__).with_name("sb3_trains.py")
+JUDGE = "sb3"
 STEPS = 5 * 512  # one update
-
-
-@pytest.fixture(scope="module")
-def python() -> Path:
-    """The interpreter of an environment with Stable-Baselines3, which is made once and kept."""
-    environment = Environment("sb3", kind="judge")
-    environment.make(timeout_s=280.0)
-    return environment.python
 
 
 def test_the_actor_of_ppo_acts_the_same_as_a_saved_policy_and_flies(python: Path, tmp_path: Path) -> None:

@@ -118,10 +118,10 @@ def test_with_a_state_every_tick_a_uav_not_received_for_long_is_forgotten() -> N
     said, broadcast = table.broadcast_states(memory, 3, plan())
     memory, _ = table.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
     assert (np.abs(table.states(memory, 10)) < 1e3).all()
-    known = table.states(memory, 11)
-    assert (known[2, [1, 3, 4], :2] == FAR_M).all()
-    assert not known[2, [1, 3, 4], 2:].any()
-    assert (np.abs(known[2, 0]) < 1e3).all()
+    predicted = table.states(memory, 11)
+    assert (predicted[2, [1, 3, 4], :2] == FAR_M).all()
+    assert not predicted[2, [1, 3, 4], 2:].any()
+    assert (np.abs(predicted[2, 0]) < 1e3).all()
 
 
 def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
@@ -136,10 +136,10 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     assert broadcast.rows.tolist() == [2]
     assert broadcast.payload.dtype == np.int16
     assert broadcast.payload.shape == (1, 4)
-    known = table.states(table.receive(after, 11, [frames(broadcast, N)])[0], 11)
+    predicted = table.states(table.receive(after, 11, [frames(broadcast, N)])[0], 11)
     expected = now[2].copy()
     expected[:2] += 0.1 * now[2, 2:]
-    np.testing.assert_allclose(known[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)
+    np.testing.assert_allclose(predicted[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)
     also = neighbours(Sharing(policy="event", velocity_delta_m_s=0.3))
     assert also.broadcast_states(also.init(UAVS, plan()), 10, now)[1].rows.tolist() == [2, 3]
     again, broadcast = table.broadcast_states(
