@@ -1,4 +1,5 @@
 """Writes leaderboard.md, the leaderboard of the shipped controllers, and its pictures, from results/leaderboard.json.
+Also writes the tables of controllers.md on learning together.
 
 meanflock leaderboard --out out/leaderboard    # 30 seeds of every row in every mission
 python docs/leaderboard.py out/leaderboard     # takes its leaderboard.json; without a folder: the page again
@@ -16,12 +17,23 @@ from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import board, maps, markdown, pareto
 from meanflock.studies.leaderboard.board import Board, Standing
 from meanflock.studies.leaderboard.measures import BY_KEY
+from meanflock.studies.markdown import replaced, table
 from meanflock.swarm import process
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"
 PICTURES = HERE / "pictures" / "leaderboard"
-AT_TICKS = "0.1.0+6b70ea44f9bb"  # this code looked for collisions at ticks only
+CONTROLLERS = HERE / "controllers.md"
+GAINS, MAPS, END = "<!-- gains: docs/leaderboard.py -->", "<!-- maps: docs/leaderboard.py -->", "<!-- end of table -->"
+LEARNING = {  # column of the table of gains → row of the leaderboard
+    "never learns": "fed-lspi-never",
+    "alone": "fed-lspi-alone",
+    "shares gains": "fed-lspi",
+    "shares gains with neighbours": "fed-lspi-neighbours",
+    "shares data": "fed-lspi-data",
+}
+LEARNED_IN = ("paper", "unknown", "gusts", "lossy")  # missions of the table of gains
+MAPPING = ("straight", "windmap-alone", "windmap-weights", "windmap-precision", "windmap-measurements")
 TOLD = ("paper", "unknown", "windy")  # missions in which learning together is compared with learning alone
 NO_GAIN = 0.01  # of the whole: less is nothing gained
 
@@ -40,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = board.joined([board.read(out / board.FILE) for out in given.out or [RESULTS.parent]])
     found.write(RESULTS.parent)
     PAGE.write_text(page(found), encoding="utf-8")
+    CONTROLLERS.write_text(controllers(found, CONTROLLERS.read_text(encoding="utf-8")), encoding="utf-8")
     pareto.write(found.courses, PICTURES)
     maps.write(found.courses, PICTURES)
     for drawing in PICTURES.glob("*.svg"):
@@ -58,6 +71,36 @@ def page(found: Board) -> str:
     return markdown.markdown(found, plots, areas, introduction(found))
 
 
+def controllers(found: Board, text: str) -> str:
+    """The page on controllers `text` with its tables on learning together."""
+    tables = {GAINS: gains(found), MAPS: wind_maps(found)}
+    for begin, lines in tables.items():
+        text = replaced(text, begin, END, ["", *lines, ""])
+    return text
+
+
+def gains(found: Board) -> list[str]:
+    """Tracking costs of `fed-lspi` by what it shares, a row a mission."""
+    lines = []
+    for mission in LEARNED_IN:
+        rows = [_row(found, mission, name) for name in LEARNING.values()]
+        lines.append((f"`{mission}`", *("not flown" if row is None else _tracking(row) for row in rows)))
+    flown = [_row(found, LEARNED_IN[0], name) for name in LEARNING.values()]
+    bits = ["not flown" if row is None else f"{row.cells['kbit'].mean:,.0f}" for row in flown]
+    return table(("", *LEARNING), [*lines, (f"kbit in `{LEARNED_IN[0]}`, states included", *bits)])
+
+
+def wind_maps(found: Board) -> list[str]:
+    """Costs of flying through the wind, a row for each thing that is shared."""
+    rows = [row for name in MAPPING if (row := _row(found, "windmap", name)) is not None]
+    lines = []
+    for row in rows:
+        less = _less(row, rows[0], "cost_J")
+        beside = "–" if row is rows[0] else f"{less.value:.2f} ± {less.high - less.value:.2f}"
+        lines.append((f"`{row.name}`", f"{_interval(row, 'cost_J')}", beside, f"{row.cells['kbit'].mean:,.0f}"))
+    return table(("", "cost, J", f"beside `{MAPPING[0]}`, paired, J", "kbit"), lines)
+
+
 # -- the first lines -------------------------------------------------------------------------------------------------
 
 
@@ -72,12 +115,6 @@ def introduction(found: Board) -> str:
         "fields are in "
         "[data](data.md#leaderboardjson); the controllers are on [their page](controllers.md).",
     ]
-    if AT_TICKS in found.codes():
-        parts.append(
-            f"Code {AT_TICKS} looked for collisions at ticks only. Later code counts the closest approach between "
-            "ticks and finds more of them. It also calls a round void if only the averager's own model arrived; this "
-            "code averaged such rounds."
-        )
     return "\n\n".join(parts)
 
 
@@ -124,10 +161,9 @@ def _federated_tracking(found: Board) -> str:
 
 
 def _shared_map(found: Board) -> str:
-    names = ("straight", "windmap-alone", "windmap-weights", "windmap-precision", "windmap-measurements")
-    rows = {name: _row(found, "windmap", name) for name in names}
+    rows = {name: _row(found, "windmap", name) for name in MAPPING}
     flown = {name: row for name, row in rows.items() if row is not None and "cost_J" in row.cells}
-    if len(flown) < len(names):
+    if len(flown) < len(MAPPING):
         return "**A wind map pays if shared, and data pay more than models**: not all of its rows were flown."
     costs = ", ".join(
         f"`{name}` {_interval(row, 'cost_J')} ({row.cells['kbit'].mean:,.0f} kbit)" for name, row in flown.items()
@@ -217,6 +253,13 @@ def _verdict(less: Estimate) -> str:
 
 def _mean(row: Standing, key: str) -> str:
     return f"{row.cells[key].mean:.2f}" if row.cells[key].mean < 10 else f"{row.cells[key].mean:.1f}"
+
+
+def _tracking(row: Standing) -> str:
+    """Mean with its interval, and the median: a few UAVs that learn nonsense own any mean."""
+    flights = row.column("tracking")
+    mean = statistics.mean(flights)
+    return f"{mean.value:,.0f} ± {mean.high - mean.value:,.0f} ({np.median(flights):,.0f})"
 
 
 def _interval(row: Standing, key: str) -> str:

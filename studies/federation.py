@@ -12,7 +12,6 @@ import numpy as np
 
 from meanflock.groundstation import statistics
 from meanflock.studies import published
-from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import missions
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.studies.markdown import replaced, table
@@ -88,8 +87,8 @@ def main() -> None:
             for case, summaries in found.items()
             for seed, summary in zip(SEEDS, summaries, strict=True)
         ]
-        published.write_rows(RESULTS, [{"code": version()}, *rows])
-    code, *flights = published.read_rows(RESULTS)
+        published.write_rows(RESULTS, rows)
+    code, flights = published.read_rows(RESULTS)
     page = PAGE.read_text(encoding="utf-8")
     for name, lines in tables(flights).items():
         page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])

@@ -32,8 +32,7 @@ def main() -> None:
         points = {case: [case_scenario(*case)] for case in cases()}
         found = published.flown("free-flights", points, given.jobs)
         published.write_rows(RESULTS, [row_of(case, summary) for case, (summary,) in found.items()])
-    page = replaced(PAGE.read_text(encoding="utf-8"), BEGIN, END, ["", *table(published.read_rows(RESULTS)), ""])
-    PAGE.write_text(page, encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
     print(PAGE)
 
 
@@ -57,6 +56,11 @@ def row_of(case: Case, summary: Mapping[str, Any]) -> Row:
     """Row of one flight in the results."""
     named = dict(zip(("method", "uavs", "sigma", "outage_percent", "seed"), case, strict=True))
     return named | {name: summary[name] for name in KEPT} | {"kbit": summary["payload_bits"]["total"] / 1e3}
+
+
+def page(text: str, code: str, rows: Sequence[Row]) -> str:
+    """The page `text` with the table of these flights."""
+    return replaced(text, BEGIN, END, ["", *table(rows), "", published.flown_by(code), ""])
 
 
 def table(rows: Sequence[Row]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from meanflock.studies.job_file import version
 from meanflock.studies.runner import terminable
 from meanflock.studies.store import Store
 from meanflock.studies.study import Fly, Summaries, fly_all
@@ -51,11 +52,16 @@ def flown(
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes results as JSON, a line a row."""
-    path.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n", encoding="utf-8")
+    """Writes results as JSON: a line with the version of this code, and a line a row."""
+    path.write_text("[\n" + ",\n".join(map(json.dumps, [{"code": version()}, *rows])) + "\n]\n", encoding="utf-8")
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Results that `write_rows` wrote."""
-    rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-    return rows
+def read_rows(path: Path) -> tuple[str, list[dict[str, Any]]]:
+    """The version of the code, and the results that `write_rows` wrote."""
+    head, *rows = json.loads(path.read_text(encoding="utf-8"))
+    return head["code"], rows
+
+
+def flown_by(code: str = "") -> str:
+    """The sentence on the version of the code that flew; of this code by default."""
+    return f"The flights are of code {code or version()}."

@@ -21,6 +21,7 @@ from meanflock.swarm.scenario import Scenario
 PAGE = published.DOCS / "robustness.md"
 RESULTS = published.DOCS / "results" / "robustness.json"
 BEGIN, END = "<!-- measured -->", "<!-- end -->"
+FIRST_SEED = 98001
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ATTACKS = {
     "sign-flip": "the UAV uploads its own model with every sign turned",
@@ -39,11 +40,11 @@ def main() -> None:
     given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         cases = [("none", 0.0, rule) for rule in RULES] + list(product(ATTACKS, SHARES, RULES))
-        points = {case: [case_scenario(*case, seed) for seed in range(1, given.seeds + 1)] for case in cases}
+        points = {case: [case_scenario(*case, seed) for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)] for case in cases}
         found = published.flown("robustness", points, given.jobs)
         rows = [row_of(case, summary) for case, summaries in found.items() for summary in summaries]
         published.write_rows(RESULTS, rows)
-    PAGE.write_text(page(published.read_rows(RESULTS), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
     print(PAGE)
 
 
@@ -61,7 +62,7 @@ def row_of(case: tuple[str, float, str], summary: Mapping[str, Any]) -> Row:
     return named | {name: summary[name] for name in ("seed", "uavs", *KEPT)}
 
 
-def page(rows: Sequence[Row], text: str) -> str:
+def page(text: str, code: str, rows: Sequence[Row]) -> str:
     """The page `text` with the results of these flights."""
     by_case: dict[tuple[str, float, str], list[Row]] = {}
     for row in rows:
@@ -69,7 +70,7 @@ def page(rows: Sequence[Row], text: str) -> str:
     honest = {rule: by_case["none", 0.0, rule] for rule in RULES}
     seeds = len(honest["fedavg"])
     uavs = honest["fedavg"][0]["uavs"]
-    parts = [f"\nFlown with {uavs} UAVs, {seeds} seeds a row.\n"]
+    parts = [f"\nFlown with {uavs} UAVs, {seeds} seeds a row. {published.flown_by(code)}\n"]
     parts += ["## Without malicious UAVs\n", _table([("0 %", rule, honest[rule], honest[rule]) for rule in RULES])]
     broken: list[str] = []
     hurt: list[str] = []

@@ -9,7 +9,7 @@ from meanflock.studies import communication, federation, free_flights, published
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
 
-CODE, *FLIGHTS = published.read_rows(federation.RESULTS)
+CODE, FLIGHTS = published.read_rows(federation.RESULTS)
 PAGE = federation.PAGE.read_text(encoding="utf-8")
 QUIET = "neighbours, 0.03, int8"
 
@@ -27,7 +27,7 @@ def test_every_case_has_its_flights_and_the_page_its_tables() -> None:
         case for case in federation.cases() for _ in federation.SEEDS
     ]
     assert all("\n".join(lines) in PAGE for lines in federation.tables(FLIGHTS).values())
-    assert CODE["code"] in PAGE
+    assert CODE in PAGE
     assert f"{len(FLIGHTS):,} flights" in PAGE
 
 
@@ -48,7 +48,7 @@ def test_the_findings_in_words_are_those_of_the_flights() -> None:
     assert total("arrived", "trouble", "a fifth of the uploads has the wrong sign", "neighbours") == 0
 
 
-ROWS = published.read_rows(free_flights.RESULTS)
+_, ROWS = published.read_rows(free_flights.RESULTS)
 
 
 def test_every_case_has_a_flight_with_its_own_seed_and_the_page_their_table() -> None:
