@@ -72,7 +72,7 @@ INLINE void turn(const Strip *__restrict from, Strip *__restrict to, int stride)
 }
 
 /* Fourier transform of the columns of strip[0], to strip[1] after an odd number of steps. */
-static TARGET void fourier(Strip *strip) {
+static WIDE_TARGET void fourier(Strip *strip) {
     turn(strip, strip + 1, 1);
     for (int stride = 2; stride < PERIOD; stride *= 4) {
         turn(strip + 1, strip, stride);
@@ -141,7 +141,7 @@ static void weigh(double part, double *weights) {
     for (int k = POINTS - 1; k >= 0; k--) weights[k] = weights[k] * product * INVERSE[k], product *= part - (k - BEFORE);
 }
 
-static TARGET void spread(ptrdiff_t n, const double *x, const double *y, double *__restrict values) {
+static WIDE_TARGET void spread(ptrdiff_t n, const double *x, const double *y, double *__restrict values) {
     memset(values, 0, SIDE * SIDE * sizeof *values);
     for (ptrdiff_t i = 0; i < n; i++) {
         double along[POINTS], across[POINTS];
@@ -202,7 +202,7 @@ static int64_t near_pairs(const Cells *cells) {
 }
 
 /* Σ n(r)/R of near pairs, in units of 1/UNIT. */
-static TARGET int64_t near(const Cells *cells) {
+static WIDE_TARGET int64_t near(const Cells *cells) {
     int64_t total = 0;
     for (int c = 0; c < PLACES - ROWS * CELLS; c++) {
         const int32_t here = cells->starts[c + 1] - cells->starts[c];

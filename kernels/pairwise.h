@@ -15,8 +15,10 @@ typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 typedef double Lanes;
 #if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
 #define TARGET __attribute__((target_clones("default", "avx2"))) /* wider vectors, the same operations */
+#define WIDE_TARGET __attribute__((target_clones("default", "avx2", "avx512f"))) /* of kernels for large swarms only */
 #else
 #define TARGET
+#define WIDE_TARGET
 #endif
 #endif
 

@@ -42,10 +42,14 @@ void step_many(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
  * doubles. */
 void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed);
 
+/* The same step for MOST rows from `from` on, if the processor has AVX-512. */
+void step_most(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
+
 #if defined(__x86_64__) && defined(__GNUC__)
 #define MANY 4
+#define MOST 8
 #else
-#define MANY 1 /* there is no step_many */
+#define MANY 1 /* there is neither step_many nor step_most */
 #endif
 
 #endif

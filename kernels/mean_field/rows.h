@@ -1,5 +1,5 @@
-/* Compiled form of features.py, interaction.py, hjb.py and fpk.py, for LANES rows at once, a row a lane. row.c and rows.c
- * include it.
+/* Compiled form of features.py, interaction.py, hjb.py and fpk.py, for LANES rows at once, a row a lane. row.c, rows.c
+ * and wide_rows.c include it.
  *
  * A lane performs the operations of its row in the same order and never reads another lane, so the bits are the same.
  * Tables are common to all rows, so an index selects whole vectors.
@@ -7,7 +7,7 @@
 #include <float.h>
 #include <math.h>
 #include <string.h>
-#if LANES == 4
+#if LANES > 1
 #include <immintrin.h>
 #endif
 
@@ -138,7 +138,7 @@ INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, c
     return residual;
 }
 
-#if LANES == 4
+#if LANES > 1
 /* Copies four numbers of each of four rows into vectors of one number each, or such vectors into rows. */
 INLINE void transpose(double *to, ptrdiff_t to_step, const double *from, ptrdiff_t from_step) {
     const __m256d a = _mm256_loadu_pd(from), b = _mm256_loadu_pd(from + from_step);
@@ -156,10 +156,11 @@ INLINE void transpose(double *to, ptrdiff_t to_step, const double *from, ptrdiff
 INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int n, int stride) {
     double *to = (double *)lanes;
     int done = 0;
-#if LANES == 4
+#if LANES > 1
     if (count == LANES)
-        for (; done <= n - LANES; done += LANES)
-            transpose(to + done * LANES, LANES, (const double *)rows + from * stride + done, stride);
+        for (; done <= n - 4; done += 4)
+            for (int w = 0; w < LANES; w += 4)
+                transpose(to + done * LANES + w, LANES, (const double *)rows + (from + w) * stride + done, stride);
 #endif
     for (int w = 0; w < LANES; w++) {
         const char *row = rows + (from + (w < count ? w : 0)) * stride * sizeof(double);
@@ -171,10 +172,11 @@ INLINE void take(Lanes *lanes, const char *rows, ptrdiff_t from, int count, int 
 INLINE void give(const Lanes *lanes, char *rows, ptrdiff_t from, int count, int n, int stride) {
     const double *of = (const double *)lanes;
     int done = 0;
-#if LANES == 4
+#if LANES > 1
     if (count == LANES)
-        for (; done <= n - LANES; done += LANES)
-            transpose((double *)rows + from * stride + done, stride, of + done * LANES, LANES);
+        for (; done <= n - 4; done += 4)
+            for (int w = 0; w < LANES; w += 4)
+                transpose((double *)rows + (from + w) * stride + done, stride, of + done * LANES + w, LANES);
 #endif
     for (int w = 0; w < count; w++) {
         char *row = rows + (from + w) * stride * sizeof(double);

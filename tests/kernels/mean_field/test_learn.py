@@ -22,6 +22,7 @@ from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import load
 
 LANES = 8  # as many rows as any machine steps at once, or more
+WIDE = 1003  # as many as are stepped with AVX-512, and some that fill no vector
 SCENARIO = load(None, ["uavs=9"], method="mfg")
 TABLES = tables(SCENARIO)
 MULTINOMIAL = tables(load(None, ["uavs=9", "learner.multinomial=true"], method="mfg"))
@@ -49,7 +50,7 @@ def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray |
 
 
 @pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("rows", [0, 1, LANES - 1, LANES, 2 * LANES + 1, 130])
+@pytest.mark.parametrize("rows", [0, 1, LANES - 1, LANES, 2 * LANES + 1, 130, WIDE])
 def test_both_forms_fly_the_same_bits(around: str, rows: int) -> None:
     compiled = pytest.importorskip("meanflock.kernels.compiled")
     weights, states, of = flying(around, rows)
@@ -79,6 +80,9 @@ def test_both_forms_give_the_same_bits_for_any_numbers(
         for tables_ in (TABLES, MULTINOMIAL):
             given_ = weights, states, around, tables_
             assert tick(compiled, *given_) == tick(reference, *given_)
+    many = np.resize(weights, (WIDE, layout.MODEL_FLOATS)), np.resize(states, (WIDE, state.SIZE))
+    three = tick(reference, weights, states, None)
+    assert tick(compiled, *many, None) == [three[k % 3] for k in range(WIDE)]
 
 
 @pytest.mark.parametrize("around", AROUND)
