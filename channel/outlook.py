@@ -46,15 +46,19 @@ class Outlook(NamedTuple):
 
     def __str__(self) -> str:
         if self.fragments > 1:
-            size = "" if self.slots is None else f" and {self.slots} slots"
-            ticks = f"{self.ticks} tick{'s' * (self.ticks > 1)}"
+            size = "" if self.slots is None else f" and {_number(self.slots, 'slot')}"
             return (
-                f"each {self.message} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in {ticks}: "
+                f"each {self.message} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in "
+                f"{_number(self.ticks, 'tick')}: "
                 f"{100 * (1 - self.lost):.3g} % of the fragments will be delivered"
             )
-        takes = "" if self.slots is None else f" takes {self.slots} slots; the limit is {self.limit}"
+        takes = "" if self.slots is None else f" takes {_number(self.slots, 'slot')}; the limit is {self.limit}"
         article = "an" if self.message == "upload" else "a"
         return f"{article} {self.message} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
+
+
+def _number(count: int, unit: str) -> str:
+    return f"{count} {unit}{'s' * (count > 1)}"
 
 
 _NAMES = {FrameKind.UPLOAD: "upload", FrameKind.RELAY: "relay", FrameKind.GLOBAL: "global model"}

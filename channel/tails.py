@@ -86,7 +86,9 @@ def _reached(strength: float) -> Floats:
     most = strength + (math.sqrt(_LEAST_LOG) + _DEVIATIONS) * math.sqrt(strength) + _LEAST_LOG
     counts = np.arange(math.ceil(most), dtype=np.float64)
     each = np.exp(-_log_inverse(counts) - _deviance(counts, np.array([strength])))
-    return np.append(np.cumsum(each[::-1])[::-1], 0.0)
+    sums = np.append(np.cumsum(each[::-1])[::-1], 0.0)
+    sums[0] = 1.0  # the sum of all, without its rounding
+    return sums
 
 
 def _log_inverse(n: Floats) -> Floats:

@@ -141,8 +141,8 @@ def fly(way, uavs, rounds):
     return [(np.mean(row["accuracy"]), min(row["accuracy"]), sent) for row, sent in zip(rows, bits, strict=True)]
 
 
-def picture(flown, path):
-    """Accuracy over rounds, and over bits."""
+def picture(flown, folder):
+    """Accuracy over rounds, and over bits: accuracy.png."""
     from matplotlib import pyplot as plt
 
     figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), sharey=True, layout="constrained")
@@ -153,7 +153,8 @@ def picture(flown, path):
     panels[0].set(xlabel="round", ylabel="test accuracy, mean of the UAVs, %", ylim=(0, 100))
     panels[1].set(xlabel="bits of models sent so far, Mbit")
     panels[0].legend(loc="center right")
-    figure.savefig(path, dpi=130)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / "accuracy.png", dpi=130)
 
 
 def main():
@@ -161,13 +162,12 @@ def main():
     parser.add_argument("--uavs", type=int, default=10, help="number of UAVs")
     parser.add_argument("--rounds", type=int, default=40, help="number of rounds")
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help="all, or some")
-    parser.add_argument("--out", type=Path, default=Path("out/classifier.png"), help="picture to write")
+    parser.add_argument("--out", type=Path, default=Path("out/classifier"), help="folder of the picture")
     given, flown = parser.parse_args(), {}
     for way in given.ways:
         flown[way] = fly(way, given.uavs, given.rounds)
         accuracy, least, bits = flown[way][-1]
         print(f"{way}: {accuracy:.1%} of the tests, {least:.1%} by the worst UAV, {bits / 1e6:.1f} Mbit", flush=True)
-    given.out.parent.mkdir(parents=True, exist_ok=True)
     picture(flown, given.out)
 
 
