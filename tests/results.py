@@ -31,6 +31,13 @@ def leaderboard() -> board.Board:
     return board.read(RESULTS / board.FILE)
 
 
+def median_of(mission: str, row: str, measure: str) -> float:
+    """Median of a measure over the flights of a row of the leaderboard."""
+    course = next(course for course in leaderboard().courses if course.name == mission)
+    standing = next(standing for standing in course.standings if standing.name == row)
+    return float(np.median(standing.column(measure)))
+
+
 @cache
 def flown() -> list[dict[str, Any]]:
     return published.read_rows(federation.RESULTS)[1]

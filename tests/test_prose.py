@@ -39,6 +39,7 @@ from tests.results import (
     kbit,
     leaderboard,
     median,
+    median_of,
     more_bits,
     of_fit,
     one_digit,
@@ -301,6 +302,26 @@ SENTENCES = [
             ("`fed-lspi`, shares gains, data, alone", LSPI, ("gain_factor", "offset_change")),
             ("`rls`, together, alone", ("rls", "rls-alone"), ()),
         )
+    ),
+    Sentence(
+        CONTROLLERS,
+        "cost {} times the bits and track worse",
+        lambda: [f"{median_of('paper', 'fed-lspi-data', 'kbit') / median_of('paper', 'fed-lspi', 'kbit'):.0f}"],
+    ),
+    Sentence(
+        CONTROLLERS,
+        "track best, with a median of {} in place of {} under a leader",
+        lambda: [f"{median_of('lossy', row, 'tracking'):.0f}" for row in ("fed-lspi-neighbours", "fed-lspi")],
+    ),
+    Sentence(
+        CONTROLLERS,
+        "learns only drag and wind, tracks `unknown` with {}",
+        lambda: [f"{median_of('unknown', 'rls', 'tracking'):.1f}"],
+    ),
+    Sentence(
+        CONTROLLERS,
+        "and more at κ = 0.02, for {} times the bits",
+        lambda: [f"{median_of('paper', 'mfgfl-h-ecbf', 'kbit') / median_of('paper', 'mfg-ecbf', 'kbit'):.0f}"],
     ),
     Sentence(
         CONTROLLERS,

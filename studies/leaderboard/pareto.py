@@ -206,7 +206,7 @@ def _legend(ax: Axes, points: Sequence[Shown], has_front: bool) -> None:
         ax.text(0.18, y, "hollow: not all arrived", fontsize=size, va="center_baseline")
         y -= step
     if has_front:
-        ax.plot([0.0, 0.12], [y, y], color=plotstyle.INK, linewidth=1.2)
+        ax.plot([0.0, 0.12], [y, y], color=plotstyle.INK, linewidth=1.2, clip_on=False)
         ax.text(0.18, y, "least energy of one UAV", fontsize=size, va="center_baseline")
 
 
