@@ -47,7 +47,10 @@ def main() -> None:
         )  # fmt: skip
         lines.append(f"| {radio} | {uavs} | {count} | {' | '.join(cells)} |")
     page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replaced(page, "<!-- clusters -->", "<!-- end -->", ["", *lines, "", published.flown_by(), ""]), encoding="utf-8")
+    PAGE.write_text(
+        replaced(page, "<!-- clusters -->", "<!-- end -->", ["", *lines, "", published.flown_by(), ""]),
+        encoding="utf-8",
+    )
     print(PAGE)
 
 

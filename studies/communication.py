@@ -48,7 +48,10 @@ def main() -> None:
     """Flies every case and writes the tables."""
     given = published.options(__doc__, seeds=20).parse_args()
     points = {
-        (method, name): [scenario.load(None, settings, method=method, seed=seed) for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)]
+        (method, name): [
+            scenario.load(None, settings, method=method, seed=seed)
+            for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)
+        ]
         for method in METHODS
         for name, settings in WRITTEN.items()
     }

@@ -93,7 +93,7 @@ def main() -> None:
     for name, lines in tables(flights).items():
         page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
     PAGE.write_text(page, encoding="utf-8")
-    print(PAGE, f"flown by code {code['code']}")
+    print(PAGE, f"flown by code {code}")
 
 
 def cases() -> list[Case]:

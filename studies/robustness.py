@@ -40,7 +40,9 @@ def main() -> None:
     given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         cases = [("none", 0.0, rule) for rule in RULES] + list(product(ATTACKS, SHARES, RULES))
-        points = {case: [case_scenario(*case, seed) for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)] for case in cases}
+        points = {
+            case: [case_scenario(*case, seed) for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)] for case in cases
+        }
         found = published.flown("robustness", points, given.jobs)
         rows = [row_of(case, summary) for case, summaries in found.items() for summary in summaries]
         published.write_rows(RESULTS, rows)

@@ -9,7 +9,7 @@ import argparse
 import shutil
 from pathlib import Path
 
-from meanflock.studies import published
+from meanflock.studies import equal_bits, published
 from meanflock.studies.frontier import page, picture, record
 from meanflock.swarm import process
 from meanflock.swarm.errors import BadInput
@@ -27,7 +27,10 @@ def main(arguments: list[str] | None = None, docs: Path = published.DOCS) -> Non
     found = record.read(results if given.page else given.out / record.FILE)
     if not given.page:
         shutil.copyfile(given.out / record.FILE, results)
-    (docs / "price-of-safety.md").write_text(page.page(found), encoding="utf-8")
+    text = page.page(found)
+    if (ranking := docs / "results" / equal_bits.RESULTS.name).exists():
+        text = equal_bits.page(text, *published.read_rows(ranking))
+    (docs / "price-of-safety.md").write_text(text, encoding="utf-8")
     for path in picture.write(found, docs / page.PICTURES):
         if path.suffix == ".svg":
             path.unlink()

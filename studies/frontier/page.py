@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from meanflock.groundstation import statistics
+from meanflock.studies import equal_bits
 from meanflock.studies.frontier import terminal
 from meanflock.studies.frontier.plan import Plan
 from meanflock.studies.frontier.policies import SILENT
@@ -18,7 +19,7 @@ NOT_CONFIRMED = "not confirmed"
 
 
 def page(record: Record) -> str:
-    """The whole page."""
+    """The whole page, with a place for the ranking of `equal_bits`."""
     first, *others = record.missions()
     parts = [
         "# The price of safety, in bits",
@@ -30,6 +31,8 @@ def page(record: Record) -> str:
         "reached: the best share of free flights in the survey.",
         *(part for mission in record.missions() for part in _tables(record, mission)),
         *(_picture(mission) for mission in others),
+        "## Ranking at equal bits",
+        f"{equal_bits.BEGIN}\n{equal_bits.END}",
         "## Method",
         *method(record),
         "## What did not help, and what this does not show",

@@ -1,11 +1,15 @@
 """The published pages of studies: their tables, flights flown again, and the numbers of their findings."""
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
 
-from meanflock.studies import communication, federation, free_flights, published
+from meanflock.groundstation import statistics
+from meanflock.studies import communication, equal_bits, false_states, federation, free_flights, published, robustness
+from meanflock.studies.equal_bits import Choice
+from meanflock.studies.frontier.search import Outcome
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
 
@@ -48,16 +52,68 @@ def test_the_findings_in_words_are_those_of_the_flights() -> None:
     assert total("arrived", "trouble", "a fifth of the uploads has the wrong sign", "neighbours") == 0
 
 
+@pytest.mark.parametrize(
+    "study", [equal_bits, false_states, free_flights, robustness], ids=lambda study: study.__name__
+)
+def test_a_page_has_the_tables_of_its_results(study: Any) -> None:
+    text = study.PAGE.read_text(encoding="utf-8")
+    assert study.page(text, *published.read_rows(study.RESULTS)) == text
+
+
+def test_a_false_velocity_harms_exactly_if_it_is_accepted_and_impossible() -> None:
+    _, rows = published.read_rows(false_states.RESULTS)
+    arrived = {name: [row["arrived"] for row in rows if row["case"] == name] for name in false_states.CASES}
+    assert {name for name, flights in arrived.items() if min(flights) < 25} == {"10⁶ m/s, accepted"}
+    assert set(arrived["10⁶ m/s, accepted"]) == {1}
+    times = {name: np.array([row["t_avg_s"] for row in rows if row["case"] == name]) for name in arrived}
+    assert statistics.difference(times["true"], times["99 m/s, accepted"]).low > 0.0  # the others are faster
+    again = false_states.flight("10⁶ m/s, rejected", false_states.FIRST_SEED)
+    assert again | {"case": "10⁶ m/s, rejected"} in rows
+
+
+def of_seeds(first: int, second: int) -> dict[str, list[Any]]:
+    """A row of the ranking with so many free flights of the first and of the second seeds."""
+    free = [k < count for count in (first, second) for k in range(30)]
+    return {"free": free, "kbit": [float(first)] * 60, "arrived": [1.0] * 60}
+
+
+def test_a_ranking_is_of_the_first_seeds_and_the_second_ones_test_it() -> None:
+    place = {"mission": "lossy", "budget_kbit": 2.0, "policy": "event"}
+    rows = [
+        place | {"controller": name} | of_seeds(*counts)
+        for name, counts in {"bvc": (2, 25), "orca": (28, 20), "vasarhelyi": (30, 30)}.items()
+    ]
+    rows.append(place | {"controller": "potential-field", "policy": equal_bits.NONE, "free": [], "kbit": []})
+    ranked = equal_bits.rank(rows, "lossy", 2.0)
+    assert [row["controller"] for row in ranked] == ["vasarhelyi", "orca", "bvc", "potential-field"]
+    first, *_ = equal_bits.findings(rows)
+    assert "`vasarhelyi` above `bvc`; `orca` above `bvc`; 1 of these 2 differences" in first
+
+
+def test_a_choice_is_the_safest_policy_within_the_budget_and_leaves_no_uav_behind() -> None:
+    def flights(free: int, kbit: float, arrived: float = 1.0) -> list[Outcome]:
+        return [Outcome(k < free, kbit, arrived) for k in range(10)]
+
+    found = {
+        Choice("lossy", "orca", "cheap"): flights(8, 20.0),
+        Choice("lossy", "orca", "equal"): flights(8, 30.0),
+        Choice("lossy", "orca", "leaves some"): flights(10, 30.0, arrived=0.9),
+        Choice("lossy", "orca", "dear"): flights(10, 90.0),
+        Choice("lossy", "bvc", "another"): flights(10, 1.0),
+    }
+    chosen = [equal_bits.chosen(found, "lossy", budget, "orca") for budget in (2.0, 4.0)]  # of 25 UAVs
+    assert [each and each.policy for each in chosen] == ["cheap", "dear"]
+    assert equal_bits.chosen(found, "lossy", 0.5, "orca") is None
+
+
 _, ROWS = published.read_rows(free_flights.RESULTS)
 
 
-def test_every_case_has_a_flight_with_its_own_seed_and_the_page_their_table() -> None:
+def test_every_case_has_a_flight_with_its_own_seed() -> None:
     flown = [(row["method"], row["uavs"], row["sigma"], row["outage_percent"], row["seed"]) for row in ROWS]
     assert flown == list(free_flights.cases())
     assert len({row["seed"] for row in ROWS}) == len(ROWS)
     assert Counter(row["method"] for row in ROWS) == {"plan": 300, "fed-lspi": 100}
-    page = free_flights.PAGE.read_text(encoding="utf-8")
-    assert "\n".join(["", *free_flights.table(ROWS), ""]) in page
     assert max(row["kbit"] for row in ROWS if row["method"] == "fed-lspi") < 300.0  # as the page says
     crashed = [dict(row, collisions_all=1) if row["seed"] == free_flights.FIRST_SEED else row for row in ROWS]
     assert "| 24 of 25 (" in free_flights.table(crashed)[2]
