@@ -1,4 +1,4 @@
-"""Writes docs/results/claims.json and map.json, the picture of the map, and the generated parts of reproduction.md.
+"""Writes docs/results/claims.json and map.json, the figures, and the generated parts of reproduction.md.
 
     python -m reproduction.page out/paper out/paper-slow out/paper-printed
     python -m reproduction.page                    # the page again, from the two files
@@ -18,10 +18,11 @@ import numpy as np
 from scipy.stats import binom
 
 from meanflock.groundstation import statistics
+from meanflock.studies import markdown, published
 from meanflock.studies.leaderboard.front import front
 from meanflock.studies.markdown import replaced
 from meanflock.swarm.scenario import Scenario
-from reproduction import regimes
+from reproduction import regimes, report
 from reproduction.figures import draw
 from reproduction.measure import load_measured
 from reproduction.tables import View, load
@@ -32,6 +33,7 @@ from reproduction.verdict import (
     NOT_TESTABLE,
     REPRODUCED,
     UNDECIDED,
+    shares,
 )
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -40,6 +42,7 @@ OTHERS = ("paper-slow", "paper-printed")
 OF_A_SCENARIO = ("verdict", "reason", "value", "ci95", "single_flights", "tests")
 BEGIN, END = "<!-- table: reproduction/page.py -->", "<!-- end of table -->"
 FINDINGS = "<!-- findings: reproduction/page.py -->", "<!-- end of findings -->"
+RUN = "<!-- {}: reproduction/page.py -->"  # mark of a table about the flights, by its name
 METHODS = ("hjb", "mfgfl-h", "mfgfl-f", "mfgfl-hf")
 Record = dict[str, Any]
 
@@ -286,13 +289,16 @@ def _estimate(values: list[float]) -> list[float]:
 
 
 def main(*folders: Path) -> None:
-    """Writes the results of the folders, where there are any, and the page."""
+    """Writes the results of the folders, where there are any, and the page; without folders, not what tells of the
+    flights alone."""
+    page = PAGE.read_text(encoding="utf-8")
     if folders:
         write_results(*folders)
+        for name, lines in of_flights(folders[0]).items():
+            page = replaced(page, RUN.format(name), END, ["", *lines, ""])
     records, described = (
         json.loads((DOCS / "results" / name).read_text(encoding="utf-8")) for name in ("claims.json", "map.json")
     )
-    page = PAGE.read_text(encoding="utf-8")
     for (begin, end), lines in (((BEGIN, END), table(records)), (FINDINGS, findings(records, described))):
         page = replaced(page, begin, end, ["", *lines, ""])
     PAGE.write_text(page, encoding="utf-8")
@@ -315,9 +321,21 @@ def write_results(paper: Path, *others: Path) -> None:
         for name, out in zip(("paper", *OTHERS), (paper, *others), strict=True)
     }
     (DOCS / "results/map.json").write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    for path in draw(results, DOCS / "pictures/paper", ["map"]):
+    for path in draw(results, DOCS / "pictures/paper"):
         if path.suffix == ".svg":  # the page shows the PNG
             path.unlink()
+
+
+def of_flights(paper: Path) -> dict[str, list[str]]:
+    """Lines about the flights of the paper's scenario, by the names of their marks."""
+    results = load(paper)
+    view = View.from_results(results, load_measured(paper))
+    return {
+        "how it was run": [published.flown_by(report.versions(view)), "", *markdown.table(*report.how_run(view))],
+        "diverged": markdown.table(*report.diverged(view)),
+        "theory": markdown.table(*report.theory(view)),
+        "open parameters": markdown.table(*report.open_parameters(shares(results))),
+    }
 
 
 if __name__ == "__main__":
