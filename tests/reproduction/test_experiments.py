@@ -17,7 +17,7 @@ from meanflock.studies import job_file, runner
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.vehicles.point_mass import PointMass
-from reproduction import claims, experiments, flight, grid, measure, tables, theory
+from reproduction import claims, experiments, flight, grid, measure, page, tables, theory
 from reproduction.experiments import run_grid
 from reproduction.grid import Method, Point, Wanted
 from reproduction.tables import COORDINATES, Results
@@ -186,6 +186,15 @@ def test_the_tables_have_the_documented_columns(kept: Path) -> None:
     traced = {(row["experiment"], row["method"], row["seed"]) for row in results.trajectories.to_pylist()}
     assert traced == {("s0", "mfgfl-hf", 1), ("s0", "hjb", 1), ("offline", "offline", 1), ("trained", "mfgfl-hf", 1)}
     assert len(results.weights["model"][0].as_py()) == 246
+
+
+def test_the_page_tells_of_the_flights_of_a_folder(kept: Path) -> None:
+    lines = page.of_flights(kept)
+    assert lines["how it was run"][0] == f"The flights are of code {flight.version()}."
+    offline = sum(run.point.experiment == "offline" for run in plan())
+    assert any(line.startswith(f"| offline | offline | {offline} |") for line in lines["how it was run"])
+    text = page.PAGE.read_text(encoding="utf-8")
+    assert all(text.count(page.RUN.format(name)) == 1 for name in lines)
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "foreign"])
