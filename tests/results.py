@@ -3,7 +3,7 @@
 import json
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,11 +31,20 @@ def leaderboard() -> board.Board:
     return board.read(RESULTS / board.FILE)
 
 
+def standing(mission: str, row: str) -> board.Standing:
+    """A row of the leaderboard."""
+    course = next(course for course in leaderboard().courses if course.name == mission)
+    return next(each for each in course.standings if each.name == row)
+
+
+def free_flights(row: str, missions: Sequence[str]) -> int:
+    """Number of flights of a row in these missions without a collision or hit."""
+    return sum(int(standing(mission, row).column("free").sum()) for mission in missions)
+
+
 def median_of(mission: str, row: str, measure: str) -> float:
     """Median of a measure over the flights of a row of the leaderboard."""
-    course = next(course for course in leaderboard().courses if course.name == mission)
-    standing = next(standing for standing in course.standings if standing.name == row)
-    return float(np.median(standing.column(measure)))
+    return float(np.median(standing(mission, row).column(measure)))
 
 
 @cache

@@ -35,6 +35,7 @@ from tests.results import (
     feedback_gains,
     first_flight,
     flown,
+    free_flights,
     installed,
     kbit,
     leaderboard,
@@ -48,6 +49,7 @@ from tests.results import (
     sent,
     share,
     sparing,
+    standing,
     tracking,
     tuned,
     two_digits,
@@ -70,7 +72,9 @@ def words_of(page: str) -> str:
 
 README, FEDERATION, COMMUNICATION = "README.md", "docs/federation.md", "docs/communication.md"
 SCALING, CONTROLLERS, REPRODUCTION = "docs/scaling.md", "docs/controllers.md", "docs/reproduction.md"
-ROBUSTNESS = "docs/robustness.md"
+ROBUSTNESS, TRAINING = "docs/robustness.md", "docs/train-a-policy.md"
+CALM = ("paper", "windy", "unknown", "gusts", "lossy", "windmap")  # missions of 25 UAVs without obstacles
+CROWDED = ("swap", "streams", "crowd")
 
 SENTENCES = [
     Sentence(README, "one of [{} controllers](docs/controllers.md)", lambda: [installed("controllers")]),
@@ -276,6 +280,25 @@ SENTENCES = [
         lambda: [
             f"{bound(clusters(PAPER, 'busiest receiver, ms', several=several, uavs='400')):.0f}"
             for bound, several in ((max, False), (min, True))
+        ],
+    ),
+    Sentence(
+        TRAINING,
+        "With 25 UAVs and no obstacles {} of {} flights are free of collisions;",
+        lambda: [free_flights("policy", CALM), 30 * len(CALM)],
+    ),
+    Sentence(
+        TRAINING,
+        "none of {} is.",
+        lambda: [90 if free_flights("policy", CROWDED) == 0 else "the row changed"],
+    ),
+    Sentence(
+        TRAINING,
+        "all flights of {} missions are free of collisions and hits, and {} of 30 on `swap`; on `crowd` {} % of",
+        lambda: [
+            {9: "nine"}[sum(free_flights("policy-ecbf", [each.name]) == 30 for each in leaderboard().courses)],
+            free_flights("policy-ecbf", ["swap"]),
+            f"{100 * standing('crowd', 'policy-ecbf').cells['arrived'].mean:.0f}",
         ],
     ),
     Sentence(CONTROLLERS, "the speed of least energy per metre, {} m/s", lambda: [CRUISE_M_S]),
