@@ -128,15 +128,14 @@ def _of_density(record: Record, mission: str, target: int) -> Iterator[str]:
 
 
 def _never(record: Record, mission: str) -> str:
-    texts = []
+    losses: dict[tuple[str, str], list[str]] = {}  # by the words before and after them
     for cell in record.of(mission):
         missed = [each.name for each, reached in zip(record.targets, cell.reached, strict=True) if reached is None]
         if missed:
             share, name = terminal.best(cell, record.survey).split(" ", 1)
-            texts.append(
-                f"`{cell.row}`, {cell.uavs} UAVs, {100 * cell.outage:g} % lost: {_list(missed)} free (best: {share} of "
-                f"the first flights, by `{name}`)"
-            )
+            best = f"{_list(missed)} free (best: {share} of the first flights, by `{name}`)"
+            losses.setdefault((f"`{cell.row}`, {cell.uavs} UAVs", best), []).append(f"{100 * cell.outage:g}")
+    texts = [f"{where}, {_list(lost)} % lost: {best}" for (where, best), lost in losses.items()]
     return f"**Never reached**: {'; '.join(texts) or 'nothing; every controller reaches every target'}."
 
 

@@ -53,7 +53,7 @@ def test_every_number_of_the_page_is_that_of_the_flights(docs) -> None:
     ratio = statistics.ratio(kbit, other.policy("event-r2").confirmation.kbit)
     assert f" times `vasarhelyi` ({ratio.low:.2f}…{ratio.high:.2f})" in text
     assert f"`orca`, 2 UAVs: × {last.kbit / first.kbit:.1f}" in text
-    assert "`plan`, 2 UAVs, 30 % lost: 90 % and 95 % free (best: 0/10 of the first flights, by `silent`)" in text
+    assert "`plan`, 2 UAVs, 30 and 50 % lost: 90 % and 95 % free (best: 0/10 of the first flights, by `silent`)" in text
     assert "`plan` reaches 0 of 8 targets." in text
     flights = sum(
         len(policy.search.free) + len(policy.confirmation.free) for cell in found.cells for policy in cell.policies
