@@ -143,7 +143,11 @@ def rank(found: Sequence[Row], mission: str, budget: float) -> list[Row]:
 
 
 def findings(found: Sequence[Row]) -> Iterator[str]:
-    """For each table the pairs that differ on the first seeds, and whether the second seeds agree."""
+    """The pairs that differ on the first seeds, and whether the second seeds agree: of all tables, and of each."""
+    every = [pairs(rank(found, mission, budget)) for mission in MISSIONS for budget in BUDGETS]
+    agree = sum(len(_agreeing(above)) for above in every)
+    yield f"**Of {sum(map(len, every))} differences, {agree} have the same sign on the second seeds.**"
+    yield ""
     for mission in MISSIONS:
         for budget in BUDGETS:
             own = [row for row in rank(found, mission, budget) if row["free"]]
@@ -152,18 +156,21 @@ def findings(found: Sequence[Row]) -> Iterator[str]:
             if not above:
                 yield f"- {where}: no two of {len(own)} controllers differ."
                 continue
-            same = [pair for pair in above if _second(pair[0]).sum() > _second(pair[1]).sum()]
             below: dict[str, list[str]] = {}
             for better, worse in above:
                 below.setdefault(better["controller"], []).append(f"`{worse['controller']}`")
             texts = "; ".join(f"`{better}` above {', '.join(others)}" for better, others in below.items())
-            signs = f"{len(same)} of these {len(above)} differences have the same sign on the second seeds"
-            yield f"- {where}: {texts}; {signs}."
+            yield f"- {where}: {texts} ({len(_agreeing(above))} of {len(above)} agree)."
+
+
+def _agreeing(above: Sequence[tuple[Row, Row]]) -> list[tuple[Row, Row]]:
+    """The pairs that have the same order on the second seeds."""
+    return [(better, worse) for better, worse in above if _second(better).sum() > _second(worse).sum()]
 
 
 def pairs(ranked: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """The pairs of rows, the better one first, that differ significantly on the first seeds."""
-    every = [*combinations(ranked, 2)]
+    """The pairs of rows that flew, the better one first, that differ significantly on the first seeds."""
+    every = [*combinations([row for row in ranked if row["free"]], 2)]
     rejected = marks.holm([marks.mcnemar(_first(one), _first(other)) for one, other in every])
     return [pair for pair, differs in zip(every, rejected, strict=True) if differs]
 

@@ -14,6 +14,7 @@ import meanflock as mf
 from benchmarks import scaling, store
 from meanflock.groundstation import statistics
 from meanflock.studies import federation, published, tuning
+from meanflock.studies.frontier import record as frontier
 from meanflock.studies.leaderboard import board
 
 ROOT = Path(__file__).parents[1]
@@ -198,6 +199,14 @@ def tuned(names: tuple[str, ...], shown: tuple[str, ...]) -> list[str]:
     found = [chosen(name) for name in names]
     words = [f"`{key}` {', '.join(format(each['options'][key], 'g') for each in found)}" for key in shown]
     return [", ".join(str(each["unsafe"]) for each in found), ("; " if len(found) > 1 else ", ").join(words)]
+
+
+def fewest_kbit(row: str, uavs: int, lost: float) -> float:
+    """The fewest bits that show the highest target of the published frontier."""
+    found = frontier.read(RESULTS / frontier.FILE)
+    cell = next(each for each in found.of("streams", uavs) if (each.row, each.outage) == (row, lost))
+    reached = cell.reached[-1]
+    return math.nan if reached is None else reached.kbit
 
 
 def claim(number: str) -> dict[str, Any]:

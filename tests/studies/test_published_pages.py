@@ -9,6 +9,8 @@ import pytest
 from meanflock.groundstation import statistics
 from meanflock.studies import communication, equal_bits, false_states, federation, free_flights, published, robustness
 from meanflock.studies.equal_bits import Choice
+from meanflock.studies.frontier import record
+from meanflock.studies.frontier.page import page
 from meanflock.studies.frontier.search import Outcome
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
@@ -60,6 +62,12 @@ def test_a_page_has_the_tables_of_its_results(study: Any) -> None:
     assert study.page(text, *published.read_rows(study.RESULTS)) == text
 
 
+def test_the_page_on_the_price_of_safety_is_that_of_its_records() -> None:
+    found = record.read(published.DOCS / "results" / record.FILE)
+    expected = equal_bits.page(page(found), *published.read_rows(equal_bits.RESULTS))
+    assert equal_bits.PAGE.read_text(encoding="utf-8") == expected, "run `python -m meanflock.studies.frontier --page`"
+
+
 def test_a_false_velocity_harms_exactly_if_it_is_accepted_and_impossible() -> None:
     _, rows = published.read_rows(false_states.RESULTS)
     arrived = {name: [row["arrived"] for row in rows if row["case"] == name] for name in false_states.CASES}
@@ -86,8 +94,9 @@ def test_a_ranking_is_of_the_first_seeds_and_the_second_ones_test_it() -> None:
     rows.append(place | {"controller": "potential-field", "policy": equal_bits.NONE, "free": [], "kbit": []})
     ranked = equal_bits.rank(rows, "lossy", 2.0)
     assert [row["controller"] for row in ranked] == ["vasarhelyi", "orca", "bvc", "potential-field"]
-    first, *_ = equal_bits.findings(rows)
-    assert "`vasarhelyi` above `bvc`; `orca` above `bvc`; 1 of these 2 differences" in first
+    every, _, first, *_ = equal_bits.findings(rows)
+    assert every == "**Of 2 differences, 1 have the same sign on the second seeds.**"
+    assert first.endswith("`vasarhelyi` above `bvc`; `orca` above `bvc` (1 of 2 agree).")
 
 
 def test_a_choice_is_the_safest_policy_within_the_budget_and_leaves_no_uav_behind() -> None:
