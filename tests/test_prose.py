@@ -277,7 +277,7 @@ SENTENCES = [
     ),
     Sentence(
         SCALING,
-        "Of 400 UAVs in 5 clusters {} % of messages are lost instead of {} %",
+        "of 400 UAVs in 5 clusters {} % of messages are lost instead of {} %",
         lambda: [f"{clusters('α = 2', 'lost, %', several=several, uavs='400')[0]:.0f}" for several in (True, False)],
     ),
     Sentence(
