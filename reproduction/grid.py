@@ -98,6 +98,7 @@ PERIODS = (50, 100, 200, 300, 400, 500)
 SIGMAS = (0.1, 0.2, 0.3, 0.4, 0.5)
 TRAINED_SIGMA = 1.5
 TRAINING_SEEDS = 10_000  # the flight that trains has another seed than the flight it trains for
+WHOLE = "federation.fragment=0"  # as in the paper, models are lost rather than cut where the radio has no room for them
 REPELLED = "cost.separation=5"  # what keeps UAVs half a metre apart; see docs/keys.md
 SEPARATED = (
     "start.spacing=6"  # at 5 m the offline programs pass each other at 0.103 m without wind, at √2 m they collide
@@ -193,6 +194,8 @@ def points(scenario: Path | None = None) -> Iterator[Point]:
     """
 
     def fly(method: Method, *settings: str, uavs: int = 25) -> Scenario:
+        if any(setting.startswith("radio.") for setting in settings):
+            settings = *settings, WHOLE
         return load(scenario, settings, method=str(method), uavs=uavs, duration=300.0, stop="duration")
 
     for method in (*LEARNING, Method.OFFLINE):
