@@ -88,7 +88,7 @@ RING: dict[str, Any] = {  # the goal, in a legend
     "markeredgewidth": 1.6,
 }
 PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
-LETTERS_IN = 17.0  # letters of a title that an inch has room for
+LETTERS_IN = 14.0  # letters of a title that an inch has room for
 _TEX = {  # longer names first
     "φ_A(T_avg)": r"\phi_A(T_\mathrm{avg})",
     "φ_C(T_avg)": r"\phi_C(T_\mathrm{avg})",
