@@ -105,5 +105,3 @@ FLOWN = (
 def test_a_page_of_flights_names_the_code_that_flew_them(name: str) -> None:
     text = words_of(f"docs/{name}.md")
     assert re.search(r"[Cc]ode \d+\.\d+\.\d+\+[0-9a-f]{12}", text)
-    for older in ("at ticks only", "round void"):  # what the code of this page did otherwise
-        assert (older in text) == (name == "reproduction")
