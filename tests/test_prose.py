@@ -257,7 +257,7 @@ SENTENCES = [
     ),
     Sentence(
         SCALING,
-        "one for each UAV would take {}, and a tick about a second",
+        "one for each UAV would take {}, and a tick most of a second",
         lambda: [scaling._bytes(13 * 2**20 * 1e4)],
     ),
     Sentence(SCALING, "upload a model of {} floats every 20 s", lambda: [MODEL_FLOATS]),
