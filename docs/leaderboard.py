@@ -7,7 +7,7 @@ python docs/leaderboard.py docs/results out/more    # adds the rows of another f
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,20 +73,20 @@ def page(found: Board) -> str:
 
 def controllers(found: Board, text: str) -> str:
     """The page on controllers `text` with its tables on learning together."""
-    tables = {GAINS: gains(found), MAPS: wind_maps(found)}
-    for begin, lines in tables.items():
+    for begin, lines in ((GAINS, gains(found)), (MAPS, wind_maps(found))):
         text = replaced(text, begin, END, ["", *lines, ""])
     return text
 
 
 def gains(found: Board) -> list[str]:
     """Tracking costs of `fed-lspi` by what it shares, a row a mission."""
-    lines = []
-    for mission in LEARNED_IN:
-        rows = [_row(found, mission, name) for name in LEARNING.values()]
-        lines.append((f"`{mission}`", *("not flown" if row is None else _tracking(row) for row in rows)))
-    flown = [_row(found, LEARNED_IN[0], name) for name in LEARNING.values()]
-    bits = ["not flown" if row is None else f"{row.cells['kbit'].mean:,.0f}" for row in flown]
+
+    def cells(mission: str, show: Callable[[Standing], str]) -> list[str]:
+        rows = (_row(found, mission, name) for name in LEARNING.values())
+        return ["not flown" if row is None else show(row) for row in rows]
+
+    lines = [(f"`{mission}`", *cells(mission, _tracking)) for mission in LEARNED_IN]
+    bits = cells(LEARNED_IN[0], lambda row: f"{row.cells['kbit'].mean:,.0f}")
     return table(("", *LEARNING), [*lines, (f"kbit in `{LEARNED_IN[0]}`, states included", *bits)])
 
 
@@ -95,9 +95,8 @@ def wind_maps(found: Board) -> list[str]:
     rows = [row for name in MAPPING if (row := _row(found, "windmap", name)) is not None]
     lines = []
     for row in rows:
-        less = _less(row, rows[0], "cost_J")
-        beside = "–" if row is rows[0] else f"{less.value:.2f} ± {less.high - less.value:.2f}"
-        lines.append((f"`{row.name}`", f"{_interval(row, 'cost_J')}", beside, f"{row.cells['kbit'].mean:,.0f}"))
+        difference = "–" if row is rows[0] else _less(row, rows[0], "cost_J").shown(".2f")
+        lines.append((f"`{row.name}`", _interval(row, "cost_J"), difference, f"{row.cells['kbit'].mean:,.0f}"))
     return table(("", "cost, J", f"beside `{MAPPING[0]}`, paired, J", "kbit"), lines)
 
 
@@ -258,15 +257,11 @@ def _mean(row: Standing, key: str) -> str:
 def _tracking(row: Standing) -> str:
     """Mean with its interval, and the median: a few UAVs that learn nonsense own any mean."""
     flights = row.column("tracking")
-    mean = statistics.mean(flights)
-    return f"{mean.value:,.0f} ± {mean.high - mean.value:,.0f} ({np.median(flights):,.0f})"
+    return f"{statistics.mean(flights).shown(',.0f')} ({np.median(flights):,.0f})"
 
 
 def _interval(row: Standing, key: str) -> str:
-    cell = row.cells[key]
-    half = None if cell.high is None else cell.high - cell.mean
-    digits = 2 if BY_KEY[key].unit == "J" else 1
-    return f"{cell.mean:.{digits}f}" + ("" if half is None else f" ± {half:.{digits}f}")
+    return row.cells[key].estimate.shown(".2f" if BY_KEY[key].unit == "J" else ".1f")
 
 
 def _free(row: Standing) -> str:

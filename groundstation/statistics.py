@@ -35,6 +35,10 @@ class Estimate:
         """Returns whether both ends are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
+    def shown(self, form: str) -> str:
+        """`12.3 ± 0.4`: the number and the distance to the upper end in the format `form`; unbounded: the number."""
+        return f"{self.value:{form}}" + (f" ± {self.high - self.value:{form}}" if self.bounded else "")
+
 
 def exact(value: float) -> Estimate:
     """An estimate without randomness, from a known number."""

@@ -20,7 +20,6 @@ from scipy.stats import binom
 from meanflock.groundstation import statistics
 from meanflock.studies import markdown, published
 from meanflock.studies.leaderboard.front import front
-from meanflock.studies.markdown import replaced
 from meanflock.swarm.scenario import Scenario
 from reproduction import regimes, report
 from reproduction.figures import draw
@@ -295,12 +294,12 @@ def main(*folders: Path) -> None:
     if folders:
         write_results(*folders)
         for name, lines in of_flights(folders[0]).items():
-            page = replaced(page, RUN.format(name), END, ["", *lines, ""])
+            page = markdown.replaced(page, RUN.format(name), END, ["", *lines, ""])
     records, described = (
         json.loads((DOCS / "results" / name).read_text(encoding="utf-8")) for name in ("claims.json", "map.json")
     )
     for (begin, end), lines in (((BEGIN, END), table(records)), (FINDINGS, findings(records, described))):
-        page = replaced(page, begin, end, ["", *lines, ""])
+        page = markdown.replaced(page, begin, end, ["", *lines, ""])
     PAGE.write_text(page, encoding="utf-8")
 
 

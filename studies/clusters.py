@@ -8,6 +8,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced
+from meanflock.studies.study import seeded
 from meanflock.swarm import process, scenario
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind
@@ -26,10 +27,10 @@ def main() -> None:
     """Flies every case and writes the table."""
     given = published.options(__doc__, seeds=10).parse_args()
     points = {
-        (radio, uavs, count): [
-            scenario.load(None, [*settings, *FLIGHT, f"federation.clusters={count}"], uavs=uavs, seed=seed)
-            for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)
-        ]
+        (radio, uavs, count): seeded(
+            scenario.load(None, [*settings, *FLIGHT, f"federation.clusters={count}"], uavs=uavs, seed=FIRST_SEED),
+            given.seeds,
+        )
         for radio, settings in RADIOS.items()
         for uavs in UAVS
         for count in (1, 5, round(uavs**0.5))

@@ -17,6 +17,7 @@ from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced, table
+from meanflock.studies.study import seeded
 from meanflock.swarm import process, scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
@@ -48,10 +49,7 @@ def main() -> None:
     """Flies every case and writes the tables."""
     given = published.options(__doc__, seeds=20).parse_args()
     points = {
-        (method, name): [
-            scenario.load(None, settings, method=method, seed=seed)
-            for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)
-        ]
+        (method, name): seeded(scenario.load(None, settings, method=method, seed=FIRST_SEED), given.seeds)
         for method in METHODS
         for name, settings in WRITTEN.items()
     }

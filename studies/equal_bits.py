@@ -9,7 +9,7 @@ of `FIRST` seeds, and the `SECOND` seeds test it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,20 +48,18 @@ def main() -> None:
     """Fly the choice and the ranking, unless `--page` is set, and write the ranking."""
     given = published.options(__doc__, page=True).parse_args()
     if not given.page:
-        found = flown("equal-bits-choice", candidates(), CHOICE, given.jobs)
+        every = candidates()
+        found = flown("equal-bits-choice", every, CHOICE, given.jobs)
         wanted = {place: chosen(found, *place) for place in places()}
-        needed = {each: candidates()[each] for each in wanted.values() if each is not None}
+        needed = {each: every[each] for each in wanted.values() if each is not None}
         ranked = flown("equal-bits", needed, (*FIRST, *SECOND), given.jobs)
         published.write_rows(RESULTS, [row_of(place, each, ranked) for place, each in wanted.items()])
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
-    print(PAGE)
+    published.write_page(PAGE, page, RESULTS)
 
 
 def places() -> Iterator[tuple[str, float, str]]:
     """Every mission, budget and controller."""
-    for mission in MISSIONS:
-        for budget in BUDGETS:
-            yield from ((mission, budget, name) for name in CONTROLLERS)
+    return product(MISSIONS, BUDGETS, CONTROLLERS)
 
 
 def candidates() -> dict[Choice, Scenario]:
@@ -113,12 +111,10 @@ def row_of(place: tuple[str, float, str], choice: Choice | None, ranked: Mapping
 def page(text: str, code: str, found: Sequence[Row]) -> str:
     """The page `text` with the ranking."""
     lines = [about(), "", *findings(found)]
-    for mission in MISSIONS:
-        for budget in BUDGETS:
-            own = rank(found, mission, budget)
-            head = ("row", "policy", "kbit", "free, first seeds", "free, second seeds", "free of all, %")
-            title = f"### `{mission}`, {MISSIONS[mission]} UAVs, at most {budget:g} kbit a UAV"
-            lines += ["", title, "", *table(head, map(_line, own))]
+    head = ("row", "policy", "kbit", "free, first seeds", "free, second seeds", "free of all, %")
+    for mission, budget in product(MISSIONS, BUDGETS):
+        title = f"### `{mission}`, {MISSIONS[mission]} UAVs, at most {budget:g} kbit a UAV"
+        lines += ["", title, "", *table(head, map(_line, rank(found, mission, budget)))]
     return replaced(text, BEGIN, END, ["", *lines, "", published.flown_by(code), ""])
 
 
@@ -142,35 +138,26 @@ def rank(found: Sequence[Row], mission: str, budget: float) -> list[Row]:
     return sorted(own, key=lambda row: (not row["free"], -_first(row).sum(), sum(row["kbit"])))
 
 
-def findings(found: Sequence[Row]) -> Iterator[str]:
+def findings(found: Sequence[Row]) -> list[str]:
     """The pairs that differ on the first seeds, and whether the second seeds agree: of all tables, and of each."""
-    every = [pairs(rank(found, mission, budget)) for mission in MISSIONS for budget in BUDGETS]
-    agree = sum(len(_agreeing(above)) for above in every)
-    yield f"**Of {sum(map(len, every))} differences, {agree} have the same sign on the second seeds.**"
-    yield ""
-    for mission in MISSIONS:
-        for budget in BUDGETS:
-            own = [row for row in rank(found, mission, budget) if row["free"]]
-            above = pairs(own)
-            where = f"**`{mission}`, {budget:g} kbit a UAV**"
-            if not above:
-                yield f"- {where}: no two of {len(own)} controllers differ."
-                continue
-            below: dict[str, list[str]] = {}
-            for better, worse in above:
-                below.setdefault(better["controller"], []).append(f"`{worse['controller']}`")
-            texts = "; ".join(f"`{better}` above {', '.join(others)}" for better, others in below.items())
-            yield f"- {where}: {texts} ({len(_agreeing(above))} of {len(above)} agree)."
-
-
-def _agreeing(above: Sequence[tuple[Row, Row]]) -> list[tuple[Row, Row]]:
-    """The pairs that have the same order on the second seeds."""
-    return [(better, worse) for better, worse in above if _second(better).sum() > _second(worse).sum()]
+    texts, differences, agreeing = [], 0, 0
+    for mission, budget in product(MISSIONS, BUDGETS):
+        flew = [row for row in rank(found, mission, budget) if row["free"]]
+        above = pairs(flew)
+        agree = sum(int(_second(better).sum() > _second(worse).sum()) for better, worse in above)
+        differences, agreeing = differences + len(above), agreeing + agree
+        below: dict[str, list[str]] = {}
+        for better, worse in above:
+            below.setdefault(better["controller"], []).append(f"`{worse['controller']}`")
+        order = "; ".join(f"`{better}` above {', '.join(others)}" for better, others in below.items())
+        words = f"{order} ({agree} of {len(above)} agree)" if above else f"no two of {len(flew)} controllers differ"
+        texts.append(f"- **`{mission}`, {budget:g} kbit a UAV**: {words}.")
+    return [f"**Of {differences} differences, {agreeing} have the same sign on the second seeds.**", "", *texts]
 
 
 def pairs(ranked: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """The pairs of rows that flew, the better one first, that differ significantly on the first seeds."""
-    every = [*combinations([row for row in ranked if row["free"]], 2)]
+    """The pairs of rows, the better one first, that differ significantly on the first seeds."""
+    every = [*combinations(ranked, 2)]
     rejected = marks.holm([marks.mcnemar(_first(one), _first(other)) for one, other in every])
     return [pair for pair, differs in zip(every, rejected, strict=True) if differs]
 

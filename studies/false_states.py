@@ -43,8 +43,7 @@ def main() -> None:
         wanted = [*product(CASES, range(FIRST_SEED, FIRST_SEED + given.seeds))]
         flights = track(wanted, "false-states", console=Console(stderr=True), transient=True)
         published.write_rows(RESULTS, [{"case": name} | flight(name, seed) for name, seed in flights])
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
-    print(PAGE)
+    published.write_page(PAGE, page, RESULTS)
 
 
 def flight(name: str, seed: int) -> Row:
@@ -84,16 +83,11 @@ def lines(rows: Sequence[Row]) -> list[str]:
         refused = sum(row["states_refused"] for row in own) / sum(row["ticks"] for row in own)
         cells = (
             f"{sum(row['arrived'] for row in own)} of {sum(row['uavs'] for row in own)}",
-            *(_interval([row[key] for row in own if row[key] is not None]) for key in ("t_avg_s", "collisions")),
+            *(statistics.mean([row[key] for row in own]).shown(".1f") for key in ("t_avg_s", "collisions")),
             f"{refused:.2f}",
         )
         found.append((name, *cells))
     return table(("broadcast velocity", "arrived", "travel time, s", "collisions", "states rejected a tick"), found)
-
-
-def _interval(values: Sequence[float]) -> str:
-    mean = statistics.mean(values)
-    return f"{mean.value:.1f} ± {mean.high - mean.value:.1f}"
 
 
 if __name__ == "__main__":

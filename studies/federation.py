@@ -88,12 +88,14 @@ def main() -> None:
             for seed, summary in zip(SEEDS, summaries, strict=True)
         ]
         published.write_rows(RESULTS, rows)
-    code, flights = published.read_rows(RESULTS)
-    page = PAGE.read_text(encoding="utf-8")
-    for name, lines in tables(flights).items():
-        page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    PAGE.write_text(page, encoding="utf-8")
-    print(PAGE, f"flown by code {code}")
+    published.write_page(PAGE, page, RESULTS)
+
+
+def page(text: str, code: str, flights: Sequence[Flight]) -> str:
+    """The page `text` with the tables of these flights."""
+    for name, lines in {"code": [published.flown_by(code)], **tables(flights)}.items():
+        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
+    return text
 
 
 def cases() -> list[Case]:

@@ -32,8 +32,7 @@ def main() -> None:
         points = {case: [case_scenario(*case)] for case in cases()}
         found = published.flown("free-flights", points, given.jobs)
         published.write_rows(RESULTS, [row_of(case, summary) for case, (summary,) in found.items()])
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
-    print(PAGE)
+    published.write_page(PAGE, page, RESULTS)
 
 
 def cases() -> Iterable[Case]:

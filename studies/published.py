@@ -3,7 +3,7 @@
 import argparse
 import json
 from argparse import ArgumentParser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,12 @@ def read_rows(path: Path) -> tuple[str, list[dict[str, Any]]]:
     """The version of the code, and the results that `write_rows` wrote."""
     head, *rows = json.loads(path.read_text(encoding="utf-8"))
     return head["code"], rows
+
+
+def write_page(path: Path, page: Callable[[str, str, list[dict[str, Any]]], str], results: Path) -> None:
+    """Writes what `page` makes of the page as it is, the version of the code and the results; prints its path."""
+    path.write_text(page(path.read_text(encoding="utf-8"), *read_rows(results)), encoding="utf-8")
+    print(path)
 
 
 def flown_by(code: str = "") -> str:

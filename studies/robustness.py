@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced
+from meanflock.studies.study import seeded
 from meanflock.swarm import process, scenario
 from meanflock.swarm.scenario import Scenario
 
@@ -40,14 +41,11 @@ def main() -> None:
     given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         cases = [("none", 0.0, rule) for rule in RULES] + list(product(ATTACKS, SHARES, RULES))
-        points = {
-            case: [case_scenario(*case, seed) for seed in range(FIRST_SEED, FIRST_SEED + given.seeds)] for case in cases
-        }
+        points = {case: seeded(case_scenario(*case, FIRST_SEED), given.seeds) for case in cases}
         found = published.flown("robustness", points, given.jobs)
         rows = [row_of(case, summary) for case, summaries in found.items() for summary in summaries]
         published.write_rows(RESULTS, rows)
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), *published.read_rows(RESULTS)), encoding="utf-8")
-    print(PAGE)
+    published.write_page(PAGE, page, RESULTS)
 
 
 def case_scenario(attack: str, share: float, rule: str, seed: int) -> Scenario:

@@ -295,8 +295,8 @@ SENTENCES = [
     ),
     Sentence(
         TRAINING,
-        "none of {} is.",
-        lambda: [90 if free_flights("policy", CROWDED) == 0 else "the row changed"],
+        "`swap`, `streams` and `crowd`, {} of {} is.",
+        lambda: [{0: "none"}[free_flights("policy", CROWDED)], 30 * len(CROWDED)],
     ),
     Sentence(
         TRAINING,

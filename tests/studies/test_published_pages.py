@@ -55,7 +55,7 @@ def test_the_findings_in_words_are_those_of_the_flights() -> None:
 
 
 @pytest.mark.parametrize(
-    "study", [equal_bits, false_states, free_flights, robustness], ids=lambda study: study.__name__
+    "study", [equal_bits, false_states, federation, free_flights, robustness], ids=lambda study: study.__name__
 )
 def test_a_page_has_the_tables_of_its_results(study: Any) -> None:
     text = study.PAGE.read_text(encoding="utf-8")

@@ -114,8 +114,10 @@ def _file(folder: Path) -> Path:
 
 def test_the_published_page_is_that_of_its_results_and_its_verdicts_follow_from_intervals() -> None:
     script = script_of("leaderboard")
-    page = script.page(board.read(script.RESULTS))
-    assert script.PAGE.read_text(encoding="utf-8") == page, "run `python docs/leaderboard.py`"
+    found = board.read(script.RESULTS)
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(found), "run `python docs/leaderboard.py`"
+    controllers = script.CONTROLLERS.read_text(encoding="utf-8")
+    assert controllers == script.controllers(found, controllers), "run `python docs/leaderboard.py`"
     ends = {
         (0.02, 0.03): "confirmed",
         (-0.03, -0.02): "refuted",
