@@ -6,7 +6,7 @@ n + max(1, ⌈D_m θ/dt⌉). The channel decides latency and loss on each link.
 
 import math
 from bisect import bisect_right
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
@@ -46,8 +46,8 @@ class Medium:
         self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
         # By kind and number of a batch: its last senders, the mask of the UAVs that they reached (None: all), and their
-        # links. The next tick mostly uses the same links.
-        self._used: dict[tuple[FrameKind, int], tuple[bytes, bytes | None, Links]] = {}
+        # links. The next tick mostly uses the same links; fragments, those of the last round, which has two turns.
+        self._used: dict[tuple[FrameKind, int], deque[tuple[bytes, bytes | None, Links]]] = {}
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
     def send(
@@ -113,7 +113,7 @@ class Medium:
         if not all_arrive:
             through = np.ones(len(ends), dtype=bool)
             through[links.by_radio] = delivered
-            ends, spent = ends[through], None if spent is None else spent[through]
+            ends, spent = ends.compress(through, axis=0), None if spent is None else spent[through]
         if np.maximum.reduce(slots, initial=0) <= self._soon:
             self._deliver(tick + 1, batch, ends, spent)
             return _record(tick, links, slots, delivered)
@@ -170,14 +170,18 @@ class Medium:
     def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
         """Lengths of the links by radio, `(K,)`, m."""
         x, y = states[:, state.X], states[:, state.Y]
-        along, across = x[links.source] - x[links.target], y[links.source] - y[links.target]
+        source, target = links.source, links.target
+        if links.message is not None:
+            source, target = links.record[:, 1:3].astype(np.intp).T
+        along, across = x[source] - x[target], y[source] - y[target]
         along *= along
         across *= across
         along += across
-        return np.sqrt(along, out=along)
+        length = np.sqrt(along, out=along)
+        return length if links.message is None else length[links.message]
 
     def _links(self, batch: Frames, states: state.States) -> Links:
-        """The links that a batch uses; those of the last tick if sources and reached UAVs are the same."""
+        """The links that a batch uses; those of an earlier tick if sources and reached UAVs are the same."""
         kind = batch.kind
         sources = batch.source.astype(np.intp)
         uavs = self._scenario.uavs
@@ -186,9 +190,11 @@ class Medium:
         reached = self._in_range(sources, states, self._reach[kind]) if is_broadcast else None
         if reached is not None:
             mask = reached.tobytes()
-        place = kind, batch.round if kind == FrameKind.STATE else 0
-        if place in self._used and self._used[place][:2] == (senders, mask):
-            return self._used[place][2]
+        place = (kind, batch.round) if kind == FrameKind.STATE else (kind, 0)
+        used = self._used.setdefault(place, deque(maxlen=1 if kind == FrameKind.STATE else 2))
+        for earlier in used:
+            if earlier[:2] == (senders, mask):
+                return earlier[2]
         rows = np.arange(len(sources))
         if reached is not None:
             row, target = reached.nonzero()
@@ -201,7 +207,7 @@ class Medium:
             links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), uavs)
         else:
             links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
-        self._used[place] = senders, mask, links
+        used.append((senders, mask, links))
         return links
 
     def _in_range(self, sources: Indices, states: state.States, reach: float) -> NDArray[np.bool_] | None:

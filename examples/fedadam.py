@@ -26,7 +26,7 @@ class FedAdam(mf.Aggregator):
         return {"rounds": np.zeros(1), "model": zeros, "m": zeros, "v": zeros + self.options.tau**2}
 
     def step(self, state, uploads):
-        mean, given = uploads.models.mean(axis=0), self.options
+        mean, given = uploads.mean, self.options
         if not state["rounds"][0]:  # the first model is the mean itself: there is no earlier model
             return {**state, "rounds": state["rounds"] + 1, "model": mean}, mean
         change = mean - state["model"]

@@ -40,6 +40,6 @@ class InverseProbability(mf.Aggregator):
         mean = slots[uploads.uavs] / count[uploads.uavs]
         chance = np.interp(mean, *arrival(int(need[0]), self.scenario.radio.latency_threshold_slots))
         weights = 1.0 / np.where(by_radio, np.maximum(chance, 0.05), 1.0)  # at most twenty
-        last = state["model"] if state["uploads"].any() else uploads.models.mean(axis=0)
+        last = state["model"] if state["uploads"].any() else uploads.mean
         model = last + weights @ (uploads.models - last) / self.scenario.participants
         return {"model": model, "need": need, "slots": slots, "uploads": count}, model

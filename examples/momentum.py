@@ -18,7 +18,7 @@ class Momentum(mf.Aggregator):
         return {"rounds": np.zeros(1), "model": np.zeros(parameters), "change": np.zeros(parameters)}
 
     def step(self, state, uploads):
-        mean = uploads.models.mean(axis=0)
+        mean = uploads.mean
         if not state["rounds"][0]:  # the first model is the mean itself: there is no earlier model
             return {**state, "rounds": state["rounds"] + 1, "model": mean}, mean
         change = self.options.beta * state["change"] + mean - state["model"]

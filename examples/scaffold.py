@@ -48,6 +48,6 @@ class ScaffoldRule(mf.Aggregator):
         return {"shared": np.zeros(parameters // 2)}
 
     def step(self, state, uploads):  # c ← c + |S|/N · mean of (s − c)
-        model, mean = np.split(uploads.models.mean(axis=0), 2)
+        model, mean = np.split(uploads.mean, 2)
         shared = state["shared"] + len(uploads.uavs) / self.scenario.uavs * (mean - state["shared"])
         return {"shared": shared}, np.concatenate([model, shared])

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from meanflock.federation.coding import Coding
 from meanflock.federation.fragments import share_delivered
 from meanflock.federation.mail import Joined, Mail
-from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import plugins

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
-from meanflock.federation.rules.base import Uploads
-from meanflock.swarm.state import Floats, Mask
+from meanflock.federation.rules.base import Uploads, mean
+from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.messages import Frames
 
 Indices = NDArray[np.intp]
@@ -65,9 +65,9 @@ class Mail:
 
     def _make_room(self, source: NDArray[np.integer]) -> None:
         """Gives every sender its place."""
-        senders = np.union1d(self.senders, source).astype(np.intp)
-        if len(senders) == len(self.senders):
+        if contains(self.senders, source).all():
             return
+        senders = np.union1d(self.senders, source).astype(np.intp)
         place = senders.searchsorted(self.senders)
         self.senders = senders
         self.values = _spread(self.values, place, len(senders))
@@ -128,6 +128,11 @@ class Joined:
         count, fragments, size = values.shape
         return values.reshape(count, fragments * size)[:, : self._floats]
 
+    def _filled_up(self, model: Floats) -> Floats:
+        """A model (L,) by fragment, (F, n), with zeros behind its last weight."""
+        _, fragments, size = self.values.shape
+        return np.pad(model, (0, fragments * size - self._floats)).reshape(fragments, size)
+
     def by_weight(self, table: NDArray[Any]) -> NDArray[Any]:
         """A table by fragment (S, F) as a table by weight of the model, (S, L)."""
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
@@ -170,15 +175,14 @@ class Joined:
             samples = np.insert(samples, at, own.samples)
             counts = np.insert(counts, at, own.samples, axis=0)
             behind = np.insert(behind, at, 1.0, axis=0)
-            filled_up = np.pad(own.model, (0, values[0].size - self._floats))
-            values = np.insert(values, at, filled_up.reshape(values.shape[1:]), axis=0)
+            values = np.insert(values, at, self._filled_up(own.model), axis=0)
             arrived = np.insert(arrived, at, True, axis=0)
-        if not arrived.all():
-            means = np.add.reduce(values, axis=0) / np.maximum(arrived.sum(axis=0), 1)[:, None]
-            sender, fragment = np.nonzero(~arrived)
-            values[sender, fragment] = means[fragment]
         models, by_weight = self._flat(values), self.by_weight(arrived)
-        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number), counts, behind
+        means = mean(models, None, by_weight)
+        if not arrived.all():
+            sender, fragment = np.nonzero(~arrived)
+            values[sender, fragment] = self._filled_up(means)[fragment]
+        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number, means), counts, behind
 
 
 class Own(NamedTuple):

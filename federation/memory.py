@@ -107,9 +107,9 @@ class GlobalModels:
 
     def add(self, sent: NDArray[np.intp], rows: NDArray[np.intp], pieces: Pieces) -> None:
         """Stores fragments: `sent` (K,) of the pieces, to `rows` (K,)."""
-        numbers = pieces.numbers[sent]
-        self._globals[rows, numbers] = pieces.values[sent]
-        self._seen[rows, numbers] = True
+        place = rows * self._seen.shape[1] + pieces.numbers[sent]  # in one list of all fragments of all rows
+        self._globals.reshape(-1, self._size)[place] = pieces.values.take(sent, axis=0)
+        self._seen.reshape(-1)[place] = True
         self._fresh[rows] = True
 
     def take(self, learner: Learner) -> None:

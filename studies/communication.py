@@ -11,7 +11,7 @@ from meanflock.channel.link import slots_needed
 from meanflock.federation import coding as codings
 from meanflock.federation.coding import Coding
 from meanflock.federation.memory import Feedback
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.engine import Engine

@@ -27,6 +27,7 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
         samples: (S,) the weights that the controllers declare, greater than 0; 1 where they declare none.
         arrived: (S, parameters) whether a weight arrived.
         round: the number of the round, from 1 on.
+        mean: (parameters,) mean of each weight over the models in which it arrived, all counted alike; 0 if in none.
     """
 
     models: Floats
@@ -36,6 +37,7 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
     samples: Floats
     arrived: NDArray[np.bool_]
     round: int
+    mean: Floats
 
     @classmethod
     def complete(
@@ -51,7 +53,37 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
             samples=np.ones(count) if samples is None else samples,
             arrived=np.ones(models.shape, dtype=bool),
             round=number,
+            mean=mean(models),
         )
+
+
+def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool_] | None = None) -> Floats:
+    """Mean of models `(S, L)`, added up in their order, `(L,)`, Eq. FL_AVG; 0 for no models.
+
+    Args:
+        models: the models.
+        weights: (S,) or (S, L), what each counts; None: all the same.
+        arrived: (S, L), weights of the models that count; None: all. The mean of none of them is 0.
+    """
+    counts_alike = weights is None or bool((weights == 1.0).all())
+    weights = np.ones(len(models)) if weights is None else weights
+    is_whole = arrived is None or bool(arrived.all())
+    total = np.zeros(models.shape[1])
+    for place, model in enumerate(models):
+        share = model if counts_alike else weights[place] * model
+        np.add(total, share, out=total, where=True if arrived is None or is_whole else arrived[place])
+    if not len(models):
+        return total
+    count: Floats | NDArray[np.int32]
+    if arrived is None or is_whole:
+        count = np.add.accumulate(weights, axis=0)[-1]
+    elif counts_alike:
+        count = np.add.reduce(arrived.view(np.uint8), axis=0, dtype=np.int32)
+    else:
+        count = np.zeros(models.shape[1])
+        for weight, here in zip(weights, arrived, strict=True):
+            count += np.where(here, weight, 0.0)
+    return total / np.where(count > 0, count, 1)
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -6,8 +6,7 @@ import numpy as np
 
 import meanflock as mf
 from meanflock.federation import coding
-from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind

@@ -7,7 +7,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.federation.exchange import Exchange
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import mean
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames

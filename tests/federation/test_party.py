@@ -8,7 +8,7 @@ import pytest
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected

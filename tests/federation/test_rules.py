@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from meanflock.federation.byzantine import Byzantine
-from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.rules.precision import Precision
 from meanflock.federation.rules.robust import suspects
 from meanflock.groundstation.launch.engine import Engine

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import meanflock as mf
 from meanflock.channel.medium import Medium
 from meanflock.federation.party import Party
-from meanflock.federation.rules.fedavg import mean
+from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
 from meanflock.leader.node import Leader
