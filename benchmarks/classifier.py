@@ -98,12 +98,13 @@ def write_task(folder: Path, bits: int, weighted: bool) -> None:
     learner = classifier.Classifier(classifier.Classifier.Options(**flown.controller), flown)
     inputs, labels = classifier.pictures()
     memory = learner.init(np.arange(UAVS), np.zeros((UAVS, 4)))
-    first = dict(zip(KEYS, classifier.layers(memory["model"][:1]), strict=True))
+    layers = [part for layer in classifier.layers(memory["model"]) for part in (layer[0, :-1], layer[0, -1:])]
+    first = dict(zip(KEYS, layers, strict=True))
     ticks = [number * flown.period_ticks - STEPS + step for number in range(1, ROUNDS + 1) for step in range(STEPS)]
     samples = learner.samples(memory).astype(int) if weighted else np.ones(UAVS, dtype=int)
     batches = np.array([[learner.batch(uav, tick) for uav in range(UAVS)] for tick in ticks], dtype=np.uint16)
-    arrays = {name: layer[0].astype(f"f{bits // 8}") for name, layer in first.items()}
-    arrays |= {"inputs": inputs, "labels": labels, "samples": samples}
+    arrays = {name: layer.astype(f"f{bits // 8}") for name, layer in first.items()}
+    arrays |= {"inputs": inputs[:, :-1], "labels": labels, "samples": samples}
     arrays |= {"batches": batches.reshape(ROUNDS, STEPS, UAVS, BATCH), "rate": np.array(learner.options.rate)}
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)

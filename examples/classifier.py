@@ -9,17 +9,13 @@ import argparse
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 
 import meanflock as mf
 
-SHAPES = ((64, 32), (1, 32), (32, 10), (1, 10))  # weights and offsets of two layers
-SIZES = tuple(rows * columns for rows, columns in SHAPES)
+SHAPES = ((65, 32), (33, 10))  # weights of two layers; the last row of each has the offsets
 NEIGHBOURS = {"federation.topology": "neighbours"}
-DT = 0.1  # a tick of both missions, s
 WAYS = {  # how to fly it: mission and settings
     "alone": ("paper", {"controller.share": False}),
     "leader": ("paper", {}),
@@ -31,46 +27,41 @@ WAYS = {  # how to fly it: mission and settings
 
 @cache
 def pictures():
-    """Brightness (1797, 64) in 0 … 1, and the digits (1797,). Every fifth picture is for tests."""
+    """Brightness in 0 … 1 with a 1 behind, (1797, 65), and the digits (1797,). Every fifth picture is for tests."""
     package = Path(find_spec("sklearn").origin).parent  # found, but not loaded: that takes a process seconds
     table = np.loadtxt(package / "datasets" / "data" / "digits.csv.gz", delimiter=",")
-    return table[:, :64] / 16.0, table[:, 64].astype(np.intp)
+    return np.pad(table[:, :64] / 16.0, ((0, 0), (0, 1)), constant_values=1.0), table[:, 64].astype(np.intp)
 
 
 @cache
 def training(uav, uavs):
-    """Numbers of the pictures that a UAV trains on: of two digits, shared among all UAVs that have them."""
+    """Numbers of the pictures that a UAV trains on: of two digits; UAVs with the same first digit share them out."""
     digits = pictures()[1]
-    kinds = [(k % 10, (k + 1 + k // 10) % 10) for k in range(uavs)]
-    found = []
-    for kind in kinds[uav]:
-        numbers = np.flatnonzero((digits == kind) & (np.arange(len(digits)) % 5 > 0))
-        holders = [k for k in range(uavs) if kind in kinds[k]]
-        found.append(numbers[holders.index(uav) :: len(holders)])
-    return np.concatenate(found)
+    has_digit = np.isin(digits, (uav % 10, (uav + 1 + uav // 10) % 10))
+    return np.flatnonzero(has_digit & (np.arange(len(digits)) % 5 > 0))[uav // 10 :: 1 + (uavs - 1) // 10]
 
 
 def layers(models):
     """The matrices (M, rows, columns) of models (M, 2410)."""
-    parts = np.split(models, np.cumsum(SIZES)[:-1], axis=1)
+    parts = np.split(models, [65 * 32], axis=1)
     return [part.reshape(-1, *shape) for part, shape in zip(parts, SHAPES, strict=True)]
 
 
 def forward(models, inputs):
-    """Hidden units and outputs of models (M, 2410) for inputs (M, B, 64), each model by itself: the bits of a product
+    """Hidden units and outputs of models (M, 2410) for inputs (M, B, 65), each model by itself: the bits of a product
     that several share would depend on their number."""
-    first, first_offset, second, second_offset = layers(models)
-    hidden = np.tanh(inputs @ first + first_offset)
-    return hidden, hidden @ second + second_offset
+    first, second = layers(models)
+    hidden = np.pad(np.tanh(inputs @ first), ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
+    return hidden, hidden @ second
 
 
 def gradient(models, inputs, digits):
-    """Gradient (M, 2410) of the cross-entropy, for inputs (M, B, 64) and digits (M, B)."""
+    """Gradient (M, 2410) of the cross-entropy, for inputs (M, B, 65) and digits (M, B)."""
     hidden, outputs = forward(models, inputs)
     error = np.exp(outputs - outputs.max(axis=2, keepdims=True))
     error = (error / error.sum(axis=2, keepdims=True) - np.eye(10)[digits]) / digits.shape[1]
-    back = (error @ layers(models)[2].swapaxes(1, 2)) * (1.0 - hidden**2)
-    parts = (inputs.swapaxes(1, 2) @ back, back.sum(axis=1), hidden.swapaxes(1, 2) @ error, error.sum(axis=1))
+    back = (error @ layers(models)[1].swapaxes(1, 2)) * (1.0 - hidden**2)
+    parts = inputs.swapaxes(1, 2) @ back[:, :, :32], hidden.swapaxes(1, 2) @ error
     return np.concatenate([part.reshape(len(models), -1) for part in parts], axis=1)
 
 
@@ -78,26 +69,25 @@ class Classifier(mf.Controller):
     """SGD in the last ticks before each round, a step a tick: what is learned later the global model overwrites."""
 
     name = "classifier"
-    weights = sum(SIZES)
+    weights = 2410
     diagnostics = ("accuracy",)
     period_ticks = 20
 
     class Options(mf.Options, frozen=True):
-        share: Annotated[bool, Meta(description="take part in rounds")] = True
-        steps: Annotated[int, Meta(ge=1, description="steps of SGD before each round")] = 10
-        batch: Annotated[int, Meta(ge=1, description="pictures of a step")] = 32
-        rate: Annotated[float, Meta(gt=0, description="learning rate, 1")] = 0.3
-        by_samples: Annotated[bool, Meta(description="weigh each model by the number of its pictures")] = False
+        share: bool = True  # take part in rounds
+        steps: int = 10  # of SGD before each round
+        batch: int = 32  # pictures of a step
+        rate: float = 0.3
+        by_samples: bool = False  # weigh each model by the number of its pictures
 
     def __init__(self, options, scenario):
         super().__init__(options, scenario)
-        self.parameters, self.parts = (sum(SIZES), SIZES) if options.share else (0, ())
+        self.parameters = self.weights if options.share else 0
         self.weighted = options.by_samples
 
     def init(self, uavs, plan):
         draw = np.random.default_rng(self.scenario.seed)  # all begin with the same model
-        scales = np.repeat([np.sqrt(2.0 / rows) if rows > 1 else 0.0 for rows, _ in SHAPES], SIZES)
-        model = scales * draw.standard_normal(sum(SIZES))
+        model = np.concatenate([np.sqrt(2.0 / rows) * draw.standard_normal(rows * units) for rows, units in SHAPES])
         return {"uav": uavs, "model": np.tile(model, (len(uavs), 1)), "accuracy": np.zeros(len(uavs))}
 
     def step(self, memory, tick, own, received):
@@ -130,13 +120,13 @@ class Classifier(mf.Controller):
         return {**memory, "model": model}
 
 
-def fly(way, uavs, rounds):
+def fly(way, uavs, rounds, seed=1):
     """After each round: the test accuracy of the UAVs' models, mean and least, and the bits of models so far."""
     mission, settings = WAYS[way]
-    period = Classifier.period_ticks
-    settings = {"federation.fraction": 1.0, "stop": "duration", "duration": (rounds + 1) * period * DT, **settings}
-    flown = mf.fly(mission, method=Classifier, uavs=uavs, **settings).frame().to_pylist()
-    rows = flown[period::period][: rounds + 1]  # each before the next global model
+    duration = 0.1 * Classifier.period_ticks * (rounds + 1)  # with a tick of 0.1 s
+    settings = {"federation.fraction": 1.0, "stop": "duration", "duration": duration, **settings}
+    rows = mf.fly(mission, method=Classifier, uavs=uavs, seed=seed, **settings).frame().to_pylist()
+    rows = rows[Classifier.period_ticks :: Classifier.period_ticks][: rounds + 1]  # each before the next global model
     bits = [sum(row[f"{kind}_bits"] for kind in ("uplink", "relay", "broadcast")) for row in rows]
     return [(np.mean(row["accuracy"]), min(row["accuracy"]), sent) for row, sent in zip(rows, bits, strict=True)]
 
@@ -161,14 +151,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--uavs", type=int, default=10, help="number of UAVs")
     parser.add_argument("--rounds", type=int, default=40, help="number of rounds")
-    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS), metavar="WAY", help="all, or some")
-    parser.add_argument("--out", type=Path, default=Path("out/classifier"), help="folder of the picture")
     given, flown = parser.parse_args(), {}
-    for way in given.ways:
+    for way in WAYS:
         flown[way] = fly(way, given.uavs, given.rounds)
         accuracy, least, bits = flown[way][-1]
         print(f"{way}: {accuracy:.1%} of the tests, {least:.1%} by the worst UAV, {bits / 1e6:.1f} Mbit", flush=True)
-    picture(flown, given.out)
+    picture(flown, Path("out/classifier"))
 
 
 if __name__ == "__main__":

@@ -1,23 +1,28 @@
 """Flies ways of sharing a model against each other, and writes the tables of federation.md.
 
-python -m meanflock.studies.federation          # 1,260 flights; ten minutes on two cores
+python -m meanflock.studies.federation          # 1,950 flights; a quarter of an hour on two cores
 python -m meanflock.studies.federation --page   # the tables again, from docs/results/federation.json
 """
 
 import math
+import runpy
 from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.progress import track
 
 from meanflock.groundstation import statistics
 from meanflock.studies import published
 from meanflock.studies.leaderboard import missions
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.studies.markdown import replaced, table
-from meanflock.swarm import process
+from meanflock.swarm import plugins, process
 from meanflock.swarm.scenario import Scenario
 
+EXAMPLES = published.DOCS.parent / "examples"
 PAGE = published.DOCS / "federation.md"
 RESULTS = published.DOCS / "results" / "federation.json"
 SEEDS = range(92001, 92031)  # seeds that were not used for tuning
@@ -61,6 +66,27 @@ LATE: dict[str, dict[str, Any]] = {
     "leader, deadline 1.5 s": {"federation.deadline": 1.5},
     "neighbours, deadline 1.5 s": NEIGHBOURS | {"federation.deadline": 1.5},
 }
+LEFT: dict[str, dict[str, dict[str, Any]]] = {  # what meanflock leaves out: mission → name → settings
+    **{
+        mission: {
+            "leader": {},
+            "momentum at the leader": {"federation.aggregation": "momentum"},
+            "FedAdam at the leader": {"federation.aggregation": "fedadam", "federation.options": {"eta": 0.4}},
+            "the last upload of everybody": {"federation.aggregation": "last-upload"},
+            "private, ε = 9": {"federation.aggregation": "private", "federation.options": {"epsilon": 9.0}},
+            "private, ε = 2": {"federation.aggregation": "private", "federation.options": {"epsilon": 2.0}},
+        }
+        for mission in ("unknown", "lossy")
+    },
+    "slow radio": {
+        "deadline 1.5 s": SLOW | {"federation.deadline": 1.5},
+        "the same, late uploads count less": SLOW | {"federation.deadline": 1.5, "federation.aggregation": "aged"},
+    },
+    "paper, mixed drag": {"mfgfl-hf": {}, "mfgfl-hf-scaffold": {}},
+}
+MIXED = {"vehicle.model": "mixed-drag", "federation.fraction": 1.0, "federation.fragment": 3}
+MISSIONS = {"slow radio": "unknown", "paper, mixed drag": "paper"}
+PLUGINS = (Path(__file__).with_name("left_out.py"), *(EXAMPLES / f"{name}.py" for name in ("momentum", "fedadam")))
 KEPT = (
     "t_avg_censored_s",
     "energy_mean_J",
@@ -80,6 +106,7 @@ def main() -> None:
     """Fly the cases of the tables, unless `--page` is set, and write the tables."""
     given = published.options(__doc__, page=True).parse_args()
     if not given.page:
+        plugins.load_files(PLUGINS)
         points = {case: [scenario(case, seed) for seed in SEEDS] for case in cases()}
         found = published.flown("federation", points, given.jobs)
         rows = [
@@ -87,7 +114,7 @@ def main() -> None:
             for case, summaries in found.items()
             for seed, summary in zip(SEEDS, summaries, strict=True)
         ]
-        published.write_rows(RESULTS, rows)
+        published.write_rows(RESULTS, [*rows, *classified()])
     published.write_page(PAGE, page, RESULTS)
 
 
@@ -105,19 +132,25 @@ def cases() -> list[Case]:
         *(("trouble", trouble, way) for trouble in TROUBLES for way in TROUBLED),
         *(("late", "unknown", way) for way in LATE),
         *(("sparing", "paper", way) for way in SPARING),
+        *(("left", where, way) for where, ways in LEFT.items() for way in ways),
     ]
 
 
 def scenario(case: Case, seed: int) -> Scenario:
     """One flight of a case: behind the filter, with the acceleration limit of the leaderboard."""
     kind, where, way = case
-    mission = "unknown" if kind == "trouble" else where
-    settings = {"calm": WAYS, "trouble": TROUBLED, "late": LATE, "sparing": SPARING}[kind][way]
+    ways = {"calm": WAYS, "trouble": TROUBLED, "late": LATE, "sparing": SPARING, "left": LEFT.get(where, {})}
+    settings, method = ways[kind][way], "fed-lspi"
     if kind == "trouble":
         settings = settings | TROUBLES[where]
     if kind == "late":
         settings = settings | SLOW
-    row = Row(way, "mfgfl-hf" if kind == "sparing" else "fed-lspi", settings=ECBF | settings)
+    if kind == "sparing":
+        method = "mfgfl-hf"
+    if where == "paper, mixed drag":
+        settings, method = MIXED, way
+    row = Row(way, method, settings=ECBF | settings)
+    mission = "unknown" if kind == "trouble" else MISSIONS.get(where, where)
     (found,) = missions.chosen([mission])
     return row.scenario(found.table(), seed, mission)
 
@@ -125,7 +158,7 @@ def scenario(case: Case, seed: int) -> Scenario:
 def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
     """Row of one flight in the results."""
     traffic = summary["radio"]["traffic"]
-    bits = summary["payload_bits"]
+    bits, cost = summary["payload_bits"], summary["diagnostics"].get("tracking_cost")
     return {
         "table": case[0],
         "where": case[1],
@@ -134,7 +167,7 @@ def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
         "kbit": sum(bits[kind] for kind in MODELS) / 1e3,
         "kbit_by_kind": {kind: bits[kind] / 1e3 for kind in MODELS},
         "airtime_s": sum(traffic[kind]["airtime_s"] for kind in MODELS),
-        "tracking": summary["diagnostics"]["tracking_cost"] / summary["uavs"] if case[0] != "sparing" else None,
+        "tracking": None if cost is None else cost / summary["uavs"],
         **{name: summary[name] for name in KEPT},
     }
 
@@ -142,7 +175,13 @@ def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
 def tables(flights: Sequence[Flight]) -> dict[str, list[str]]:
     """The tables of the page, by their marks."""
     found: dict[str, list[str]] = {}
-    for kind, mark in (("calm", "ways"), ("trouble", "troubles"), ("late", "late"), ("sparing", "sparing")):
+    for kind, mark in (
+        ("calm", "ways"),
+        ("trouble", "troubles"),
+        ("late", "late"),
+        ("sparing", "sparing"),
+        ("left", "left"),
+    ):
         rows = []
         for where in dict.fromkeys(flight["where"] for flight in flights if flight["table"] == kind):
             here = [flight for flight in flights if (flight["table"], flight["where"]) == (kind, where)]
@@ -152,7 +191,35 @@ def tables(flights: Sequence[Flight]) -> dict[str, list[str]]:
             first, *_ = ways.values()
             rows += [_row(where, way, flown, first) for way, flown in ways.items()]
         found[mark] = table(_HEAD if kind != "sparing" else _HEAD[:4] + _HEAD[5:], map(_without(kind), rows))
-    return found | {"drift": _drifts()}
+    return found | {
+        "drift": _drifts(),
+        "digits": _digits([flight for flight in flights if flight["table"] == "digits"]),
+    }
+
+
+def classified() -> list[Flight]:
+    """Rows of the flights of examples/classifier.py."""
+    example = runpy.run_path(str(EXAMPLES / "classifier.py"))
+    return [
+        {"table": "digits", "where": str(uavs), "way": way, "seed": seed, "accuracy": accuracy, "kbit": bits / 1e3}
+        for uavs, way, seed in track(list(product((10, 25), example["WAYS"], SEEDS[:10])), "classifier")
+        for accuracy, _, bits in example["fly"](way, uavs, 40, seed)[-1:]
+    ]
+
+
+def _digits(flights: Sequence[Flight]) -> list[str]:
+    """Test accuracy and bits of the classifier, a row for each number of UAVs."""
+    ways = list(dict.fromkeys(flight["way"] for flight in flights))
+    rows = []
+    for uavs in dict.fromkeys(flight["where"] for flight in flights):
+        cells = [f"{uavs} UAVs"]
+        for way in ways:
+            here = [flight for flight in flights if (flight["where"], flight["way"]) == (uavs, way)]
+            accuracy = statistics.mean([100.0 * flight["accuracy"] for flight in here])
+            mbit = statistics.mean([flight["kbit"] / 1e3 for flight in here]).value
+            cells.append(f"{accuracy.shown('.1f')} %" + (f", {mbit:.1f} Mbit" if mbit else ""))
+        rows.append(cells)
+    return table(["", *ways], rows)
 
 
 DRIFT_LOSSES = (0.0, 0.03, 0.1, 0.3, 0.5)

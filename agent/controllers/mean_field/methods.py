@@ -216,5 +216,5 @@ class MfgflHf(MeanField):
 
     name = "mfgfl-hf"
     shared = slice(VALUE.start, DENSITY.stop)
-    parts = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
+    parts: tuple[int, ...] = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
     period_ticks = 200
