@@ -1,15 +1,17 @@
 """Measures the effects of narrow payloads and writes the tables of communication.md."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 from msgspec import structs
+from numpy.typing import NDArray
 
 from meanflock.channel.link import slots_needed
 from meanflock.federation import coding as codings
-from meanflock.federation.coding import Coding
+from meanflock.federation.coding import FINEST, STEPS, Coding
 from meanflock.federation.memory import Feedback
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
@@ -22,6 +24,7 @@ from meanflock.swarm import process, scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.scenario.tables import Payload
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.tick import write_act
 
@@ -44,6 +47,8 @@ ROUNDED: tuple[Payload, ...] = ("float16", "int8")
 ROUNDING_SEEDS = range(98201, 98206)
 CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 'stop="duration"')  # no outages
 
+Transmit = Callable[[NDArray[np.intp], Floats], Floats]  # UAVs (S,) and their models (S, L) → models as received
+
 
 def main() -> None:
     """Flies every case and writes the tables."""
@@ -56,10 +61,12 @@ def main() -> None:
     clear = {
         method: [scenario.load(None, CLEAR, method=method, seed=seed) for seed in ROUNDING_SEEDS] for method in METHODS
     }
+    measured = published.flown("rounding", clear, given.jobs, measure_rounding)
     tables = {
         "transmissions": transmissions(),
         "flights": [*flights(published.flown("communication", points, given.jobs)), "", published.flown_by()],
-        "rounding": rounding(published.flown("rounding", clear, given.jobs, measure_rounding)),
+        "rounding": rounding(measured),
+        "rejected": rejected(measured),
     }
     page = PAGE.read_text(encoding="utf-8")
     for name, lines in tables.items():
@@ -123,10 +130,11 @@ def rounding(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
 def measure_rounding(flown: Scenario) -> dict[str, tuple[float, float]]:
     """The distances of one flight, by coding and feedback; see `distances`."""
     rounds = uploads(flown)
-    return {
-        _case(name, active): distances(flown, Coding(name, flown.declared.parts), active, rounds)
+    found = {
+        _case(name, active): distances(rounds, Coded(flown, name, active))
         for name, active in product(ROUNDED, (False, True))
     }
+    return found | {name: distances(rounds, way(flown)) for name, way in REJECTED.items()}
 
 
 def _case(name: str, active: bool) -> str:
@@ -149,16 +157,89 @@ def uploads(flown: Scenario) -> list[Frames]:
     return sent
 
 
-def distances(flown: Scenario, coding: Coding, active: bool, rounds: Sequence[Frames]) -> tuple[float, float]:
+class Coded:
+    """Uploads in one of our codings, as the leader receives them."""
+
+    def __init__(self, flown: Scenario, name: Payload, active: bool) -> None:
+        self._coding = Coding(name, flown.declared.parts)
+        self._feedback = Feedback(self._coding, flown.uavs, active=active)
+
+    def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
+        """The models (S, L) of some UAVs (S,), as they are received."""
+        return self._coding.decode(self._feedback.encode(rows, models))
+
+
+class Stochastic:
+    """Steps of `int8`, without feedback, each rounded up or down at random so that its expectation is the weight."""
+
+    def __init__(self, flown: Scenario) -> None:
+        self._sizes = flown.declared.parts
+        self._draw = np.random.default_rng(flown.seed)
+
+    def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
+        """See `Coded`."""
+        largest = np.maximum.reduceat(np.abs(models), np.cumsum((0, *self._sizes[:-1])), axis=-1)
+        step = np.repeat(np.maximum(largest, FINEST) / STEPS, self._sizes, axis=-1)
+        return step * np.floor(models / step + self._draw.random(models.shape))
+
+
+class LargestQuarter:
+    """The largest quarter of the weights, each in half precision with its place, and feedback."""
+
+    def __init__(self, flown: Scenario) -> None:
+        self._residuals = np.zeros((flown.uavs, flown.declared.parameters))
+
+    def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
+        """See `Coded`."""
+        meant = models + self._residuals[rows]
+        bound = np.quantile(np.abs(meant), 0.75, axis=-1, keepdims=True)
+        received = np.where(np.abs(meant) >= bound, meant, 0.0).astype(np.float16).astype(np.float64)
+        self._residuals[rows] = meant - received
+        return received
+
+
+class Differences:
+    """Differences to the last global model, in a coding; every UAV has to know that model."""
+
+    def __init__(self, flown: Scenario, coded: Transmit) -> None:
+        self._coded = coded
+        self._last: Floats = np.zeros(flown.declared.parameters)
+
+    def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
+        """See `Coded`."""
+        received = self._last + self._coded(rows, models - self._last)
+        self._last = mean(received)
+        return received
+
+
+LARGEST = "largest quarter of differences"
+REJECTED: dict[str, Callable[[Scenario], Transmit]] = {
+    "`int8`, rounded at random": Stochastic,
+    "`int8` of differences": lambda flown: Differences(flown, Coded(flown, "int8", True)),
+    LARGEST: lambda flown: Differences(flown, LargestQuarter(flown)),
+}
+
+
+def rejected(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """Errors of the codings that meanflock does not have, and the bits of an upload."""
+    rows = []
+    for method, measured in runs.items():
+        declared = scenario.load(None, (), method=method).declared
+        bits = dict.fromkeys(REJECTED, Coding("int8", declared.parts).bits)
+        bits[LARGEST] = declared.parameters // 4 * (16 + math.ceil(math.log2(declared.parameters)))
+        for name in REJECTED:
+            off = np.mean([row[name] for row in measured], axis=0)
+            rows.append((f"`{method}`", name, f"{bits[name]:,}", f"{off[0]:.1e}", f"{off[1]:.1e}"))
+    return table(("method", "coding", "bits", "one round", "all rounds"), rows)
+
+
+def distances(rounds: Sequence[Frames], coded: Callable[[NDArray[np.intp], Floats], Floats]) -> tuple[float, float]:
     """‖received mean − exact mean‖ / ‖exact mean‖: the median over rounds, and of the sums over all rounds."""
-    feedback = Feedback(coding, flown.uavs, active=active)
     differences = []
     exact = []
     for batch in rounds:
-        rows = batch.source.astype(np.intp)
-        received = coding.decode(feedback.encode(rows, batch.payload))
         exact.append(mean(batch.payload))
-        differences.append(mean(received) - exact[-1])
+        differences.append(mean(coded(batch.source.astype(np.intp), batch.payload)) - exact[-1])
     norm = np.linalg.norm
     of_one = float(np.median(norm(differences, axis=1) / norm(exact, axis=1)))
     of_all = float(norm(np.sum(differences, axis=0)) / norm(np.sum(exact, axis=0)))
