@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 
 import meanflock as mf
-from benchmarks import scaling, store
+from benchmarks import rounds, scaling, store
+from meanflock.channel import link
 from meanflock.groundstation import statistics
+from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.studies import federation, published, tuning
 from meanflock.studies.frontier import record as frontier
 from meanflock.studies.leaderboard import board
+from meanflock.swarm.scenario import load
+from reproduction.page import counted
+from reproduction.verdict import BY_CONSTRUCTION, NOT_REFUTED, NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results"
@@ -169,6 +174,18 @@ def clusters(radio: str, name: str, *, several: bool, uavs: str = "") -> list[fl
     ]
 
 
+def fewer_received() -> list[float]:
+    """How many times fewer messages the leader receives with √N clusters."""
+    rows = list(rows_of("docs/scaling.md", "clusters"))
+    received = {(row["radio"], int(row["N"]), int(row["K"])): float(row["received by UAV h"]) for row in rows}
+    return [received[radio, uavs, 1] / value for (radio, uavs, heads), value in received.items() if heads**2 == uavs]
+
+
+def flights_of(method: str) -> list[dict[str, Any]]:
+    """The flights of a method behind the filter, of the page about controllers."""
+    return [row for row in published.read_rows(RESULTS / "free_flights.json")[1] if row["method"] == method]
+
+
 def more_bits() -> list[float]:
     """Bits of clusters beside those of one leader, % more."""
     rows = list(rows_of("docs/scaling.md", "clusters"))
@@ -213,6 +230,48 @@ def claim(number: str) -> dict[str, Any]:
     """The record of a claim of the paper."""
     found: list[dict[str, Any]] = json.loads((RESULTS / "claims.json").read_text(encoding="utf-8"))
     return next(record for record in found if record["id"] == number)
+
+
+def verdicts(scenario: str) -> list[int]:
+    """Number of claims of the paper, then of those with each verdict, in the order of the README."""
+    records = json.loads((RESULTS / "claims.json").read_text(encoding="utf-8"))
+    found = counted(records, scenario)
+    order = (REPRODUCED, BY_CONSTRUCTION, NOT_REFUTED, NOT_REPRODUCED, UNDECIDED, NOT_TESTABLE)
+    return [sum(found.values()), *(found[verdict] for verdict in order)]
+
+
+def free(row: str, mission: str = "swap") -> str:
+    count = free_flights(row, [mission])
+    return f"{count}" if count else "none"
+
+
+def arrived(row: str, mission: str) -> str:
+    return f"{100 * standing(mission, row).cells['arrived'].mean:.0f}"
+
+
+@cache
+def radio_losses(floats: int) -> float:
+    """Messages of so many floats that the default radio loses, %."""
+    return 100.0 * link.expected(load(None).radio, np.ones(1), 32 * floats)[0]
+
+
+def long_model() -> tuple[int, int, int]:
+    """Fragments of a model of 10⁵ floats on the default radio, slots of each, and ticks of a round."""
+    scenario = rounds._scenario("leader", 25, rounds.Long)
+    fragments = scenario.hops[0].coding.fragments
+    assert fragments is not None
+    return fragments.count, fragments.cut.slots, sum(hop.coding.ticks for hop in scenario.hops)
+
+
+def secure_bits(uavs: int) -> float:
+    """Bits of a round of secure aggregation beside those of a plain one, with models of 246 floats."""
+    keys, shares = 2 * 256 * uavs, uavs * (uavs - 1)
+    return 1.0 + (2 * keys + (2 * 656 + 264) * shares) / ((uavs + 1) * 32 * MODEL_FLOATS)
+
+
+def scientific(value: float) -> str:
+    digits, exponent = f"{value:.1e}".split("e")
+    return f"{digits}·10{str(int(exponent)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
 def zenoh_share() -> float:

@@ -10,22 +10,30 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from benchmarks import scaling
 from meanflock.agent.controllers.cruise import CRUISE_M_S
+from meanflock.channel import link
 from meanflock.channel.link import slots_needed
+from meanflock.federation import fragments
+from meanflock.groundstation import disk, memory
 from meanflock.kernels.mean_field.layout import MODEL_FLOATS
-from meanflock.studies import federation
+from meanflock.studies import communication, federation
+from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.scenario import load
 from reproduction import grid
+from tests.golden import numbers
 from tests.results import (
     LSPI,
     NEAR,
     OUTAGES,
     PAPER,
     QUIET,
+    RATIO,
     ROOT,
+    arrived,
     chosen,
     claim,
     clusters,
@@ -33,27 +41,36 @@ from tests.results import (
     ends,
     envelope_bytes,
     feedback_gains,
+    fewer_received,
     fewest_kbit,
     first_flight,
+    flights_of,
     flown,
+    free,
     free_flights,
     installed,
     kbit,
     leaderboard,
+    long_model,
     median,
     median_of,
     more_bits,
     of_fit,
     one_digit,
     per_cent,
+    radio_losses,
     records,
+    scientific,
+    secure_bits,
     sent,
     share,
     sparing,
     standing,
     tracking,
+    transmission,
     tuned,
     two_digits,
+    verdicts,
     zenoh_share,
 )
 
@@ -74,6 +91,7 @@ def words_of(page: str) -> str:
 README, FEDERATION, COMMUNICATION = "README.md", "docs/federation.md", "docs/communication.md"
 SCALING, CONTROLLERS, REPRODUCTION = "docs/scaling.md", "docs/controllers.md", "docs/reproduction.md"
 ROBUSTNESS, TRAINING = "docs/robustness.md", "docs/train-a-policy.md"
+FLOWER, SECURITY, YOUR_CONTROLLER = "docs/flower.md", "docs/security.md", "docs/your-controller.md"
 CALM = ("paper", "windy", "unknown", "gusts", "lossy", "windmap")  # missions of 25 UAVs without obstacles
 CROWDED = ("swap", "streams", "crowd")
 
@@ -369,6 +387,138 @@ SENTENCES = [
         "polynomial. The others are a Latin hypercube of {}.",
         lambda: [grid.MAP_SETTINGS + len(grid.KNOWN), grid.MAP_SETTINGS],
     ),
+    Sentence(
+        README,
+        "Of {} claims of the paper {} are reproduced, {} hold by construction, {} are not refuted, {} are not "
+        "reproduced, {} are undecided and {} cannot be tested.",
+        lambda: verdicts("paper"),
+    ),
+    Sentence(
+        README,
+        "{} claims are reproduced in `paper-slow`, where UAVs steer slowly, and {} in `paper-printed`",
+        lambda: [verdicts(name)[1] for name in ("paper-slow", "paper-printed")],
+    ),
+    Sentence(
+        FEDERATION,
+        "On the default radio a model of 10⁵ weights goes in {} fragments of {} slots, and its round takes {} ticks.",
+        lambda: [*long_model()[:2], {4: "four"}[long_model()[2]]],
+    ),
+    Sentence(
+        FEDERATION,
+        "With models of 246 floats that is {} times the bits of a round with 20 participants, and {} times with 320. "
+        "On the default radio a broadcast of 40 keys is lost by {} % of the receivers.",
+        lambda: [f"{secure_bits(20):.1f}", f"{secure_bits(320):.0f}", f"{radio_losses(40 * 256 // 32):.0f}"],
+    ),
+    Sentence(
+        FEDERATION,
+        "246 weights take {} slots of one band, in place of {} for 20 uploads.",
+        lambda: [
+            math.ceil(MODEL_FLOATS / 2 / (load(None).radio.coherence_time_s * load(None).radio.bandwidth_hz)),
+            f"{20 * link.expected(load(None).radio, np.ones(1), 32 * MODEL_FLOATS)[1]:.0f}",
+        ],
+    ),
+    Sentence(
+        COMMUNICATION,
+        "with float32 it stays below {}.",
+        lambda: [f"{max(transmission(method, 'float32', RATIO) for method in communication.METHODS) + 0.005:.2f}"],
+    ),
+    Sentence(FLOWER, "A model of 246 floats is {} bits", lambda: [f"{32 * MODEL_FLOATS:,}"]),
+    Sentence(
+        FLOWER,
+        "by more than {} with 64-bit floats, and by {} with 32-bit floats; weighed by their samples, by {} and {}.",
+        lambda: [
+            scientific(median("classifier", f"difference, {bits} bits{way}"))
+            for way in ("", ", by samples")
+            for bits in (64, 32)
+        ],
+    ),
+    Sentence(
+        FLOWER,
+        "engine takes {} ms, and all of its processes {} MiB of memory; a round of meanflock takes {} ms and {} MiB",
+        lambda: [
+            f"{median('classifier', name):,.0f}"
+            for name in (
+                "flwr 1.41.0: round",
+                "flwr 1.41.0: memory of all its processes",
+                "our round",
+                "our memory",
+            )
+        ],
+    ),
+    Sentence(
+        SECURITY,
+        "A tick of 25 agents takes {} times as long over TLS",
+        lambda: [f"{median('tls', 'tick over TLS') / median('tls', 'tick over TCP'):.2f}"],
+    ),
+    Sentence(
+        ROBUSTNESS,
+        "it is three or four of about {} on average",
+        lambda: [f"{20 * (1.0 - float(sent('mfgfl-hf', 'float32', OUTAGES).split()[0]) / 100.0):.0f}"],
+    ),
+    Sentence(
+        YOUR_CONTROLLER,
+        "The default radio loses {} % of the messages of 300 floats, and {} % of those of 500 floats. Models of more "
+        "than {} floats go in fragments, of which {} % arrive",
+        lambda: [
+            f"{radio_losses(300):.0f}",
+            f"{radio_losses(500):.0f}",
+            next(floats for floats in range(10**4) if radio_losses(floats + 1) == 100.0),
+            f"{100 * fragments.share_delivered(load(None), 3 * int(load(None).radio.bits_per_slot)):.0f}",
+        ],
+    ),
+    Sentence(
+        YOUR_CONTROLLER,
+        "of 25 arrives, and {} pairs collide on the way",
+        lambda: re.findall(r"# 1 (\d+)$", (ROOT / YOUR_CONTROLLER).read_text(encoding="utf-8"), re.M),
+    ),
+    Sentence(
+        SCALING,
+        "tick takes up to {} B of `timeseries.parquet`, and in `recording.rrd` up to {} B, or {} B in a swarm of more "
+        "than {} UAVs",
+        lambda: [disk._SERIES_ROW + 4 * 3, disk._RECORDED_ROW, disk._RECORDED_ROW_OF_MANY, disk.LARGE_SWARM],
+    ),
+    Sentence(
+        SCALING,
+        "{} kB for a UAV and, if UAVs share states (`hjb`), {} B for a *pair*",
+        lambda: [memory.UAV_KB, memory.PAIR_BYTES],
+    ),
+    Sentence(
+        SCALING,
+        "From {} 000 UAVs on the memory of all UAVs exceeds {} MiB",
+        lambda: [MAX_MEMORY_BYTES // (8 * MODEL_FLOATS * 1000), MAX_MEMORY_BYTES >> 20],
+    ),
+    Sentence(
+        SCALING,
+        "From {} 000 UAVs on a round does not fit into one message.",
+        lambda: [2**26 // int(0.8 * 4 * MODEL_FLOATS * 1000)],
+    ),
+    Sentence(
+        SCALING,
+        "with √N clusters {} to {} times fewer than without clusters",
+        lambda: [one_digit(bound(fewer_received())) for bound in (min, max)],
+    ),
+    Sentence(
+        CONTROLLERS,
+        "sends less than {} Mbit in all",
+        lambda: [f"{math.ceil(max(flight['kbit'] for flight in flights_of('fed-lspi')) / 100) / 10:g}"],
+    ),
+    Sentence(
+        CONTROLLERS,
+        "{} % of its UAVs arrive on `crowd`. On `unknown`, where drag and wind are not those that it was told, {} % of "
+        "the UAVs of `cruise` behind `ecbf` arrive, and behind `braking` {} %. On `swap` `orca` flies free of "
+        "collisions in {} of 30 flights there, `cruise` behind `braking` in {}, behind `ecbf` in {}, `potential-field` "
+        "in {} and `olfati-saber` in {}.",
+        lambda: [
+            arrived("bvc", "crowd"),
+            *(arrived(row, "unknown") for row in ("cruise-ecbf", "cruise-braking")),
+            *(free(row) for row in ("orca", "cruise-braking", "cruise-ecbf", "potential-field", "olfati-saber")),
+        ],
+    ),
+    Sentence(
+        REPRODUCTION,
+        "{} gives the paper's 175 s",
+        lambda: [load(None).learner.kappa if claim("C18")["verdict"] == "reproduced" else None],
+    ),
 ]
 
 
@@ -376,3 +526,10 @@ SENTENCES = [
 def test_a_sentence_has_the_numbers_of_the_results(sentence: Sentence) -> None:
     expected = sentence.words.format(*sentence.numbers())
     assert re.sub(r"\s+", " ", expected) in words_of(sentence.page)
+
+
+@pytest.mark.parametrize("page", numbers.pages())
+def test_every_other_number_of_a_page_was_looked_at(page: str) -> None:
+    """A new number is that of a result and has a row above, or a definition, and `tests.golden.numbers` writes it."""
+    compared = [sentence.words.format(*sentence.numbers()) for sentence in SENTENCES if sentence.page == page]
+    assert set(numbers.found(page, compared)) <= set(numbers.read().get(page, []))

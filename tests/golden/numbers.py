@@ -11,11 +11,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 FILE = Path(__file__).with_name("numbers.csv")
-GENERATED = {"CHANGELOG.md", *(f"docs/{page}.md" for page in ("api", "cli", "data", "keys", "leaderboard", "price-of-safety"))}
-CODE = r"```.*?```|`[^`]*`|\]\([^)]*\)|\$[^$]*\$"
+GENERATED = {
+    "CHANGELOG.md",
+    *(f"docs/{page}.md" for page in ("api", "cli", "data", "keys", "leaderboard", "price-of-safety")),
+}
+BOX = r"```.*?```"
+CODE = r"`[^`]*`|\]\([^)]*\)"
 WRITTEN_BY_A_PROGRAM = r"<!-- (?!end)[^>]*-->.*?<!-- end.*?-->"
 TABLE = r"^\|.*$"
-NUMBER = r"(?<![\w.,])[\d][\d.,]*(?:\s?[%×]|\s[^\s\d]+)?"
+NUMBER = r"(?<![\w.,/-])(?!(?:19|20)\d\d\b|\d\. )\d[\d.,]*(?:\s?[%×]|\s[^\s\d]+)?"  # neither years nor items of lists
 
 
 def pages() -> list[str]:
@@ -24,12 +28,32 @@ def pages() -> list[str]:
     return [page for page in listed.stdout.split() if page not in GENERATED]
 
 
-def numbers(page: str, compared: list[str]) -> list[str]:
-    """Numbers of a page, each with the word behind it, without the sentences `compared` with results."""
+def found(page: str, compared: list[str]) -> list[str]:
+    """The numbers of a page, each with the word behind it, but for those in sentences that are `compared`."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    for pattern in (WRITTEN_BY_A_PROGRAM, "```.*?```"):
+    for pattern in (WRITTEN_BY_A_PROGRAM, BOX):
         text = re.sub(pattern, "", text, flags=re.S)
     text = " ".join(re.sub(TABLE, "", text, flags=re.M).split())
     for sentence in compared:
-        text = text.replace(sentence, "")
-    return sorted({found.rstrip(".,;:)*") for found in re.findall(NUMBER, re.sub(CODE, "", text))})
+        text = text.replace(" ".join(sentence.split()), "")
+    return sorted({each.rstrip(".,;:)*") for each in re.findall(NUMBER, re.sub(CODE, "", text))})
+
+
+def read() -> dict[str, list[str]]:
+    """The numbers of the file by page."""
+    with FILE.open(newline="", encoding="utf-8") as file:
+        return {page: numbers for page, *numbers in csv.reader(file)}
+
+
+def main() -> None:
+    """Writes the file."""
+    from tests.test_prose import SENTENCES  # which compares the pages with this file
+
+    with FILE.open("w", newline="", encoding="utf-8") as file:
+        for page in pages():
+            compared = [each.words.format(*each.numbers()) for each in SENTENCES if each.page == page]
+            csv.writer(file, lineterminator="\n").writerow([page, *found(page, compared)])
+
+
+if __name__ == "__main__":
+    main()
