@@ -7,65 +7,9 @@ imports the files that define the functions.
 
 import os
 
-__all__ = [
-    "BACKEND",
-    "alignment",
-    "closest",
-    "columns",
-    "fade",
-    "learn",
-    "move",
-    "multiply",
-    "nearest",
-    "pairs",
-    "poisson",
-    "prepare",
-    "reached",
-    "read",
-    "repel",
-    "solve",
-    "write",
-]
-
 try:
     if os.environ.get("MEANFLOCK_PURE") == "1":
         raise ImportError("MEANFLOCK_PURE=1 selects NumPy")
-    from meanflock.kernels.compiled import (
-        BACKEND,
-        alignment,
-        closest,
-        columns,
-        fade,
-        learn,
-        move,
-        multiply,
-        nearest,
-        pairs,
-        poisson,
-        prepare,
-        reached,
-        read,
-        repel,
-        solve,
-        write,
-    )
+    from meanflock.kernels.compiled import *  # noqa: F403  # its `__all__` names the functions
 except ImportError:
-    from meanflock.kernels.reference import (
-        BACKEND,
-        alignment,
-        closest,
-        columns,
-        fade,
-        learn,
-        move,
-        multiply,
-        nearest,
-        pairs,
-        poisson,
-        prepare,
-        reached,
-        read,
-        repel,
-        solve,
-        write,
-    )
+    from meanflock.kernels.reference import *  # noqa: F403

@@ -8,11 +8,10 @@ summaries are kept in docs/results/robustness.json; `--page` writes the page aga
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
-from statistics import mean, stdev
+from statistics import mean
 from typing import Any
 
-from scipy.stats import t as student
-
+from meanflock.groundstation import statistics
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced
 from meanflock.studies.study import seeded
@@ -120,14 +119,12 @@ def _table(cases: Iterable[tuple[str, str, Sequence[Row], Sequence[Row]]]) -> st
 
 
 def _interval(values: Sequence[float]) -> str:
-    """Mean ± half the 95 % interval of the mean."""
+    """Mean and half its 95 % interval; of huge values the largest."""
     if not values:
         return "–"
-    middle = mean(values)
     if max(map(abs, values)) >= 1e4:
         return f"up to {max(values):.0e}"
-    half = student.ppf(0.975, len(values) - 1) * stdev(values) / len(values) ** 0.5 if len(values) > 1 else 0.0
-    return f"{middle:.1f} ± {half:.1f}"
+    return statistics.mean(values).shown(".1f")
 
 
 def _sentence(label: str, cases: Sequence[str]) -> str:
