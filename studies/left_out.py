@@ -12,11 +12,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-import meanflock as mf
 from meanflock.agent.controllers.base import Memory, Received, Rows, Step
 from meanflock.agent.controllers.mean_field.methods import MfgflHf
-from meanflock.federation.rules.base import State
-from meanflock.kernels.mean_field.layout import MODEL_FLOATS
+from meanflock.federation.rules.base import Aggregator, Options, State, Uploads
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
@@ -27,7 +25,7 @@ DELTA = 1e-3  # δ of differential privacy, far below one in 25 UAVs
 SPREAD = 0.5  # of drags, as a share of their mean
 
 
-class LastUpload(mf.Aggregator):
+class LastUpload(Aggregator):
     """The mean of the last model of each UAV, so that one that is lost counts as the one before."""
 
     name = "last-upload"
@@ -36,13 +34,13 @@ class LastUpload(mf.Aggregator):
         uavs = self.scenario.uavs
         return {"models": np.zeros((uavs, parameters)), "received": np.zeros(uavs, dtype=bool)}
 
-    def step(self, state: State, uploads: mf.Uploads) -> tuple[State, Floats]:
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         models, received = state["models"].copy(), state["received"].copy()
         models[uploads.uavs], received[uploads.uavs] = uploads.models, True
         return {"models": models, "received": received}, models[received].mean(axis=0)
 
 
-class Private(mf.Aggregator):
+class Private(Aggregator):
     """Differential privacy of a UAV's uploads: each changes the global model by `clip` / S at most, and noise hides it.
 
     The noise of a round is z · `clip` / S. After T rounds the Rényi divergence of order α is at most α T / 2z² (Mironov
@@ -51,7 +49,7 @@ class Private(mf.Aggregator):
 
     name = "private"
 
-    class Options(mf.Options, frozen=True):
+    class Options(Options, frozen=True):
         """Options of the rule."""
 
         epsilon: float
@@ -61,7 +59,7 @@ class Private(mf.Aggregator):
     def init(self, parameters: int) -> State:
         return {"model": np.array(self.options.start)}
 
-    def step(self, state: State, uploads: mf.Uploads) -> tuple[State, Floats]:
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         change = uploads.models - state["model"]
         size = np.linalg.norm(change, axis=1, keepdims=True)
         change = change * np.minimum(1.0, self.options.clip / np.maximum(size, 1e-12))
@@ -77,12 +75,12 @@ class Private(mf.Aggregator):
         return math.sqrt(0.5 * rounds) / (math.sqrt(doubt + float(self.options.epsilon)) - math.sqrt(doubt))
 
 
-class Aged(mf.Aggregator):
+class Aged(Aggregator):
     """The mean of the models, in which one of an earlier round counts 1 / √(1 + age), age in rounds."""
 
     name = "aged"
 
-    def step(self, state: State, uploads: mf.Uploads) -> tuple[State, Floats]:
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         weights = 1.0 / np.sqrt(1.0 + uploads.round - uploads.sent)
         return state, weights @ uploads.models / weights.sum()
 
@@ -96,11 +94,11 @@ class MfgflHfScaffold(MfgflHf):
     """
 
     name = "mfgfl-hf-scaffold"
-    parts: tuple[int, ...] = (MODEL_FLOATS, MODEL_FLOATS)
+    parts = 2 * MfgflHf.parts
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self.parameters = 2 * MODEL_FLOATS
+        self.parameters = 2 * MfgflHf.weights
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
         memory = super().init(uavs, plan)

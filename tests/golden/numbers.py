@@ -1,13 +1,15 @@
 """Numbers in the prose of the pages that no result has: `python -m tests.golden.numbers` writes them to numbers.csv.
 
 They are definitions, defaults, sizes of examples and years. A number that was measured or computed has a row in
-`tests/test_prose.py` instead, which compares it with the results.
+`tests/sentences.py` instead, which compares it with the results.
 """
 
 import csv
 import re
 import subprocess
 from pathlib import Path
+
+from tests.sentences import SENTENCES
 
 ROOT = Path(__file__).parents[2]
 FILE = Path(__file__).with_name("numbers.csv")
@@ -35,7 +37,7 @@ def found(page: str, compared: list[str]) -> list[str]:
         text = re.sub(pattern, "", text, flags=re.S)
     text = " ".join(re.sub(TABLE, "", text, flags=re.M).split())
     for sentence in compared:
-        text = text.replace(" ".join(sentence.split()), "")
+        text = text.replace(sentence, "")
     return sorted({each.rstrip(".,;:)*") for each in re.findall(NUMBER, re.sub(CODE, "", text))})
 
 
@@ -47,11 +49,9 @@ def read() -> dict[str, list[str]]:
 
 def main() -> None:
     """Writes the file."""
-    from tests.test_prose import SENTENCES  # which compares the pages with this file
-
     with FILE.open("w", newline="", encoding="utf-8") as file:
         for page in pages():
-            compared = [each.words.format(*each.numbers()) for each in SENTENCES if each.page == page]
+            compared = [each.written() for each in SENTENCES if each.page == page]
             csv.writer(file, lineterminator="\n").writerow([page, *found(page, compared)])
 
 
