@@ -64,6 +64,11 @@ def column(name: str, *case: str) -> np.ndarray:
     return np.array([row[name] for row in rows], dtype=np.float64)
 
 
+def mixed(name: str, way: str = "mfgfl-hf") -> np.ndarray:
+    """A number of the flights in which drags differ."""
+    return column(name, "left", "paper, mixed drag", way)
+
+
 def share(name: str, where: str, way: str = QUIET) -> float:
     """A total on a calm mission beside that under a leader."""
     return float(column(name, "calm", where, way).sum() / column(name, "calm", where, "leader").sum())

@@ -29,12 +29,11 @@ def total(name: str, *case: str) -> float:
 
 
 def test_every_case_has_its_flights_and_the_page_its_tables() -> None:
-    assert [(one["table"], one["where"], one["way"]) for one in FLIGHTS] == [
-        case for case in federation.cases() for _ in federation.SEEDS
-    ]
+    flown = [(one["table"], one["where"], one["way"]) for one in FLIGHTS if one["table"] != "digits"]
+    assert flown == [case for case in federation.cases() for _ in federation.SEEDS]
     assert all("\n".join(lines) in PAGE for lines in federation.tables(FLIGHTS).values())
     assert CODE in PAGE
-    assert f"{len(FLIGHTS):,} flights" in PAGE
+    assert f"{len(flown):,} flights" in PAGE
 
 
 def share(name: str, where: str) -> float:
