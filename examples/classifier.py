@@ -14,14 +14,12 @@ import numpy as np
 
 import meanflock as mf
 
-SHAPES = ((65, 32), (33, 10))  # weights of two layers; the last row of each has the offsets
-NEIGHBOURS = {"federation.topology": "neighbours"}
 WAYS = {  # how to fly it: mission and settings
     "alone": ("paper", {"controller.share": False}),
     "leader": ("paper", {}),
-    "neighbours": ("paper", NEIGHBOURS),
+    "neighbours": ("paper", {"federation.topology": "neighbours"}),
     "lossy, leader": ("lossy", {}),
-    "lossy, neighbours": ("lossy", NEIGHBOURS),
+    "lossy, neighbours": ("lossy", {"federation.topology": "neighbours"}),
 }
 
 
@@ -42,9 +40,8 @@ def training(uav, uavs):
 
 
 def layers(models):
-    """The matrices (M, rows, columns) of models (M, 2410)."""
-    parts = np.split(models, [65 * 32], axis=1)
-    return [part.reshape(-1, *shape) for part, shape in zip(parts, SHAPES, strict=True)]
+    """The matrices of models (M, 2410), (M, 65, 32) and (M, 33, 10); the last row of each has the offsets."""
+    return models[:, : 65 * 32].reshape(-1, 65, 32), models[:, 65 * 32 :].reshape(-1, 33, 10)
 
 
 def forward(models, inputs):
@@ -86,8 +83,8 @@ class Classifier(mf.Controller):
         self.weighted = options.by_samples
 
     def init(self, uavs, plan):
-        draw = np.random.default_rng(self.scenario.seed)  # all begin with the same model
-        model = np.concatenate([np.sqrt(2.0 / rows) * draw.standard_normal(rows * units) for rows, units in SHAPES])
+        model = np.random.default_rng(self.scenario.seed).standard_normal(2410)  # all begin with the same one
+        model *= np.sqrt(2.0 / np.repeat([65, 33], [65 * 32, 33 * 10]))
         return {"uav": uavs, "model": np.tile(model, (len(uavs), 1)), "accuracy": np.zeros(len(uavs))}
 
     def step(self, memory, tick, own, received):
