@@ -89,7 +89,9 @@ def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_pat
     summary = json.loads(out)
     assert summary["steered"]["uav_ticks"] >= 10
     assert summary["steered"]["replayable"] is False
-    assert summary["lost"] == 0
+    assert (summary["lost"], summary["realtime"]["factor"]) == (0, 1.0)
+    assert summary["real_time_factor"] == pytest.approx(20.0 / summary["wall_time_s"])
+    assert 20.0 <= summary["wall_time_s"] < DEADLINE_S  # a busy machine may be late
     expected = {"malformed": 1, "unknown-system": 1, "wrong-frame": 1, "wrong-mask": 1}
     assert {reason: summary["dropped_messages"].get(reason) for reason in expected} == expected
     (folder,) = tmp_path.iterdir()

@@ -151,6 +151,8 @@ class Flight(Recorded):
         return json.loads(out)
 
 
-def ends_by_itself(process: Process) -> None:
-    _, err = process.communicate(timeout=DEADLINE_S)
+def ends_by_itself(process: Process) -> str:
+    """Its standard output."""
+    out, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, err
+    return out

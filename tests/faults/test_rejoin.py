@@ -8,7 +8,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Join, Ready, Status
+from meanflock.swarm.wire.messages import Join, Status
 from meanflock.worldsim.members import JoinRefused, Members
 from tests.faults.conftest import RUN, Lab, scenario
 
@@ -110,39 +110,31 @@ def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:
     assert [event.tick for event in lab.record.events if event.kind == "rejoined"] == [32]
 
 
-def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -> None:
-    lab = Lab(scenario(), uavs_per_node=1)
-    old, client = lab.bus_of("agent-1"), lab.client_of("agent-1")
-
-    def thaw() -> None:
-        old.handler = client.handle
-        old.put(keys.act(RUN, "agent-1"), control.encode(Ready(keys.fingerprint(RUN))))
-        assert client.stopped.lost
-
-    def freeze() -> None:
-        old.handler = lambda delivery: None  # it hears nothing of its loss
-        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
-
-    summary = lab.fly({20: freeze, 40: lab.agent, 60: thaw})
-    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
-    assert summary["dropped_messages"] == {"unknown-node": 1}
-
-
-def test_an_agent_without_the_controller_is_refused_with_its_host_in_flight_and_one_that_has_it_rejoins(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("controller", "mfgfl-h", "is not installed here"),
+        ("controller", "mfgfl-h", "is of sha256 of another file here, and of"),
+        ("filter", "ecbf", "is of sha256 of another file here, and of"),
+    ],
+)
+def test_an_agent_without_a_plugin_is_refused_with_its_host_and_one_with_it_rejoins(
+    kind, name, said, monkeypatch
 ) -> None:
-    lab, missing = Lab(scenario(), uavs_per_node=1), "on host far-away: controller 'mfgfl-h' is not installed here"
+    lab, text = Lab(scenario("filter.kind=ecbf"), uavs_per_node=1), f"on host far-away: {kind} '{name}' {said}"
 
     def stranger() -> None:
+        packaged = registry._packaged()
+        other = tuple(plugin._replace(fingerprint="sha256 of another file") for plugin in packaged[kind, name])
         with monkeypatch.context() as patch:
             patch.setattr("platform.node", lambda: "far-away")
-            patch.delitem(registry._packaged(), ("controller", "mfgfl-h"))
-            with pytest.raises(BadInput, match=missing):
+            patch.setitem(packaged, (kind, name), other if "another" in said else ())
+            with pytest.raises(BadInput, match=text):
                 lab.agent()
 
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: stranger, 30: lab.agent})
     assert (summary["lost"], summary["nodes_rejoined"], summary["dropped_messages"]) == (0, 1, {})
-    assert any(missing in event.text for event in lab.record.events if event.kind == "lost")
+    assert any(text in event.text for event in lab.record.events if event.kind == "lost")
 
 
 def test_a_repeated_join_gets_the_same_place() -> None:

@@ -90,14 +90,7 @@ def test_a_join_is_repeated_with_the_same_token_until_it_is_accepted(monkeypatch
     ],
     ids=["for now", "interrupted", "for good", "no answer"],
 )
-def test_a_node_that_is_not_accepted_says_why(
-    answer: Message | None,
-    timeout_s: float,
-    stops_after: int,
-    expected: str,
-    joins: int | None,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_node_that_is_not_accepted_says_why(answer, timeout_s, stops_after, expected, joins, monkeypatch) -> None:
     world = World(monkeypatch, answer)
     with pytest.raises(BusError, match=expected):
         world.join(Node(), timeout_s, cancelled=lambda: len(world.joins) >= stops_after)
@@ -175,9 +168,7 @@ REFUSED = Refused("the world refused: no", over=True)
         ([Stop(1, "for a reason", lost=True), Stop(1, "lost: and found")], "lost: and found"),  # it joins again
     ],
 )
-def test_a_node_joins_again_until_it_is_stopped_or_the_flight_is_over(
-    script: list[Any], ends: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_joins_again_until_it_is_stopped_or_the_flight_is_over(script, ends, monkeypatch) -> None:
     script = list(script)
 
     class Scripted:

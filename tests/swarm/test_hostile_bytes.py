@@ -143,9 +143,7 @@ def test_frames_name_uavs_of_the_swarm_and_rows_of_their_payload(backend: Backen
 
 @FEWER
 @given(damaged(TICKS) | st.sampled_from(TICKS), st.integers(0, 3), st.integers(1, 5))
-def test_the_first_table_is_written_where_it_is_wanted_or_nowhere(
-    backend: Backend, raw: bytes, rows: int, columns: int
-) -> None:
+def test_the_first_table_is_written_where_it_is_wanted_or_nowhere(backend, raw, rows, columns) -> None:
     for kind in (SENSE, ACT):
         into = np.full((rows, columns), 7.0)
         got = outcome(backend.read, raw, kind, into)

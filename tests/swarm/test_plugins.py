@@ -3,18 +3,14 @@
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import client
 from meanflock.swarm.plugins import Plugin, registry
-from meanflock.swarm.scenario import load
 
 GOOD = """
 from meanflock.agent.controllers.base import Controller, Step
@@ -74,9 +70,7 @@ def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.Pl
 
 
 @pytest.mark.parametrize("method", ["/etc/passwd", "mine.py", "os:system", ""])
-def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
-    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(method, tmp_path, monkeypatch) -> None:
     written(tmp_path, "raise AssertionError('it was run')")
     monkeypatch.chdir(tmp_path)
     for key in ("plugin", "plugins", "plugin_files"):
@@ -85,31 +79,6 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
     received = scenario.decode(msgspec.json.encode({"method": method}))
     with pytest.raises(BadInput, match="is not installed here"):
         received.declared  # noqa: B018
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "expected"),
-    [
-        ("controller", "hjb", "controller 'hjb' is "),
-        ("filter", "ecbf", "filter 'ecbf' is "),
-    ],
-)
-def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
-    kind: str, name: str, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Elsewhere:
-        GROUPS = plugins.GROUPS
-
-        @staticmethod
-        def find(asked: Any, wanted: str) -> Plugin:
-            found = plugins.find(asked, wanted)
-            is_other = (asked, wanted) == (kind, name)
-            return found._replace(fingerprint="sha256 of another file") if is_other else found
-
-    monkeypatch.setattr(client, "plugins", Elsewhere)
-    monkeypatch.setattr(client.platform, "node", lambda: "far-away")
-    with pytest.raises(BadInput, match=f"agent-0 on host far-away: {expected}"):
-        Engine(load(None, ["uavs=2", "filter.kind=ecbf"], method="hjb"), "hosts")
 
 
 # -- packages -------------------------------------------------------------------------------------------------------
@@ -131,9 +100,7 @@ def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: py
         ("meanflock.swarm.plugins:Plugin", "lacks `init` and `step`"),
     ],
 )
-def test_a_package_whose_entry_point_is_of_no_use_is_named(
-    reference: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_whose_entry_point_is_of_no_use_is_named(reference, text, tmp_path, monkeypatch) -> None:
     written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
     monkeypatch.syspath_prepend(tmp_path)
     plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
@@ -194,9 +161,7 @@ def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monke
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its_name(tmp_path, monkeypatch) -> None:
     plugins.register(type("Mine", (mf.Controller,), {"name": "mine", "step": lambda *_: None}))
     (plugin,) = plugins.load_file(first := written(tmp_path, GOOD))
     assert (plugin.source, plugins.find("controller", "mine")) == (str(first), plugin)

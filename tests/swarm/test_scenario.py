@@ -110,9 +110,7 @@ def test_a_payload_of_the_radio_s_width_leaves_no_trace_in_the_hash(bits: int) -
     assert load(None, [f"radio.bits_per_float={bits}", "federation.payload=int8"]).sha256() != first
 
 
-def test_a_shipped_scenario_is_found_from_any_folder_and_a_file_of_that_name_comes_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_shipped_scenario_is_found_from_any_folder_and_a_file_of_that_name_comes_first(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert load(Path("scenarios/hierarchical.toml")).federation.clusters == 5
     assert len(scenario.read_faults(Path("scenarios/faults.toml"))) > 3
