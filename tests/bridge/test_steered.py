@@ -21,30 +21,19 @@ STEERED = 3  # the system; UAV 2
 STRONG = 4.0  # m/s²
 
 
-def free_port() -> int:
-    return Address("127.0.0.1", 0).free("--steer", datagrams=True).port
+def ticks(client: Client, port: int, count: int, message: Any) -> dict[int, list[Any]]:
+    """So many more positions of every vehicle; the message is sent before each look for them."""
+    client.messages.clear()
+    places: dict[int, list[Any]] = {}
 
+    def enough() -> bool:
+        client.send(port, message)
+        client.receive()
+        places.update((system, list(client.of("LOCAL_POSITION_NED", system))) for system in range(1, UAVS + 1))
+        return min(map(len, places.values())) >= count
 
-class Speeds:
-    """The velocities of all vehicles, as they tell a client."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-
-    def ticks(self, count: int, send: Any = None, port: int = 0) -> dict[int, list[Any]]:
-        """Receive so many more positions of every vehicle, sending a message before each look."""
-        self._client.messages.clear()
-        places: dict[int, list[Any]] = {}
-
-        def enough() -> bool:
-            self._client.send(port, send or heartbeat())
-            self._client.receive()
-            for system in range(1, UAVS + 1):
-                places[system] = list(self._client.of("LOCAL_POSITION_NED", system))
-            return min(map(len, places.values())) >= count
-
-        until(enough, f"{count} ticks")
-        return places
+    until(enough, f"{count} ticks")
+    return places
 
 
 def accelerations(places: list[Any]) -> list[float]:
@@ -59,22 +48,20 @@ def accelerations(places: list[Any]) -> list[float]:
 def steer_and_give_back(port: int) -> None:
     """Steer one vehicle to the north; only it speeds up, and after a second of silence it does so no longer."""
     with Client() as client:
-        client.send(port, heartbeat())
-        speeds = Speeds(client)
-        speeds.ticks(3, port=port)
-        pushed = speeds.ticks(12, setpoint(STEERED, north=STRONG), port)
+        ticks(client, port, 3, heartbeat())
+        pushed = ticks(client, port, 12, setpoint(STEERED, north=STRONG))
         for system, places in pushed.items():
             gain = sum(accelerations(places)[3:]) / max(1, len(accelerations(places)[3:]))
             assert (gain > 0.5 * STRONG) == (system == STEERED), (system, gain)
         for message in (setpoint(200, 1.0), setpoint(STEERED, mask=0), setpoint(STEERED, frame=8), b"\xfd\x00nothing"):
             client.send(port, message)
-        back = speeds.ticks(25, port=port)[STEERED]
+        back = ticks(client, port, 25, heartbeat())[STEERED]
         assert max(accelerations(back)[-5:]) < 0.5 * STRONG
 
 
 @pytest.mark.processes
 def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_path: Path) -> None:
-    port = free_port()
+    port = Address("127.0.0.1", 0).free("--steer", datagrams=True).port
     line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
     with subprocess.Popen(
         [*map(str, [*COMMAND, *line, "--out", tmp_path])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

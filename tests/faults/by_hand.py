@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
+
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.results.spool import spooled
 from tests.polling import DEADLINE_S, until
@@ -26,6 +28,10 @@ def events_in(folder: Path) -> list[dict[str, Any]]:
     path = folder / "events.jsonl"
     lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
     return [json.loads(line) for line in lines]
+
+
+def ticks_of(folder: Path) -> list[int]:
+    return pq.read_table(folder / "timeseries.parquet", columns=["tick"])["tick"].to_pylist()
 
 
 def spool_bytes(out: Path) -> int:

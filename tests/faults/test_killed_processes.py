@@ -6,13 +6,13 @@ tests/soak/mishaps.py.
 
 import json
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
-import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation import certs
@@ -25,8 +25,8 @@ from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
 from meanflock.swarm.net.session import LEASE
 from tests.controller_files import controller_file
-from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, events_in
-from tests.faults.conftest import Lab, honest
+from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, ticks_of
+from tests.faults.conftest import honest
 from tests.faults.dying import resumed
 from tests.faults.launched import BARRIER_S, Launched, alive, launched
 from tests.faults.wire import Wire
@@ -34,10 +34,6 @@ from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
 forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
-
-
-def ticks_of(folder: Path) -> list[int]:
-    return pq.read_table(folder / "timeseries.parquet", columns=["tick"])["tick"].to_pylist()
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +50,6 @@ def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_t
     processes: Processes, tmp_path: Path, certificates: str
 ) -> None:
     flown = (*SETTINGS, "duration=200")
-    lab = Lab(scenarios.load(None, flown))
-    expected = lab.fly()
     flight = Flight(processes, tmp_path, settings=flown)
     flight.flying()
     until((flight.folder / CHECKPOINT).exists, "a checkpoint")
@@ -63,18 +57,13 @@ def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_t
     for process in (*flight.agents, *flight.leaders, flight.station):
         _, err = process.communicate(timeout=DEADLINE_S)
         assert process.returncode == 1, err
-        verdict = err.splitlines()[-1]
-        assert verdict.startswith("error: the world ")
-        assert " is gone" in verdict
-        assert "meanflock resume" in verdict
+        assert re.search("^error: the world .*is gone.*meanflock resume", err.splitlines()[-1])
     folder = flight.folder
     summary = resumed(folder, "--tls", certificates, in_process=False, record=True)
     for name in ("trajectory_sha256", "rounds", "ticks", "lost", "telemetry_blocks_dropped"):
-        assert summary[name] == expected[name], name
+        assert summary[name] == honest(scenarios.load(None, flown), name), name
     assert ticks_of(folder) == recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(2001))
-    nodes = ("joined", "lost", "rejoined", "resumed")
-    told = [(e["tick"], e["kind"], e["text"]) for e in events_in(folder) if e["kind"] not in nodes]
-    assert told == [(e.tick, e.kind, e.text) for e in lab.record.events if e.kind not in nodes]
+    assert len(flight.events("round")) == summary["rounds"]
 
 
 @pytest.fixture
@@ -106,13 +95,13 @@ def test_nodes_whose_links_are_reset_or_cut_come_back_to_a_flight_that_went_on(
     assert (summary["lost"], summary["nodes_lost"], summary["telemetry_blocks_dropped"]) == (0, 4, 0)
     for process in (*far, *flight.agents, flight.station):
         ends_by_itself(process)
-    (folder,) = tmp_path.iterdir()
-    back_again = sorted(event["text"] for event in events_in(folder) if event["kind"] == "rejoined")
     lives = (2, 3)
-    expected = [f"agent-2.{life} rejoined with UAV 2" for life in lives]
-    assert back_again == expected + [f"leader.{life} stands by" for life in lives]
-    assert ticks_of(folder) == list(range(summary["ticks"] + 1))
-    assert json.loads((folder / "summary.json").read_text()) == summary
+    expected = [f"agent-2.{life} rejoined with UAV 2" for life in lives] + [
+        f"leader.{life} stands by" for life in lives
+    ]
+    assert sorted(event["text"] for event in flight.events("rejoined")) == expected
+    assert ticks_of(flight.folder) == list(range(summary["ticks"] + 1))
+    assert json.loads((flight.folder / "summary.json").read_text()) == summary
 
 
 # -- processes of `meanflock run`: one endless run ------------------------------------------------------------------
@@ -253,17 +242,12 @@ def test_a_forker_that_is_killed_before_take_off_ends_the_run(forked: int) -> No
         if forked:
             swarm.start_world("uavs = 2", wait_s=60.0, realtime=None)
             until(lambda: swarm.others_can_join(1.0), "a world that can be joined")
-            assert swarm.wait(0.0) == ["world"]
         family = psutil.Process(forker.process.pid).children()
         assert len(family) == forked
         forker.process.kill()  # while it loads what the others need, or when the world waits for them
-
-        def go_on() -> None:
+        with pytest.raises(ProcessDied, match=f"^{FORKER} was killed by SIGKILL"):  # noqa: PT012
             swarm.start_agents(2, 1, wait_s=60.0)
             until(swarm.check, "a look that fails")
-
-        with pytest.raises(ProcessDied, match=f"^{FORKER} was killed by SIGKILL"):
-            go_on()
     assert not any(map(alive, family))
 
 
@@ -275,9 +259,9 @@ def test_processes_are_started_one_by_one_where_a_plug_in_starts_a_thread(tmp_pa
     settings = ("method=threaded", "uavs=2", "duration=100000", "stop=duration")
     with launched(tmp_path / "runs", *settings, flags=flags) as run:
         started = psutil.Process(run.process.pid).children()
-        assert sum("meanflock.agent" in process.cmdline() for process in started) == 2
-        assert sum("meanflock.worldsim" in process.cmdline() for process in started) == 1
-        next(process for process in started if "meanflock.agent" in process.cmdline()).kill()
+        modules = [next(word for word in process.cmdline() if word.startswith("meanflock.")) for process in started]
+        assert sorted(modules) == ["meanflock.agent", "meanflock.agent", "meanflock.worldsim"]
+        started[modules.index("meanflock.agent")].kill()
         run.event("rejoined")
         run.process.send_signal(signal.SIGINT)
         run.ended(1)

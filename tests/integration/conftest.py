@@ -12,8 +12,7 @@ import psutil
 import pytest
 
 from meanflock.groundstation.cli.command import main
-from tests.faults.by_hand import Process, Processes
-from tests.polling import DEADLINE_S
+from tests.faults.by_hand import Process, Processes, Recorded
 
 
 def processes_of(text: str) -> list[psutil.Process]:
@@ -29,11 +28,12 @@ def processes_of(text: str) -> list[psutil.Process]:
     return found
 
 
-class Command:
+class Command(Recorded):
     """`meanflock run` in a folder of its own."""
 
     def __init__(self, out: Path, processes: Processes) -> None:
-        self.out, self._processes = out, processes
+        super().__init__(out)
+        self._processes = processes
 
     def start(self, *flags: str) -> Process:
         return self._processes.start("groundstation.cli", "run", "--out", str(self.out), *flags, base=())
@@ -45,19 +45,6 @@ class Command:
         assert "not all processes ended" not in err.getvalue()
         sys.stderr.write(err.getvalue())
         return json.loads(out.getvalue())
-
-    def summary_of_a_process(self, *flags: str) -> dict[str, Any]:
-        """The same of a command in a process of its own, which prints nothing else."""
-        process = self.start("--json", "--quiet", *flags)
-        out, err = process.communicate(timeout=DEADLINE_S)
-        assert process.returncode == 0, err
-        return json.loads(out)
-
-    @property
-    def folder(self) -> Path:
-        """The only run folder."""
-        (folder,) = self.out.iterdir()
-        return folder
 
 
 @pytest.fixture

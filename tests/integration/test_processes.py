@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import psutil
-import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
@@ -18,7 +17,7 @@ from meanflock.groundstation.recording.replay import verify
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.commands import printed
-from tests.faults.by_hand import Processes, ends_by_itself
+from tests.faults.by_hand import Processes, ends_by_itself, ticks_of
 from tests.golden.flights import read, steady
 from tests.integration.conftest import Command, processes_of
 from tests.polling import DEADLINE_S, until
@@ -48,13 +47,12 @@ def test_a_golden_flight_is_the_same_in_processes(name: str, rows: str, command:
 def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(
     command: Command, processes: Processes
 ) -> None:
-    first = command.summary_of_a_process(*SHORT)
+    first = json.loads(ends_by_itself(command.start("--json", "--quiet", *SHORT)))
     folder = command.folder
     names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
     assert {path.name for path in folder.iterdir()} == names
     assert json.loads((folder / "summary.json").read_text()) == first
-    table = pq.read_table(folder / "timeseries.parquet")
-    assert table["tick"].to_pylist() == list(range(first["ticks"] + 1))
+    assert ticks_of(folder) == list(range(first["ticks"] + 1))
     assert verify(folder / "recording.rrd") is None
     kinds = Counter(json.loads(line)["kind"] for line in (folder / "events.jsonl").read_text().splitlines())
     assert kinds["finished"] == 1
@@ -77,7 +75,7 @@ def test_processes_started_by_hand_in_any_order_find_each_other(
         ends_by_itself(process)
     assert json.loads(ends_by_itself(station)) == summary
     (folder,) = (tmp_path / "recorded").iterdir()
-    assert len(pq.read_table(folder / "timeseries.parquet")) == 301
+    assert len(ticks_of(folder)) == 301
     expected = command.summary("--in-process", "--no-record", *SHORT)
     assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
 

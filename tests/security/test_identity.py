@@ -19,7 +19,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, Identity, secured
 from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Ready, Received, Welcome
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Received, Welcome
 from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import (
@@ -37,15 +37,6 @@ from tests.security.conftest import (
 )
 
 pytestmark = pytest.mark.processes
-
-
-def test_without_tls_the_forged_act_is_taken_for_real(open_flight: Flight, undisturbed: str) -> None:
-    """The attack of the next test is one: nothing but the access-control list stands against it."""
-    publisher = open_flight.client(ME)
-    publisher.put(keys.act(RUN, VICTIM), control.encode(Ready(keys.fingerprint(RUN))))
-    publisher.put(keys.act(RUN, VICTIM), forged())
-    publisher.ask(keys.join(RUN, ME), control.encode(Join("agent", 1, 3)), DEADLINE_S)  # what came before has arrived
-    assert open_flight.land()["trajectory_sha256"] != undisturbed
 
 
 def without_certificate(endpoint: str, folders: Folders) -> ZenohBus:
@@ -124,7 +115,7 @@ def replay(flight: Flight, attacker: ZenohBus) -> None:
 
 def connect_as_router(flight: Flight) -> ZenohBus:
     settings = {**_COMMON, "mode": "router", "listen/endpoints": [], "connect/exit_on_failure": True}
-    me = Identity(flight.certificates, ME)
+    me = Identity(flight.folders.good, ME)
     settings |= {"connect/endpoints": [secured(flight.endpoint, me)], **_tls(me, "connect")}
     attacker = ZenohBus(_config(settings))
     flight.opened.append(attacker)
@@ -233,7 +224,7 @@ for _ in range(int(sessions)):
 @contextmanager
 def flood(flight: Flight) -> Iterator[None]:
     """Ten sessions in five processes, from when all of them send."""
-    where = [flight.endpoint, str(flight.certificates), ME, keys.act(RUN, ME), str(SESSIONS), str(MEGABYTES)]
+    where = [flight.endpoint, str(flight.folders.good), ME, keys.act(RUN, ME), str(SESSIONS), str(MEGABYTES)]
     command = [sys.executable, "-c", FLOODS, *where]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(PROCESSES)]
     try:
