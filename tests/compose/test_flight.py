@@ -42,10 +42,8 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(
     traffic = summary["radio"]["traffic"]
     assert traffic["broadcast"]["transmissions"] == 4 * summary["rounds"] > 0
     assert all(traffic[kind]["outages"] for kind in ("uplink", "broadcast"))
-    (folder,) = compose.out.iterdir()
-    assert {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"} == {
-        path.name for path in folder.iterdir()
-    }
+    files = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
+    assert {path.name for path in compose.folder.iterdir()} == files
     for index in range(1, UAVS + 1):
         assert compose.ended(compose.container("agent", index)) == 0
 
@@ -109,7 +107,7 @@ def test_the_world_of_containers_cannot_be_steered_and_says_why() -> None:
 
 def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_are_asked(compose: Compose) -> None:
     compose.up(ENDLESS)
-    compose.flying()
+    compose.flying(20_000)
     for container, service in compose.containers().items():
         until(lambda c=container: compose.state(c)["Health"]["Status"] == "healthy", f"{container} to be healthy")
         assert int(docker("exec", container, "id", "-u")) == USER
@@ -125,7 +123,7 @@ def test_containers_are_healthy_can_do_no_more_than_they_must_and_end_when_they_
         assert compose.inspect(container, "Config")["StopSignal"] == "SIGINT"
     docker("stop", compose.container("agent", 2))
     assert compose.state(compose.container("agent", 2))["ExitCode"] == 0  # 137: had to be killed
-    until(lambda: compose.events("lost"), "the loss")
+    compose.event("lost")
     docker("stop", compose.container("worldsim"))
     for container, service in compose.containers().items():
         assert compose.ended(container) == int(service == "worldsim"), docker("logs", container)  # 1: interrupted

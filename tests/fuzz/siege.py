@@ -19,16 +19,15 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
-from tests.faults.conftest import saying
+from tests.faults.conftest import saying, scenario
 from tests.fuzz.mutation import Mutator
-from tests.swarm.examples import read, written
+from tests.swarm.examples import RAW, read, written
 
 RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)
-GOLDEN = Path(__file__).parents[1] / "golden"
 ROWS = 2  # UAVs a node
 TICKS = 125
 HARMLESS = (Ready, Received, Join)  # what may be let in though it changes nothing: said twice, or by who may say it
@@ -38,10 +37,10 @@ class Broken(AssertionError):
     """A promise that mutated messages broke; the text has the message in hexadecimal."""
 
 
-def scenario(clusters: int = 1) -> Scenario:
+def besieged(clusters: int) -> Scenario:
     """Short, with rounds, two of which are open at any time, and shared states."""
-    fixed = ["uavs=6", "seed=3", f"duration={TICKS / 10}", 'stop="duration"', "federation.period=20"]
-    return load(None, [*fixed, "federation.state_period=30", f"federation.clusters={clusters}"], method="mfgfl-hf")
+    settings = (f"duration={TICKS / 10}", "federation.state_period=30", f"federation.clusters={clusters}")
+    return scenario(*settings, method="mfgfl-hf")
 
 
 def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
@@ -56,8 +55,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
         kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
     own = [Ready(NUMBER), Received(NUMBER, 3), Stop(NUMBER, "x")]
     own += [Join(role, int(role == "agent")) for role in ("agent", "leader", "station")]
-    corpus = [*kept.values(), *map(control.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
-    return corpus, summary
+    return [*kept.values(), *map(control.encode, own), *RAW.values()], summary
 
 
 class Siege:
@@ -65,7 +63,7 @@ class Siege:
         self.thrown: Counter[str] = Counter()  # by receiver
         self.outcome: Counter[str] = Counter()  # by reason of the drop, or what else became of it
         self.rss: list[int] = []  # bytes, after each tick
-        self._flown = scenario(clusters)
+        self._flown = besieged(clusters)
         corpus, self.expected = recorded(self._flown)
         self._next = Mutator(corpus, seed)
         self._a_tick = -(-count // TICKS)
@@ -204,7 +202,7 @@ class Insider:
     """A flight one of whose nodes is possessed: before every honest reply it sends mutations of it."""
 
     def __init__(self, count: int, seed: int, who: str, clusters: int = 1) -> None:
-        self._count, self._seed, self._who, self._flown = count, seed, who, scenario(clusters)
+        self._count, self._seed, self._who, self._flown = count, seed, who, besieged(clusters)
         self.let_in = 0
 
     def fly(self) -> dict[str, Any]:

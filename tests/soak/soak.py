@@ -118,6 +118,7 @@ class Soak:
                 try:
                     self._open.append(mishap.__name__)
                     mishap()
+                    self._mishaps.over(mishap)
                     self._open.remove(mishap.__name__)
                 except BaseException:
                     self._over.set()
