@@ -134,28 +134,21 @@ OF_LEADERS: Changes = [
 
 
 class Receiver(NamedTuple):
-    """A receiver of one kind of message, in a flight after a tick.
-
-    valid: a message that it accepts. table: name of its table of numbers. deliver: hands it bytes.
-    dropped: its counts of drops, by reason. changes: changed Acts that it rejects. oversized, other_run: its reasons.
-    """
+    """A message that it accepts, where its bytes are handed over, its counts of drops, and Acts that it rejects."""
 
     valid: Any
-    table: str
     deliver: Callable[[bytes], object]
     dropped: Callable[[], dict[str, int]]
-    changes: Changes | None = None
-    oversized: str = "malformed"
-    other_run: str = "wrong-run"
+    changes: Changes
 
 
-def at_world(lab: Lab, valid: Any, table: str, key: str, changes: Changes | None = None) -> Receiver:
+def at_world(lab: Lab, key: str, valid: Any, changes: Changes) -> Receiver:
     kind: Any = "question" if isinstance(valid, Join) else "message"
 
     def deliver(raw: bytes) -> None:
         lab.world.handle(Delivery(kind, key, raw, pytest.fail))
 
-    return Receiver(valid, table, deliver, lambda: lab.world.counters.drops, changes, "oversized")
+    return Receiver(valid, deliver, lambda: lab.world.counters.drops, changes)
 
 
 def at_node(lab: Lab, tick: int, name: str, rows: int) -> Receiver:
@@ -164,8 +157,7 @@ def at_node(lab: Lab, tick: int, name: str, rows: int) -> Receiver:
     def deliver(raw: bytes) -> None:
         client.handle(Delivery("message", keys.sense(RUN, name), raw))
 
-    valid = Sense(NUMBER, tick + 1, np.zeros((rows, 4)))
-    return Receiver(valid, "states" if rows else "", deliver, lambda: client.dropped)
+    return Receiver(Sense(NUMBER, tick + 1, np.zeros((rows, 4))), deliver, lambda: client.dropped, [])
 
 
 def at_station(lab: Lab) -> Receiver:
@@ -174,77 +166,62 @@ def at_station(lab: Lab) -> Receiver:
     def deliver(raw: bytes) -> None:
         station.handle(Delivery("message", keys.telemetry(RUN), raw))
 
-    valid = replace(latest, block=latest.block + 1)
-    return Receiver(valid, "states", deliver, lambda: station.dropped, other_run="wrong-kind")
+    return Receiver(replace(latest, block=latest.block + 1), deliver, lambda: station.dropped, [])
 
 
 def act(tick: int, rows: int, columns: int = 5) -> Act:
     return Act(NUMBER, tick, np.zeros((rows, columns)))
 
 
-class Row(NamedTuple):
-    """A flight, the UAVs of each of its nodes, and how to make the receiver after a tick."""
-
-    flown: Scenario
-    rows: int
-    make: Callable[[Lab, int], Receiver]
-
-
-AGENT = keys.act(RUN, "agent-0")
+AGENT, HEAD, LEADER = (keys.act(RUN, name) for name in ("agent-0", "agent-4", "leader"))
+JOIN, RECEIPT = keys.join(RUN, "agent-0"), keys.received(RUN)
 WIDTH = 2 + len(STATES.declared.diagnostics)
-RECEIVERS = {
-    "world: reply": Row(MODELS, 1, lambda lab, tick: at_world(lab, act(tick, 1), "commands", AGENT, UPLOADS)),
-    "world: reply with states": Row(
-        STATES, 3, lambda lab, tick: at_world(lab, act(tick, 3, WIDTH), "commands", AGENT, BROADCASTS)
-    ),
-    "world: reply in bytes": Row(
-        BYTES, 1, lambda lab, tick: at_world(lab, act(tick, 1, 5), "commands", AGENT, OF_BYTES)
-    ),
-    "world: reply of a head": Row(
-        HEADS, 1, lambda lab, tick: at_world(lab, act(tick, 1), "commands", keys.act(RUN, "agent-4"), OF_HEADS)
-    ),
-    "world: leader's reply": Row(
-        MODELS, 1, lambda lab, tick: at_world(lab, act(tick, 0), "", keys.act(RUN, "leader"), OF_LEADERS)
-    ),
-    "world: join": Row(MODELS, 1, lambda lab, _: at_world(lab, Join("agent", 1, 0), "", keys.join(RUN, "agent-0"))),
-    "world: receipt": Row(MODELS, 1, lambda lab, _: at_world(lab, Received(NUMBER, 1), "", keys.received(RUN))),
-    "agent": Row(MODELS, 1, lambda lab, tick: at_node(lab, tick, "agent-0", 1)),
-    "leader": Row(MODELS, 1, lambda lab, tick: at_node(lab, tick, "leader", 0)),
-    "station": Row(MODELS, 1, lambda lab, _: at_station(lab)),
+# A flight, the UAVs of each of its nodes, and how to make the receiver after a tick.
+RECEIVERS: dict[str, tuple[Scenario, int, Callable[[Lab, int], Receiver]]] = {
+    "world: reply": (MODELS, 1, lambda lab, tick: at_world(lab, AGENT, act(tick, 1), UPLOADS)),
+    "world: reply with states": (STATES, 3, lambda lab, tick: at_world(lab, AGENT, act(tick, 3, WIDTH), BROADCASTS)),
+    "world: reply in bytes": (BYTES, 1, lambda lab, tick: at_world(lab, AGENT, act(tick, 1), OF_BYTES)),
+    "world: reply of a head": (HEADS, 1, lambda lab, tick: at_world(lab, HEAD, act(tick, 1), OF_HEADS)),
+    "world: leader's reply": (MODELS, 1, lambda lab, tick: at_world(lab, LEADER, act(tick, 0), OF_LEADERS)),
+    "world: join": (MODELS, 1, lambda lab, _: at_world(lab, JOIN, Join("agent", 1, 0), [])),
+    "world: receipt": (MODELS, 1, lambda lab, _: at_world(lab, RECEIPT, Received(NUMBER, 1), [])),
+    "agent": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "agent-0", 1)),
+    "leader": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "leader", 0)),
+    "station": (MODELS, 1, lambda lab, _: at_station(lab)),
 }
+TABLES = {"Act": "commands", "Sense": "states", "Telemetry": "states"}  # of numbers
 
 
 def mutations(receiver: Receiver) -> Iterator[tuple[str, bytes, str]]:
     """Name, bytes and expected reason of every mutation that fits the receiver's message."""
-    valid, raw = receiver.valid, written(receiver.valid)
+    valid, raw, kind = receiver.valid, written(receiver.valid), type(receiver.valid).__name__
     yield "nothing", b"", "malformed"
     yield "noise", b"\xc1" * 20, "malformed"
     yield "cut off", raw[:-1], "malformed"
     yield "with a tail", raw + b"\0", "malformed"
     yield "twice in one", raw + raw, "malformed"
-    yield "endless", bytes(100_000), receiver.oversized
+    yield "endless", bytes(100_000), "malformed" if kind in ("Sense", "Telemetry") else "oversized"
     other = Stop(NUMBER, "x") if not isinstance(valid, Sense) else Ready(NUMBER)
     yield "of another kind", written(other), "wrong-kind"
     if hasattr(valid, "run"):
-        yield "of another run", written(replace(valid, run=NUMBER ^ 1)), receiver.other_run
+        reason = "wrong-kind" if kind == "Telemetry" else "wrong-run"
+        yield "of another run", written(replace(valid, run=NUMBER ^ 1)), reason
     if hasattr(valid, "tick"):
         yield "of the past", written(replace(valid, tick=valid.tick - 2)), "stale"
     if isinstance(valid, Act):
         yield "of the future", written(replace(valid, tick=2**32 - 1)), "stale"
         yield "unexpected", raw, "duplicate"
         yield "with an endless memory", written(replace(valid, memory=bytes(100_000))), "oversized"
-    for mutation, changes, reason in receiver.changes or ():
+    for mutation, changes, reason in receiver.changes:
         yield mutation, written(replace(valid, **changes)), reason
-    if receiver.table:
-        table = getattr(valid, receiver.table)
-        for name, bad in {"a NaN": np.nan, "an infinity": -np.inf}.items():
+    name = TABLES.get(kind, "")
+    if name and len(table := getattr(valid, name)):
+        for bad in (np.nan, -np.inf):
             numbers = table.copy()
             numbers[..., -1] = bad
-            yield f"with {name}", written(replace(valid, **{receiver.table: numbers})), "non-finite"
-        rows = np.concatenate([table, table])
-        yield "with more rows", written(replace(valid, **{receiver.table: rows})), "wrong-shape"
-        narrow = table[..., :-1]
-        yield "with fewer columns", written(replace(valid, **{receiver.table: narrow})), "wrong-shape"
+            yield f"with {bad}", written(replace(valid, **{name: numbers})), "non-finite"
+        for numbers in (np.concatenate([table, table]), table[..., :-1]):
+            yield f"with a table {numbers.shape}", written(replace(valid, **{name: numbers})), "wrong-shape"
 
 
 @pytest.mark.parametrize("name", RECEIVERS)

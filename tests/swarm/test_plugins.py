@@ -11,19 +11,9 @@ import meanflock as mf
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import Plugin, registry
+from tests.controller_files import controller_text
 
-GOOD = """
-from meanflock.agent.controllers.base import Controller, Step
-
-class Mine(Controller):
-    name = "mine"
-
-    def init(self, uavs, plan):
-        return {}
-
-    def step(self, memory, tick, own, received):
-        return Step(memory, -own[:, 2:])
-"""
+GOOD = controller_text("mine", "return mf.Step(memory, -own[:, 2:])")
 
 
 def written(folder: Path, text: str, name: str = "mine.py") -> Path:
