@@ -5,8 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -127,28 +125,13 @@ class Flight(Recorded):
             (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
         )
 
-    def slowly(self, met: Callable[[], object], condition: str) -> None:
-        """Waits while an agent is frozen for most of the time, so that the flight is not over before."""
-        agent = self.agents[0]
-
-        def met_after_some_ticks() -> object:
-            agent.send_signal(signal.SIGCONT)
-            time.sleep(0.02)
-            agent.send_signal(signal.SIGSTOP)
-            return met()
-
-        try:
-            until(met_after_some_ticks, condition, pause_s=0.1)
-        finally:
-            agent.send_signal(signal.SIGCONT)
-
     def station_again(self, number: signal.Signals) -> None:
         """Ends the station, and waits until another one records."""
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         rows = self._rows()
         self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
-        self.slowly(lambda: self._rows() > rows, "another station records")
+        until(lambda: self._rows() > rows, "another station records", pause_s=0.1)
 
     def end(self) -> dict[str, Any]:
         """Ends an endless flight; its summary."""

@@ -30,26 +30,6 @@ def test_a_name_that_could_not_be_part_of_a_file_name_is_refused(name: str) -> N
         plugins.register(type("Mine", (mf.Controller,), {"name": name, "step": lambda *_: None}))
 
 
-@pytest.mark.parametrize(
-    ("base", "needed"),
-    [
-        ("Controller", ["step"]),
-        ("Aggregator", ["step"]),
-        ("Channel", ["transmit"]),
-        ("Vehicle", ["power", "step"]),
-        ("Filter", ["admit"]),
-    ],
-)
-def test_a_class_is_found_by_its_name_once_it_has_the_methods_of_its_kind(base: str, needed: list[str]) -> None:
-    lacking = type("Mine", (getattr(mf, base),), {"name": "mine"})
-    with pytest.raises(BadInput, match=f"lacks {' and '.join(f'`{method}`' for method in needed)}$"):
-        plugins.register(lacking)
-    mine = type("Mine", (lacking,), dict.fromkeys(needed, lambda *_: None))
-    plugin = plugins.register(mine)
-    assert plugins.load(plugin.kind, "mine") is mine
-    assert plugin.kind == base.lower()
-
-
 @pytest.mark.parametrize("kind", plugins.GROUPS)
 def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.PluginKind) -> None:
     for name in plugins.names(kind):
