@@ -23,29 +23,20 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
     return mf.fly("paper", uavs=5, duration=4, seed=7, faults=[KILL], out=tmp_path_factory.mktemp("flown"))
 
 
-class Clock:
-    """A clock that only sleep moves, and a client that receives meanwhile."""
-
-    def __init__(self, client: Client) -> None:
-        self.now = 100.0
-        self._client = client
-
-    def __call__(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        self._client.receive()
-        self.now += seconds
-
-
 def test_every_sample_is_the_state_of_the_tick_of_its_time_stamp(flown: mf.Run) -> None:
+    now = [100.0]  # of a clock that only sleep moves
     with Client() as client:
-        clock, to = Clock(client), [Address("127.0.0.1", client.port)]
-        with Vehicles(5, flown.scenario.dt, to, Home(47.0, 8.0, 488.0), clock) as vehicles:
-            play(Flight(flown.folder), vehicles, 2.0, clock, clock.sleep)
+
+        def sleep(seconds: float) -> None:
+            client.receive()
+            now[0] += seconds
+
+        to = [Address("127.0.0.1", client.port)]
+        with Vehicles(5, flown.scenario.dt, to, Home(47.0, 8.0, 488.0), lambda: now[0]) as vehicles:
+            play(Flight(flown.folder), vehicles, 2.0, lambda: now[0], sleep)
         client.receive()
     ticks = len(flown.states)
-    assert clock.now - 100.0 == pytest.approx((ticks - 1) * flown.scenario.dt / 2.0)
+    assert now[0] - 100.0 == pytest.approx((ticks - 1) * flown.scenario.dt / 2.0)
     for uav in range(5):
         places = list(client.of("LOCAL_POSITION_NED", uav + 1))
         assert [place.time_boot_ms for place in places] == [round(1e3 * k * flown.scenario.dt) for k in range(ticks)]

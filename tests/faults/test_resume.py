@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.processes import free_endpoint
@@ -108,11 +109,8 @@ def folder(killed: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("flown")
-    short = ("--uavs", "3", "--duration", "15", "--set", "metrics.collision_radius=2", "--seed", "3")
-    assert main(["run", "--in-process", "--quiet", "--json", "--out", str(out), *short]) == 0
-    (run_folder,) = out.iterdir()
-    return run_folder
+    with_events = {"metrics.collision_radius": 2.0}
+    return mf.fly(uavs=3, duration=15, seed=3, out=tmp_path_factory.mktemp("flown"), record=True, **with_events).folder
 
 
 def contents(folder: Path) -> dict[str, bytes]:
