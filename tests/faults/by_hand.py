@@ -14,11 +14,9 @@ from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.results.spool import spooled
 from tests.polling import DEADLINE_S, until
 
-_SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40")
-SETTINGS = (*_SETTINGS, "method=mfgfl-h")
 # A UAV whose agent comes back after thousands of ticks is far off and fast, where the paper's learners may diverge at
 # once. This learner never does.
-ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
+ENDLESS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "duration=100000", "method=fed-lspi")
 Process = subprocess.Popen[str]
 
 

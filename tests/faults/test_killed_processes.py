@@ -25,7 +25,7 @@ from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
 from meanflock.swarm.net.session import LEASE
 from tests.controller_files import controller_file
-from tests.faults.by_hand import SETTINGS, Flight, Processes, ends_by_itself, ticks_of
+from tests.faults.by_hand import ENDLESS, Flight, Processes, ends_by_itself, ticks_of
 from tests.faults.conftest import honest
 from tests.faults.dying import resumed
 from tests.faults.launched import BARRIER_S, Launched, alive, launched
@@ -36,21 +36,13 @@ pytestmark = pytest.mark.processes
 forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
 
 
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("made") / "certs"
-    certs.init(folder, 3)
-    return str(folder)
-
-
 # -- processes started by hand --------------------------------------------------------------------------------------
 
 
-def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_tls(
-    processes: Processes, tmp_path: Path, certificates: str
-) -> None:
-    flown = (*SETTINGS, "duration=200")
-    flight = Flight(processes, tmp_path, settings=flown)
+def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_tls(processes, tmp_path) -> None:
+    certs.init(tmp_path / "certs", 3)
+    flown = (*ENDLESS, "method=mfgfl-h", "duration=200")
+    flight = Flight(processes, tmp_path / "runs", settings=flown)
     flight.flying()
     until((flight.folder / CHECKPOINT).exists, "a checkpoint")
     flight.world.kill()
@@ -59,7 +51,7 @@ def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_t
         assert process.returncode == 1, err
         assert re.search("^error: the world .*is gone.*meanflock resume", err.splitlines()[-1])
     folder = flight.folder
-    summary = resumed(folder, "--tls", certificates, in_process=False, record=True)
+    summary = resumed(folder, "--tls", str(tmp_path / "certs"), in_process=False, record=True)
     for name in ("trajectory_sha256", "rounds", "ticks", "lost", "telemetry_blocks_dropped"):
         assert summary[name] == honest(scenarios.load(None, flown), name), name
     assert ticks_of(folder) == recorded([folder / "recording.rrd"]).ticks.tolist() == list(range(2001))
@@ -123,14 +115,14 @@ def command(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launched]:
 @of_command
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
 def test_the_command_starts_a_killed_agent_again(number: signal.Signals, command: Launched) -> None:
-    losses, agents = command.count("lost"), command.agents()
+    losses, agents = command.count("lost"), command.forked("agent")
     assert len(agents) == 4
     agents[2].send_signal(number)
     lost = command.event("lost", losses + 1)
     rejoined = command.event("rejoined", losses + 1)
     assert len(lost["uavs"]) == 1
     assert rejoined["uavs"] == lost["uavs"]
-    another = command.agents()[0]
+    another = command.forked("agent")[0]
     assert another not in agents
     assert os.sched_getscheduler(another.pid) == os.SCHED_BATCH
 
@@ -139,7 +131,7 @@ def test_the_command_starts_a_killed_agent_again(number: signal.Signals, command
 @of_command
 def test_the_command_starts_a_killed_leader_again(command: Launched) -> None:
     rejoins, rounds = command.count("rejoined"), command.count("round")
-    command.child("leader").kill()
+    command.forked("leader")[0].kill()
     assert command.event("rejoined", rejoins + 1)["text"] == "leader.2 stands by"
     command.event("round", rounds + 5)
 
@@ -150,7 +142,7 @@ def test_the_command_gives_an_agent_up_that_dies_again_and_again(command: Launch
     losses, rejoins = command.count("lost"), command.count("rejoined")
     for deaths in range(6):
         command.event("rejoined", rejoins + deaths)
-        command.agents()[0 if deaths else -1].kill()  # one that has never been started again, and then the same
+        command.forked("agent")[0 if deaths else -1].kill()  # one that has never been started again, and then the same
         command.event("lost", losses + deaths + 1)
     command.flying(100_000)
     assert command.count("rejoined") == rejoins + 5
@@ -160,7 +152,7 @@ def test_the_command_gives_an_agent_up_that_dies_again_and_again(command: Launch
 @of_command
 def test_a_frozen_agent_costs_its_uav_and_ctrl_c_ends_the_flight_cleanly(command: Launched) -> None:
     losses, family = command.count("lost"), command.family()
-    command.agents()[0].suspend()
+    command.forked("agent")[0].suspend()
     assert f"no answer for {BARRIER_S} s" in command.event("lost", losses + 1)["text"]
     command.flying()
     command.process.send_signal(signal.SIGINT)
@@ -186,7 +178,7 @@ of_survivors = pytest.mark.xdist_group("survivors")  # they share the undisturbe
 def test_the_flight_does_not_need_its_launcher(tmp_path: Path) -> None:
     """It is stopped, as by Ctrl-Z, for longer than its lease, until the flight is over."""
     with launched(tmp_path / "runs", *FLOWN, **{LEASE: "3"}) as run:
-        agents = run.agents()
+        agents = run.forked("agent")
         run.process.send_signal(signal.SIGSTOP)
         until(lambda: not any(map(alive, agents)), "all agents gone home")
         run.process.send_signal(signal.SIGCONT)
@@ -198,14 +190,19 @@ def test_the_flight_does_not_need_its_launcher(tmp_path: Path) -> None:
 
 def interrupt_twice(run: Launched) -> None:
     """The first Ctrl-C waits for a frozen world."""
-    run.child("worldsim").suspend()
+    run.forked("worldsim")[0].suspend()
     until(lambda: run.process.poll() is not None or run.process.send_signal(signal.SIGINT), "its end")
 
 
 FORKER = "the process from which all others are forked"
+KILLED = "was killed by SIGKILL, as the system does"
 KILLS: dict[str, tuple[Callable[[Launched], object], int, str]] = {  # how, exit code and what the command says
-    "world": (lambda run: run.child("worldsim").kill(), 1, "error: world was killed by SIGKILL, as the system does"),
-    "forker": (lambda run: run.forker().kill(), 1, f"error: {FORKER} was killed by SIGKILL, as the system does"),
+    "world": (
+        lambda run: run.forked("worldsim")[0].kill(),
+        1,
+        f"error: world {KILLED}",
+    ),
+    "forker": (lambda run: run.forker().kill(), 1, f"error: {FORKER} {KILLED}"),
     "launcher": (lambda run: run.process.kill(), -signal.SIGKILL, ""),
     "second Ctrl-C": (interrupt_twice, 1, "error: interrupted twice, nothing was completed; "),
 }

@@ -37,27 +37,22 @@ def test_a_uav_keeps_its_arrival_when_its_agent_is_replaced() -> None:
 
 def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_model_from_the_radio() -> None:
     lab = Lab(scenario(), uavs_per_node=1)
-    models: dict[str, np.ndarray] = {}
+    models: dict[int, list[np.ndarray]] = {}
 
-    def model(name: str) -> np.ndarray:
-        return lab.client_of(name)._node.models[0].copy()
+    def look() -> None:
+        agents = [lab.client_of(name) for name in ("agent-0", "agent-2.2")]
+        models[lab.world.flight.tick] = [agent._node.models[0].copy() for agent in agents]
 
     def join() -> None:
-        models["old"] = model("agent-0")
         lab.agent()
-        models["new"] = model("agent-2.2")
+        look()
 
-    def apart() -> float:
-        return float(np.abs(model("agent-0")[:108] - model("agent-2.2")[:108]).max())
-
-    differences: list[float] = []
-    compare = {tick: lambda: differences.append(apart()) for tick in (42, 43)}
-    lab.fly({25: lambda: lab.kill("agent-2"), 30: join, **compare})
-    assert models["old"][:108].any()
-    assert not models["new"][:108].any()
-    assert models["new"][108:177].any()
+    lab.fly({25: lambda: lab.kill("agent-2"), 30: join, 42: look, 43: look})
+    old, new = models[30]
+    assert (old[:108].any(), new[:108].any(), new[108:177].any()) == (True, False, True)
+    before, after = (np.abs(one[:108] - other[:108]).max() for one, other in (models[42], models[43]))
     # Round 2 was averaged in tick 41 and received in tick 42: both began that tick with the same value model.
-    assert differences[1] < differences[0] / 5
+    assert after < before / 5
 
 
 @pytest.mark.parametrize("place", ["agent-3", "leader"])
