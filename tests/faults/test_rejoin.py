@@ -8,7 +8,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Join, Status
+from meanflock.swarm.wire.messages import Join, Ready, Status
 from meanflock.worldsim.members import JoinRefused, Members
 from tests.faults.conftest import RUN, Lab, scenario
 
@@ -103,6 +103,24 @@ def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: half, 30: patience_ends, 32: lab.agent})
     assert summary["lost"] == 0
     assert [event.tick for event in lab.record.events if event.kind == "rejoined"] == [32]
+
+
+def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -> None:
+    lab = Lab(scenario(), uavs_per_node=1)
+    old, client = lab.bus_of("agent-1"), lab.client_of("agent-1")
+
+    def thaw() -> None:
+        old.handler = client.handle
+        old.put(keys.act(RUN, "agent-1"), control.encode(Ready(keys.fingerprint(RUN))))
+        assert client.stopped.lost
+
+    def freeze() -> None:
+        old.handler = lambda delivery: None  # it hears nothing of its loss
+        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
+
+    summary = lab.fly({20: freeze, 40: lab.agent, 60: thaw})
+    assert (summary["lost"], summary["nodes_lost"]) == (0, 1)
+    assert summary["dropped_messages"] == {"unknown-node": 1}
 
 
 @pytest.mark.parametrize(
