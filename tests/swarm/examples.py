@@ -103,14 +103,12 @@ OF_A_TICK = ("sense", "act")
 
 
 def written(message: Any) -> bytes:
-    """The bytes of any message."""
     if isinstance(message, Sense):
         return tick.write_sense(message)
     return tick.write_act(message) if isinstance(message, Act) else control.encode(message)
 
 
 def read(raw: bytes) -> Any:
-    """Any message."""
     if raw[1:2] not in tick.TYPES:
         return control.decode(raw)
     return tick.read_sense(raw) if raw[1] == SENSE else tick.read_act(raw)

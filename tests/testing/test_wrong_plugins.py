@@ -201,8 +201,6 @@ def test_a_wrong_plugin_is_rejected_with_its_mistake_and_what_to_do(kind: str, m
 
 
 class Remembering(GoodChannel):
-    """A channel with a memory."""
-
     def init(self, uavs: int) -> Any:
         return {"last": np.zeros(uavs)}
 
