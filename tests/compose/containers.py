@@ -94,9 +94,9 @@ class Compose(Recorded):
         return int(self.state(container)["ExitCode"])
 
     def finished(self) -> dict[str, Any]:
-        """Waits for world and ground station to end well; the summary."""
-        for service in ("worldsim", "groundstation"):
-            assert self.ended(self.container(service)) == 0, docker("logs", self.container(service))
+        """Waits for all containers to end well; the summary."""
+        for container in self.containers():
+            assert self.ended(container) == 0, docker("logs", container)
         return self.summary()
 
     def summary(self) -> dict[str, Any]:

@@ -44,9 +44,7 @@ def test_a_golden_flight_is_the_same_in_processes(name: str, rows: str, command:
     assert steady(summary) == json.loads(json.dumps(steady(row.fly())))
 
 
-def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(
-    command: Command, processes: Processes
-) -> None:
+def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command, processes) -> None:
     first = json.loads(ends_by_itself(command.start("--json", "--quiet", *SHORT)))
     folder = command.folder
     names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
@@ -63,9 +61,7 @@ def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(
     assert processes_of(first["run_id"]) == []
 
 
-def test_processes_started_by_hand_in_any_order_find_each_other(
-    command: Command, processes: Processes, tmp_path: Path
-) -> None:
+def test_processes_started_by_hand_in_any_order_find_each_other(command, processes, tmp_path) -> None:
     others = [processes.start("agent"), processes.start("agent", "--rows", "2"), processes.start("leader")]
     world = processes.world("--stations", "1", settings=("uavs=4", *SETTINGS))
     others.append(processes.start("agent"))
