@@ -14,6 +14,7 @@ from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.net.access import Address
 from tests.bridge.client import Client, heartbeat, setpoint
 from tests.commands import COMMAND
+from tests.faults.by_hand import Recorded
 from tests.polling import DEADLINE_S, until
 
 UAVS = 5
@@ -81,11 +82,11 @@ def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_pat
     assert 20.0 <= summary["wall_time_s"] < DEADLINE_S  # a busy machine may be late
     expected = {"malformed": 1, "unknown-system": 1, "wrong-frame": 1, "wrong-mask": 1}
     assert {reason: summary["dropped_messages"].get(reason) for reason in expected} == expected
-    (folder,) = tmp_path.iterdir()
-    events = [json.loads(row) for row in (folder / "events.jsonl").read_text().splitlines()]
-    kinds = [(event["kind"], event["uavs"]) for event in events if event["kind"] in ("steered", "released")]
-    assert kinds == [("steered", [STEERED - 1]), ("released", [STEERED - 1])]
-    assert sum(event["kind"] == "dropped" and "steering from" in event["text"] for event in events) == 4
+    flown = Recorded(tmp_path)
+    (steered,), (released,) = flown.events("steered"), flown.events("released")
+    assert steered["uavs"] == released["uavs"] == [STEERED - 1]
+    assert steered["tick"] < released["tick"]
+    assert sum("steering from" in event["text"] for event in flown.events("dropped")) == 4
 
 
 def test_a_flight_that_nobody_steers_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

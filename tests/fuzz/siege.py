@@ -18,17 +18,16 @@ from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
-from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
-from tests.faults.conftest import saying, scenario
+from tests.faults.conftest import RUN, Lab, saying, scenario
 from tests.fuzz.mutation import Mutator
 from tests.swarm.examples import RAW, read, written
 
-RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)
 ROWS = 2  # UAVs a node
+NODES = ("agent-0", "agent-2", "agent-4", "leader", "leader.2")
 TICKS = 125
 HARMLESS = (Ready, Received, Join)  # what may be let in though it changes nothing: said twice, or by who may say it
 
@@ -67,10 +66,9 @@ class Siege:
         corpus, self.expected = recorded(self._flown)
         self._next = Mutator(corpus, seed)
         self._a_tick = -(-count // TICKS)
-        self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
-        self._world = self._engine.world
-        handlers = [getattr(bus.handler, "__self__", None) for bus in self._engine.network.endpoints]
-        self._spokes = [handler for handler in handlers if isinstance(handler, NodeClient)]
+        self._lab = Lab(self._flown, uavs_per_node=ROWS, leaders=2)
+        self._world = self._lab.world
+        self._spokes = [self._lab.client_of(name) for name in NODES]
         self._turn, self._ambushed = 0, -1
         self._answers: list[bytes] = []
 
@@ -87,7 +85,7 @@ class Siege:
             self._sinks = [folder, recorder]
             self._target = self._station()
             self._ambush()
-            for _ in self._engine.fly():
+            for _ in self._lab.engine.fly():
                 self._assault(self._a_tick - self._a_tick // 2)
                 self.rss.append(process.memory_info().rss)
             summary = self._world.finish()
@@ -96,8 +94,7 @@ class Siege:
 
     def _ambush(self) -> None:
         """From now on, half of the messages come while the world waits for answers."""
-        client = self._spokes[1]
-        bus = next(b for b in self._engine.network.endpoints if b.handler == client.handle)
+        bus = self._lab.bus_of(NODES[1])
         ((key, reply),) = bus._subscriptions.items()
 
         def first_the_attack(key: str, raw: bytes) -> bool:

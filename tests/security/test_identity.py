@@ -71,17 +71,19 @@ def come_as_no_node(flight: Flight) -> ZenohBus:
 
 
 def speak_for_others(flight: Flight, attacker: ZenohBus) -> None:
-    session = attacker._session
+    session, told = attacker._session, control.encode(Received(keys.fingerprint(RUN), 2**20))
     for key in (
-        *(keys.act(RUN, name) for name in (VICTIM, f"{VICTIM}.2", "*", LEADER)),
-        *(f"{keys.ROOT}/**", keys.sense(RUN, VICTIM), keys.telemetry(RUN), keys.received(RUN)),
+        *(keys.act(RUN, name) for name in (VICTIM, f"{VICTIM}.2", "*", LEADER, OBSERVER)),
+        *(f"{keys.ROOT}/**", keys.sense(RUN, VICTIM), keys.telemetry(RUN), keys.received(RUN), keys.observed(RUN)),
     ):
         session.put(key, forged())
+        session.put(key, told)
     session.delete(keys.act(RUN, VICTIM))
 
 
 def listen_to_others(spy: ZenohBus) -> None:
-    for key in (keys.sense(RUN, VICTIM), keys.act(RUN, "*"), keys.telemetry(RUN), keys.act(RUN, VICTIM)):
+    listened = (keys.sense(RUN, VICTIM), keys.act(RUN, "*"), keys.act(RUN, VICTIM), keys.telemetry(RUN))
+    for key in (*listened, keys.received(RUN)):
         spy.subscribe(key)
     spy.watch(keys.alive(RUN, "*", "*"))
     spy.answer(keys.join(RUN, VICTIM))  # to be asked what the world is asked
@@ -169,14 +171,8 @@ def test_no_node_can_pass_itself_off_as_the_world(folders: Folders) -> None:
 def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(flight: Flight, undisturbed: str) -> None:
     observer = Observer(flight.client(OBSERVER), DEADLINE_S)
     spy, attacker = flight.client(OBSERVER), flight.client(OBSERVER)
-    spied = [keys.sense(RUN, VICTIM), keys.act(RUN, "*"), keys.telemetry(RUN), keys.received(RUN)]
-    for key in spied:
-        spy.subscribe(key)
-    told = control.encode(Received(keys.fingerprint(RUN), 2**20))
-    for key in (*spied, keys.act(RUN, VICTIM), keys.act(RUN, OBSERVER), keys.observed(RUN), f"{keys.ROOT}/**"):
-        attacker._session.put(key, forged())
-        attacker._session.put(key, told)
-    attacker._session.delete(keys.act(RUN, VICTIM))
+    listen_to_others(spy)
+    speak_for_others(flight, attacker)
     for name, join in ((VICTIM, Join("agent", 1, HELD)), (LEADER, Join(LEADER, 0)), (STATION, Join(STATION, 0))):
         assert attacker.ask(keys.join(RUN, name), control.encode(join), PATIENCE_S) is None
     attacker.announce(keys.alive(RUN, "agent", VICTIM))
