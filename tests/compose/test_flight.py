@@ -37,9 +37,7 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
     assert {path.name for path in compose.folder.iterdir()} == files
 
 
-def test_long_models_of_a_mounted_file_are_those_of_one_process_and_the_idle_leader_ends_at_once(
-    compose: Compose, tmp_path: Path
-) -> None:
+def test_long_models_of_a_mounted_file_are_those_of_one_process_and_an_idle_leader_ends(compose, tmp_path) -> None:
     file = REPOSITORY / "tests" / "agent" / "large_model.py"
     ways = ("method=large", "federation.topology=neighbours", "federation.fragment=3")
     mounted = {"MEANFLOCK_PLUGIN_DIR": str(file.parent), "MEANFLOCK_PLUGINS": f"/plugins/{file.name}"}

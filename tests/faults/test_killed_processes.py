@@ -66,9 +66,7 @@ def wires(processes: Processes) -> Iterator[list[Wire]]:
         wire.close()
 
 
-def test_nodes_whose_links_are_reset_or_cut_come_back_to_a_flight_that_went_on(
-    processes: Processes, wires: list[Wire], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_whose_links_are_reset_or_cut_come_back_to_the_flight(processes, wires, tmp_path, monkeypatch) -> None:
     """The barrier would wait for five minutes; a node that is cut off is lost when its lease ends."""
     monkeypatch.setenv(LEASE, "4")
     near, of_station = (("--endpoint", wire.endpoint, *processes.base[2:]) for wire in wires)

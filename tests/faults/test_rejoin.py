@@ -131,9 +131,7 @@ def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -
         ("filter", "ecbf", "is of sha256 of another file here, and of"),
     ],
 )
-def test_an_agent_without_a_plugin_is_refused_with_its_host_and_one_with_it_rejoins(
-    kind, name, said, monkeypatch
-) -> None:
+def test_an_agent_without_a_plugin_is_refused_with_its_host_and_another_rejoins(kind, name, said, monkeypatch) -> None:
     lab, text = Lab(scenario("filter.kind=ecbf"), uavs_per_node=1), f"on host far-away: {kind} '{name}' {said}"
 
     def stranger() -> None:

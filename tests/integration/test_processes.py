@@ -5,7 +5,6 @@ import re
 import signal
 import sys
 import urllib.request
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -52,9 +51,8 @@ def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command
     assert json.loads((folder / "summary.json").read_text()) == first
     assert ticks_of(folder) == list(range(first["ticks"] + 1))
     assert verify(folder / "recording.rrd") is None
-    kinds = Counter(json.loads(line)["kind"] for line in (folder / "events.jsonl").read_text().splitlines())
-    assert kinds["finished"] == 1
-    assert kinds["round"] == first["rounds"] > 0
+    assert command.count("finished") == 1
+    assert command.count("round") == first["rounds"] > 0
     again = Command(command.out.parent / "again", processes).summary(str(folder / "scenario.toml"), "--in-process")
     assert again["trajectory_sha256"] == first["trajectory_sha256"]
     assert again["scenario_sha256"] == first["scenario_sha256"]

@@ -251,9 +251,7 @@ def memory_mb(flight: Flight) -> Iterator[list[float]]:
     thread.join()
 
 
-def test_a_flood_of_messages_that_are_too_long_costs_neither_the_flight_nor_memory(
-    flight: Flight, undisturbed: str, memory_mb: list[float]
-) -> None:
+def test_a_flood_of_too_long_messages_costs_neither_the_flight_nor_memory(flight, undisturbed, memory_mb) -> None:
     """Those of many sessions do not even reach the world; those that are hardly too long are counted."""
     ended, attacker = threading.Event(), flight.client(ME)
 

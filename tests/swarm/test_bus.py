@@ -140,9 +140,7 @@ def test_a_taken_port_a_missing_world_and_a_value_that_is_no_lease_are_named(mon
 
 
 @pytest.mark.parametrize(("largest", "length", "waiting"), [(25_000, 1, 256), (25_000, 5000, 20), (10, 1000, 65)])
-def test_a_flood_of_one_sender_is_bounded_counted_and_displaces_no_message_of_another(
-    largest: int, length: int, waiting: int, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_flood_of_one_sender_is_bounded_and_displaces_no_message_of_another(largest, length, waiting, caplog) -> None:
     backlog = Backlog(lambda key: Quota(key.partition("/")[0], largest))
     for number in range(300):
         backlog.put(Delivery("message", f"flood/{number}", bytes(length)))
