@@ -43,8 +43,8 @@ class Processes:
         self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
     ) -> Process:
         line = [sys.executable, "-m", f"meanflock.{module}", *(self.base if base is None else base), *flags]
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        process: Process = subprocess.Popen(line, **pipes, text=True, env={**os.environ, **(env or {})})
         self._started.append(process)
         return process
 

@@ -1,10 +1,7 @@
 """The end of commands and their processes, also before take-off; the variables that they inherit."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import psutil
@@ -12,7 +9,7 @@ import pytest
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.children import environment
-from meanflock.groundstation.launch.processes import Swarm, free_endpoint
+from meanflock.groundstation.launch.processes import Swarm
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
 from tests.controller_files import controller_file
@@ -26,16 +23,11 @@ pytestmark = pytest.mark.processes
 SOON_S = 40.0  # what takes a moment, on a machine that is busy
 
 
-def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> None:
-    endpoint = free_endpoint()
-    line = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "left", "--wait", "10000"]
-    with subprocess.Popen(line, stdin=subprocess.PIPE, env={**os.environ, CHILD: "1"}) as world:
-        try:
-            ZenohBus.client(endpoint, DEADLINE_S).close()
-            world.stdin.close()  # as when its launcher ends
-            assert world.wait(SOON_S) == 1
-        finally:
-            world.kill()
+def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher(processes: Processes) -> None:
+    world = processes.start("worldsim", "--wait", "10000", env={CHILD: "1"})
+    ZenohBus.client(processes.base[1], DEADLINE_S).close()
+    world.communicate(timeout=SOON_S)  # closes its input, as when its launcher ends
+    assert world.returncode == 1
 
 
 def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:

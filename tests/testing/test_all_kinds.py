@@ -110,10 +110,6 @@ def waiting(kind: Kind) -> type:
     return changed(kind.good, kind.method, wait)
 
 
-def lacking(kind: Kind) -> type:
-    return type("Wrong", (kind.good.__base__,), {"name": "lacking"})
-
-
 FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
 DIFFERED = "differed in a second run.*; .*{0.remedy}"
 MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, and a part of the verdict
@@ -125,7 +121,7 @@ MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, a
     ),
     "a text": (lambda _: "good", "it is no class; pass the class itself"),
     "an object": (lambda _: object(), "it is no class; pass the class itself"),
-    "lacks a method": (lacking, "lacks .*`{0.method}`"),
+    "lacks a method": (lambda kind: type("Wrong", kind.good.__bases__, {"name": "lacking"}), "lacks .*`{0.method}`"),
     "exits": (lambda kind: failing(kind.good, kind.method, SystemExit(3)), FAILED.replace("{1}", "SystemExit: 3")),
     "raises": (lambda kind: failing(kind.good, kind.method, OSError("no")), FAILED.replace("{1}", "OSError: no")),
     "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DIFFERED),
