@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,7 @@ from meanflock.groundstation.cli.command import main
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.net.access import Address
 from tests.bridge.client import Client, heartbeat, setpoint
-from tests.commands import COMMAND
-from tests.faults.by_hand import Recorded
+from tests.faults.by_hand import Processes, Recorded
 from tests.polling import DEADLINE_S, until
 
 UAVS = 5
@@ -61,17 +59,12 @@ def steer_and_give_back(port: int) -> None:
 
 
 @pytest.mark.processes
-def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_path: Path) -> None:
+def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(processes: Processes, tmp_path: Path) -> None:
     port = Address("127.0.0.1", 0).free("--steer", datagrams=True).port
     line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
-    with subprocess.Popen(
-        [*map(str, [*COMMAND, *line, "--out", tmp_path])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as flight:
-        try:
-            steer_and_give_back(port)
-            out, said = flight.communicate(timeout=DEADLINE_S)
-        finally:
-            flight.kill()
+    flight = processes.start("groundstation.cli", *map(str, [*line, "--out", tmp_path]), base=())
+    steer_and_give_back(port)
+    out, said = flight.communicate(timeout=DEADLINE_S)
     assert flight.returncode == 0, said
     assert f"MAVLink clients steer at udp 127.0.0.1:{port}" in said
     summary = json.loads(out)
