@@ -20,6 +20,7 @@ import tests.one_kernel  # noqa: F401  # isort: skip
 
 from meanflock.swarm import plugins
 from meanflock.swarm.plugins import registry
+from tests.faults.by_hand import Processes
 from tests.standstill import Standstill
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's
@@ -71,6 +72,14 @@ def _no_plugin_stays(_left_as_found: None, monkeypatch: pytest.MonkeyPatch) -> N
     """What a test registers ends with it, and so does the variable that names its file to processes started later."""
     monkeypatch.setattr(registry, "registered", dict(registry.registered))
     monkeypatch.setenv(plugins.FILES, os.environ.get(plugins.FILES, ""))
+
+
+@pytest.fixture
+def processes() -> Iterator[Processes]:
+    """World, leaders, agents and stations that a test starts by hand; they are killed at its end."""
+    started = Processes(f"by-hand-{os.getpid()}")
+    yield started
+    started.close()
 
 
 @cache

@@ -48,12 +48,9 @@ class Client:
         )
 
     def systems(self) -> set[int]:
-        """The systems whose heartbeats came."""
         return {message.get_srcSystem() for message in self.of("HEARTBEAT")}
 
     def until_found(self, uavs: int) -> None:
-        """Receive until every vehicle has sent a heartbeat."""
-
         def found() -> bool:
             self.receive()
             return len(self.systems()) >= uavs
@@ -61,7 +58,6 @@ class Client:
         until(found, f"{uavs} vehicles", seen=self.systems)
 
     def send(self, port: int, message: Any) -> None:
-        """Send a message, or bytes, to a port of this machine."""
         frame = message if isinstance(message, bytes) else message.pack(self._writer)
         self._socket.sendto(frame, ("127.0.0.1", port))
 

@@ -23,7 +23,7 @@ from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.worldsim.reporting import WINDOW_BLOCKS
 from tests.bridge.client import Client
-from tests.commands import COMMAND
+from tests.faults.by_hand import Processes
 from tests.polling import until
 
 RUN = "observed"
@@ -99,24 +99,19 @@ def test_an_observer_that_stands_still_does_not_hold_the_world_up() -> None:
 
 
 @pytest.mark.processes
-def test_the_command_shows_a_live_flight_to_its_end(tmp_path: Path) -> None:
-    endpoint = free_endpoint()
+def test_the_command_shows_a_live_flight_to_its_end(processes: Processes, tmp_path: Path) -> None:
+    endpoint = processes.base[1]
     flight = ["run", "--realtime", "5", "--uavs", "5", "--duration", "20", "--quiet", "--no-record"]
     flight += ["--endpoint", endpoint, "--out", str(tmp_path)]
     with Client() as client:
         bridge = ["bridge", "mavlink", "--live", endpoint, "--to", str(client.port)]
-        started = [subprocess.Popen([*COMMAND, *line]) for line in (bridge, flight)]
+        started = [processes.start("groundstation.cli", *line, base=()) for line in (bridge, flight)]
 
         def over() -> bool:
             client.receive()
             return all(process.poll() is not None for process in started)
 
-        try:
-            until(over, "the end of the flight and of the bridge")
-        finally:
-            for process in started:
-                process.kill()
-                process.wait()
+        until(over, "the end of the flight and of the bridge")
         assert [process.returncode for process in started] == [EXIT_DONE, EXIT_DONE]
         client.receive()
     (folder,) = tmp_path.iterdir()

@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from meanflock.groundstation.cli.command import main
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.net.access import Address
 from tests.bridge.client import Client, heartbeat, setpoint
-from tests.commands import COMMAND
+from tests.faults.by_hand import Processes, Recorded
 from tests.polling import DEADLINE_S, until
 
 UAVS = 5
@@ -21,30 +20,19 @@ STEERED = 3  # the system; UAV 2
 STRONG = 4.0  # m/s²
 
 
-def free_port() -> int:
-    return Address("127.0.0.1", 0).free("--steer", datagrams=True).port
+def ticks(client: Client, port: int, count: int, message: Any) -> dict[int, list[Any]]:
+    """So many more positions of every vehicle; the message is sent before each look for them."""
+    client.messages.clear()
+    places: dict[int, list[Any]] = {}
 
+    def enough() -> bool:
+        client.send(port, message)
+        client.receive()
+        places.update((system, list(client.of("LOCAL_POSITION_NED", system))) for system in range(1, UAVS + 1))
+        return min(map(len, places.values())) >= count
 
-class Speeds:
-    """The velocities of all vehicles, as they tell a client."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-
-    def ticks(self, count: int, send: Any = None, port: int = 0) -> dict[int, list[Any]]:
-        """Receive so many more positions of every vehicle, sending a message before each look."""
-        self._client.messages.clear()
-        places: dict[int, list[Any]] = {}
-
-        def enough() -> bool:
-            self._client.send(port, send or heartbeat())
-            self._client.receive()
-            for system in range(1, UAVS + 1):
-                places[system] = list(self._client.of("LOCAL_POSITION_NED", system))
-            return min(map(len, places.values())) >= count
-
-        until(enough, f"{count} ticks")
-        return places
+    until(enough, f"{count} ticks")
+    return places
 
 
 def accelerations(places: list[Any]) -> list[float]:
@@ -59,44 +47,39 @@ def accelerations(places: list[Any]) -> list[float]:
 def steer_and_give_back(port: int) -> None:
     """Steer one vehicle to the north; only it speeds up, and after a second of silence it does so no longer."""
     with Client() as client:
-        client.send(port, heartbeat())
-        speeds = Speeds(client)
-        speeds.ticks(3, port=port)
-        pushed = speeds.ticks(12, setpoint(STEERED, north=STRONG), port)
+        ticks(client, port, 3, heartbeat())
+        pushed = ticks(client, port, 12, setpoint(STEERED, north=STRONG))
         for system, places in pushed.items():
             gain = sum(accelerations(places)[3:]) / max(1, len(accelerations(places)[3:]))
             assert (gain > 0.5 * STRONG) == (system == STEERED), (system, gain)
         for message in (setpoint(200, 1.0), setpoint(STEERED, mask=0), setpoint(STEERED, frame=8), b"\xfd\x00nothing"):
             client.send(port, message)
-        back = speeds.ticks(25, port=port)[STEERED]
+        back = ticks(client, port, 25, heartbeat())[STEERED]
         assert max(accelerations(back)[-5:]) < 0.5 * STRONG
 
 
 @pytest.mark.processes
-def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(tmp_path: Path) -> None:
-    port = free_port()
+def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(processes: Processes, tmp_path: Path) -> None:
+    port = Address("127.0.0.1", 0).free("--steer", datagrams=True).port
     line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
-    with subprocess.Popen(
-        [*map(str, [*COMMAND, *line, "--out", tmp_path])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as flight:
-        try:
-            steer_and_give_back(port)
-            out, said = flight.communicate(timeout=DEADLINE_S)
-        finally:
-            flight.kill()
+    flight = processes.start("groundstation.cli", *map(str, [*line, "--out", tmp_path]), base=())
+    steer_and_give_back(port)
+    out, said = flight.communicate(timeout=DEADLINE_S)
     assert flight.returncode == 0, said
     assert f"MAVLink clients steer at udp 127.0.0.1:{port}" in said
     summary = json.loads(out)
     assert summary["steered"]["uav_ticks"] >= 10
     assert summary["steered"]["replayable"] is False
-    assert summary["lost"] == 0
+    assert (summary["lost"], summary["realtime"]["factor"]) == (0, 1.0)
+    assert summary["real_time_factor"] == pytest.approx(20.0 / summary["wall_time_s"])
+    assert 20.0 <= summary["wall_time_s"] < DEADLINE_S  # a busy machine may be late
     expected = {"malformed": 1, "unknown-system": 1, "wrong-frame": 1, "wrong-mask": 1}
     assert {reason: summary["dropped_messages"].get(reason) for reason in expected} == expected
-    (folder,) = tmp_path.iterdir()
-    events = [json.loads(row) for row in (folder / "events.jsonl").read_text().splitlines()]
-    kinds = [(event["kind"], event["uavs"]) for event in events if event["kind"] in ("steered", "released")]
-    assert kinds == [("steered", [STEERED - 1]), ("released", [STEERED - 1])]
-    assert sum(event["kind"] == "dropped" and "steering from" in event["text"] for event in events) == 4
+    flown = Recorded(tmp_path)
+    (steered,), (released,) = flown.events("steered"), flown.events("released")
+    assert steered["uavs"] == released["uavs"] == [STEERED - 1]
+    assert steered["tick"] < released["tick"]
+    assert sum("steering from" in event["text"] for event in flown.events("dropped")) == 4
 
 
 def test_a_flight_that_nobody_steers_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,4 +31,4 @@ def clone(tmp_path: Path) -> Iterator[Clone]:
     fresh = Clone(tmp_path / "meanflock", f"meanflock-clone-{os.getpid()}")
     yield fresh
     fresh.down()
-    shutil.rmtree(fresh.runs, ignore_errors=True)
+    shutil.rmtree(fresh.out, ignore_errors=True)

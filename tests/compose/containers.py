@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from meanflock.groundstation import certs
-from meanflock.groundstation.results.run_folder import LOSS
+from tests.faults.by_hand import Recorded
 from tests.polling import DEADLINE_S, until
 
 REPOSITORY = Path(__file__).parents[2]
@@ -47,9 +47,10 @@ MARKS = [
 ]
 
 
-class Compose:
+class Compose(Recorded):
     def __init__(self, name: str, out: Path) -> None:
-        self.name, self.out = name, out
+        super().__init__(out)
+        self.name = name
         self._env: dict[str, str] = {}
         self._files: tuple[str, ...] = ()
 
@@ -92,37 +93,14 @@ class Compose:
         until(lambda: self.state(container)["Status"] == "exited", f"{container} to end")
         return int(self.state(container)["ExitCode"])
 
-    def written(self) -> int:
-        return sum(path.stat().st_size for path in self.out.glob("*/.telemetry"))
-
-    def flying(self) -> None:
-        """Waits for telemetry."""
-        until(lambda: self.written() > 20_000, "telemetry")
-
     def finished(self) -> dict[str, Any]:
-        """Waits for world and ground station to end well; the summary."""
-        for service in ("worldsim", "groundstation"):
-            assert self.ended(self.container(service)) == 0, docker("logs", self.container(service))
+        """Waits for all containers to end well; the summary."""
+        for container in self.containers():
+            assert self.ended(container) == 0, docker("logs", container)
         return self.summary()
 
     def summary(self) -> dict[str, Any]:
-        (folder,) = self.out.iterdir()
-        return json.loads((folder / "summary.json").read_text())
-
-    def events(self, *kinds: str) -> list[dict[str, Any]]:
-        lines = [line for path in self.out.glob("*/events.jsonl") for line in path.read_text().splitlines()]
-        return [event for event in map(json.loads, lines) if event["kind"] in kinds]
-
-    def fates(self) -> list[dict[str, Any]]:
-        """What happened to UAVs beside their flight."""
-        return self.events(*LOSS, "rejoined")
-
-    def lost(self) -> set[int]:
-        """UAVs that are, after all that was written."""
-        lost: set[int] = set()
-        for event in self.fates():
-            lost = lost - set(event["uavs"]) if event["kind"] == "rejoined" else lost | set(event["uavs"])
-        return lost
+        return json.loads((self.folder / "summary.json").read_text())
 
 
 # This controller never diverges, so only the test loses UAVs.
@@ -130,14 +108,15 @@ ENDLESS = "seed=7 duration=100000 stop=duration method=fed-lspi"
 SHORT = ["seed=7", "duration=30", "federation.period=50"]
 
 
-class Clone:
+class Clone(Recorded):
     """A folder as git leaves it, without `runs`, in which somebody types `docker compose up` and nothing else."""
 
     def __init__(self, folder: Path, name: str) -> None:
+        super().__init__(folder / "runs")
         folder.mkdir()
         shutil.copy(REPOSITORY / "docker-compose.yml", folder)
         shutil.copytree(REPOSITORY / "scenarios", folder / "scenarios")
-        self.runs, self._folder, self.name = folder / "runs", folder, name
+        self._clone, self.name = folder, name
 
     def up(self, settings: str) -> "subprocess.Popen[str]":
         """What is typed, for a small swarm; it ends when all containers have."""
@@ -145,11 +124,8 @@ class Clone:
         env |= {"MEANFLOCK_UAVS": "2", "MEANFLOCK_SET": settings, "MEANFLOCK_RERUN_PORT": "0"}
         line = ["docker", "compose", "-p", self.name, "up"]
         pipe = subprocess.PIPE
-        return subprocess.Popen(line, cwd=self._folder, env=env, stdout=pipe, stderr=subprocess.STDOUT, text=True)
-
-    def written(self) -> int:
-        return sum(path.stat().st_size for path in self.runs.glob("*/.telemetry"))
+        return subprocess.Popen(line, cwd=self._clone, env=env, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
     def down(self) -> None:
         line = ["docker", "compose", "-p", self.name, "down", "-v", "--timeout", "2"]
-        subprocess.run(line, cwd=self._folder, capture_output=True, timeout=DEADLINE_S, check=False)
+        subprocess.run(line, cwd=self._clone, capture_output=True, timeout=DEADLINE_S, check=False)

@@ -2,10 +2,9 @@
 
 import json
 
-import pyarrow.parquet as pq
-
 from tests.compose.containers import MARKS, Clone, docker
-from tests.polling import DEADLINE_S, until
+from tests.faults.by_hand import ticks_of
+from tests.polling import DEADLINE_S
 
 pytestmark = MARKS
 
@@ -14,13 +13,12 @@ def test_plain_compose_up_in_a_fresh_clone_flies_and_ends_well(clone: Clone) -> 
     up = clone.up("seed=7 duration=20")
     said, _ = up.communicate(timeout=DEADLINE_S)
     assert up.returncode == 0, said
-    (folder,) = clone.runs.iterdir()
-    assert json.loads((folder / "summary.json").read_text())["ticks"] == 200
-    assert folder.stat().st_uid == 1000
+    assert json.loads((clone.folder / "summary.json").read_text())["ticks"] == 200
+    assert clone.folder.stat().st_uid == 1000
 
 
 def test_plain_compose_up_fails_where_the_ground_station_cannot_write(clone: Clone) -> None:
-    clone.runs.mkdir(mode=0o555)
+    clone.out.mkdir(mode=0o555)
     up = clone.up("seed=7 duration=20")
     said, _ = up.communicate(timeout=DEADLINE_S)
     assert up.returncode == 1, said
@@ -30,9 +28,8 @@ def test_plain_compose_up_fails_where_the_ground_station_cannot_write(clone: Clo
 
 def test_plain_compose_up_fails_when_the_ground_station_dies_and_again_goes_on_in_its_folder(clone: Clone) -> None:
     for killed in (True, False):
-        written = clone.written()
         up = clone.up("seed=7 duration=100000 stop=duration")
-        until(lambda written=written: clone.written() > written + 20_000, "telemetry")
+        clone.flying(20_000)
         if killed:
             docker("kill", f"{clone.name}-groundstation-1")
         else:
@@ -40,6 +37,5 @@ def test_plain_compose_up_fails_when_the_ground_station_dies_and_again_goes_on_i
         said, _ = up.communicate(timeout=DEADLINE_S)
         assert up.returncode == int(killed), said
         assert ("didn't complete successfully: exit 137" in said) == killed
-    (folder,) = clone.runs.iterdir()
-    ticks = pq.read_table(folder / "timeseries.parquet")["tick"].to_pylist()
-    assert ticks == list(range(json.loads((folder / "summary.json").read_text())["ticks"] + 1))
+    summary = json.loads((clone.folder / "summary.json").read_text())
+    assert ticks_of(clone.folder) == list(range(summary["ticks"] + 1))

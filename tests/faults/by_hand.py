@@ -5,20 +5,18 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import pyarrow.parquet as pq
 
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.results.spool import spooled
 from tests.polling import DEADLINE_S, until
 
-_SETTINGS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40")
-SETTINGS = (*_SETTINGS, "method=mfgfl-h")
 # A UAV whose agent comes back after thousands of ticks is far off and fast, where the paper's learners may diverge at
 # once. This learner never does.
-ENDLESS = (*_SETTINGS, "duration=100000", "method=fed-lspi")
+ENDLESS = ("uavs=3", "seed=7", "stop=duration", "federation.period=40", "duration=100000", "method=fed-lspi")
 Process = subprocess.Popen[str]
 
 
@@ -26,6 +24,10 @@ def events_in(folder: Path) -> list[dict[str, Any]]:
     path = folder / "events.jsonl"
     lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
     return [json.loads(line) for line in lines]
+
+
+def ticks_of(folder: Path) -> list[int]:
+    return pq.read_table(folder / "timeseries.parquet", columns=["tick"])["tick"].to_pylist()
 
 
 def spool_bytes(out: Path) -> int:
@@ -41,8 +43,8 @@ class Processes:
         self, module: str, *flags: str, base: tuple[str, ...] | None = None, env: dict[str, str] | None = None
     ) -> Process:
         line = [sys.executable, "-m", f"meanflock.{module}", *(self.base if base is None else base), *flags]
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(env or {})})
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        process: Process = subprocess.Popen(line, **pipes, text=True, env={**os.environ, **(env or {})})
         self._started.append(process)
         return process
 
@@ -121,28 +123,13 @@ class Flight(Recorded):
             (sum(len(one.block.states) for one in spooled(path)) for path in self.out.glob("*/.telemetry")), default=0
         )
 
-    def slowly(self, met: Callable[[], object], condition: str) -> None:
-        """Waits while an agent is frozen for most of the time, so that the flight is not over before."""
-        agent = self.agents[0]
-
-        def met_after_some_ticks() -> object:
-            agent.send_signal(signal.SIGCONT)
-            time.sleep(0.02)
-            agent.send_signal(signal.SIGSTOP)
-            return met()
-
-        try:
-            until(met_after_some_ticks, condition, pause_s=0.1)
-        finally:
-            agent.send_signal(signal.SIGCONT)
-
     def station_again(self, number: signal.Signals) -> None:
         """Ends the station, and waits until another one records."""
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         rows = self._rows()
         self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
-        self.slowly(lambda: self._rows() > rows, "another station records")
+        until(lambda: self._rows() > rows, "another station records", pause_s=0.1)
 
     def end(self) -> dict[str, Any]:
         """Ends an endless flight; its summary."""
@@ -151,6 +138,8 @@ class Flight(Recorded):
         return json.loads(out)
 
 
-def ends_by_itself(process: Process) -> None:
-    _, err = process.communicate(timeout=DEADLINE_S)
+def ends_by_itself(process: Process) -> str:
+    """Its standard output."""
+    out, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, err
+    return out

@@ -1,7 +1,6 @@
 """Swarms in one process that lose nodes."""
 
 import itertools
-import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any
@@ -19,7 +18,6 @@ from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, Frames, Join
 from meanflock.worldsim.checkpoint import EVERY_TICKS
-from tests.faults.by_hand import Processes
 from tests.swarm.examples import read, written
 from tests.telemetry import Record
 
@@ -134,10 +132,3 @@ def saying(flown: Scenario, node: str, say: Say) -> Lab:
 
     client._bus.put = speak
     return lab
-
-
-@pytest.fixture
-def processes(request: pytest.FixtureRequest) -> Iterator[Processes]:
-    swarm = Processes(f"faults-{os.getpid()}")
-    yield swarm
-    swarm.close()

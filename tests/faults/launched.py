@@ -48,13 +48,6 @@ class Launched(Recorded):
         found = [p for p in self.forker().children() if f"meanflock.{module}" in p.cmdline()]
         return sorted(found, key=lambda p: (p.create_time(), p.pid), reverse=True)
 
-    def child(self, module: str) -> psutil.Process:
-        (found,) = self.forked(module)
-        return found
-
-    def agents(self) -> list[psutil.Process]:
-        return self.forked("agent")
-
     def family(self) -> list[psutil.Process]:
         return psutil.Process(self.process.pid).children(recursive=True)
 

@@ -12,7 +12,7 @@ from meanflock.groundstation.launch.resume import back
 from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
 from tests.controller_files import controller_file
-from tests.faults.conftest import Lab, scenario
+from tests.faults.conftest import Lab, honest, scenario
 
 
 class Patient(Lab):
@@ -62,7 +62,6 @@ def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_c
 def test_the_last_checkpoint_of_a_run_that_falls_apart_is_of_before(together: bool, tmp_path: Path) -> None:
     """All agents at once, or one after the other on both sides of the tick of a checkpoint."""
     lab = Patient("duration=35", uavs_per_node=1)
-    expected = Lab(scenario("duration=35")).fly()
     falls = {195 + 2 * uav: lambda uav=uav: lab.kill(f"agent-{uav}") for uav in range(6)}
     folder = RunFolder(tmp_path, "run", scenario("duration=35"))
     lab.engine.station._sinks = [folder]
@@ -70,9 +69,8 @@ def test_the_last_checkpoint_of_a_run_that_falls_apart_is_of_before(together: bo
         lab.fly({198: lab.kill_all} if together else falls)
     kept = back(tmp_path / "run")
     assert kept.start.tick == 101
-    going_on = Lab(kept.scenario, resume=kept.start)
-    summary = going_on.fly()
-    assert summary["trajectory_sha256"] == expected["trajectory_sha256"]
+    summary = Lab(kept.scenario, resume=kept.start).fly()
+    assert summary["trajectory_sha256"] == honest(scenario("duration=35"))
     assert (summary["lost"], summary["nodes_lost"]) == (0, 0)
 
 
@@ -91,7 +89,7 @@ def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: P
     ("method", "killed", "code"),
     [("breaks", [], 1), ("breaks", [0, 2], 1), ("breaks", [0, 1, 2], 0), ("plan", [0, 1, 2], 0)],
 )
-def test_a_run_has_failed_if_it_lost_every_uav_and_the_fault_script_did_not_kill_them(
+def test_a_run_has_failed_if_it_lost_every_uav_and_no_script_killed_them(
     method: str, killed: list[int], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugin = controller_file(tmp_path, "breaks", "return mf.Step(memory, -own[:, :2] * (1 / (10 - tick)))")

@@ -5,6 +5,7 @@ its turn: test_false_replies.py. Readers of bytes: tests/swarm/test_hostile_byte
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
@@ -39,32 +40,32 @@ def uavs(*numbers: int) -> np.ndarray:
     return np.array(numbers, dtype=np.int32)
 
 
-def batch(kind: FrameKind, width: int, source: tuple[int, ...], number: int, dtype: str, links: Any = None) -> Frames:
+def batch(
+    kind: FrameKind, *source: int, width: int, number: int = 1, dtype: str = "<f4", links: np.ndarray | None = None
+) -> Frames:
     return Frames(kind, number, uavs(*source), np.zeros((len(source), width), dtype), links)
 
 
-def outbox(
-    *source: int, kind: FrameKind = FrameKind.UPLOAD, width: int = FLOATS, dtype: str = "<f4", links: Any = None
-):
-    """A batch of uploads of round 1, or of another kind."""
-    return {"outbox": (batch(kind, width, source, 1, dtype, links),)}
+upload, relayed = partial(batch, FrameKind.UPLOAD, width=FLOATS), partial(batch, FrameKind.RELAY)
+state = partial(batch, FrameKind.STATE, width=4, number=0)
+LINKS = np.zeros((1, 2), np.int32)
 
 
-def broadcast(*source: int, number: int = 0, width: int = 4, dtype: str = "<f4") -> dict[str, Any]:
-    return {"outbox": (batch(FrameKind.STATE, width, source, number, dtype),)}
+def sent(*batches: Frames) -> dict[str, Any]:
+    return {"outbox": batches}
 
 
-def relay(head: int = 4, count: float = 4.0, width: int = FLOATS + 1, dtype: str = "<f4", links: Any = None) -> Frames:
-    frames = batch(FrameKind.RELAY, width, (head,), 1, dtype, links)
+def relay(head: int = 4, count: float = 4.0, width: int = FLOATS + 1, **options: Any) -> dict[str, Any]:
+    frames = relayed(head, width=width, **options)
     frames.payload[:, -1] = count
-    return frames
+    return sent(frames)
 
 
-def in_bytes(weight: int = 0, scale: float = 1.0) -> Frames:
-    frames = batch(FrameKind.UPLOAD, 262, (0,), 1, "u1")
+def in_bytes(weight: int = 0, scale: float = 1.0) -> dict[str, Any]:
+    frames = upload(0, width=262, dtype="u1")
     frames.payload[0, 17] = weight
     frames.payload[0, 246:] = np.full(4, scale, "<f4").view("u1")
-    return frames
+    return sent(frames)
 
 
 # Acts of agent-0, which has UAV 0 alone of six that upload models.
@@ -77,44 +78,44 @@ UPLOADS: Changes = [
     ("its own state refused", {"refused": uavs(0)}, "wrong-shape"),
     ("a state refused twice", {"refused": uavs(3, 3)}, "wrong-shape"),
     ("a refused state of no UAV", {"refused": uavs(6)}, "wrong-shape"),
-    ("two batches of one kind", {"outbox": outbox(0)["outbox"] * 2}, "wrong-shape"),
-    ("a global model", outbox(0, kind=FrameKind.GLOBAL), "wrong-kind"),
-    ("an upload too short", outbox(0, width=FLOATS - 1), "wrong-shape"),
-    ("an upload in doubles", outbox(0, dtype="<f8"), "wrong-shape"),
-    ("an upload in bytes", outbox(0, dtype="i1"), "wrong-shape"),
-    ("an upload of another UAV", outbox(2), "wrong-shape"),
-    ("an upload of a negative UAV", outbox(-1), "wrong-shape"),
-    ("an upload of no UAV", outbox(), "wrong-shape"),
-    ("two uploads of one UAV", outbox(0, 0), "wrong-shape"),
-    ("an upload with links", outbox(0, links=np.zeros((1, 2), np.int32)), "wrong-shape"),
+    ("two batches of one kind", sent(upload(0), upload(0)), "wrong-shape"),
+    ("a global model", sent(batch(FrameKind.GLOBAL, 0, width=FLOATS)), "wrong-kind"),
+    ("an upload too short", sent(upload(0, width=FLOATS - 1)), "wrong-shape"),
+    ("an upload in doubles", sent(upload(0, dtype="<f8")), "wrong-shape"),
+    ("an upload in bytes", sent(upload(0, dtype="i1")), "wrong-shape"),
+    ("an upload of another UAV", sent(upload(2)), "wrong-shape"),
+    ("an upload of a negative UAV", sent(upload(-1)), "wrong-shape"),
+    ("an upload of no UAV", sent(upload()), "wrong-shape"),
+    ("two uploads of one UAV", sent(upload(0, 0)), "wrong-shape"),
+    ("an upload with links", sent(upload(0, links=LINKS)), "wrong-shape"),
 ]
 # Acts of agent-0, which has the UAVs 0, 1 and 2 of six that broadcast states.
 BROADCASTS: Changes = [
-    ("a state of another node", broadcast(4), "wrong-shape"),
-    ("a state of no UAV", broadcast(6), "wrong-shape"),
-    ("two states of one UAV", broadcast(1, 1), "wrong-shape"),
-    ("states in descending order", broadcast(2, 0), "wrong-shape"),
-    ("an empty batch", broadcast(), "wrong-shape"),
-    ("a broadcast of no numbers", broadcast(1, width=0), "wrong-shape"),
-    ("a broadcast of too many numbers", broadcast(1, width=WIDEST + 1), "wrong-shape"),
-    ("too many broadcasts", broadcast(1, number=MAX_BROADCASTS), "wrong-shape"),
-    ("one broadcast in two batches", {"outbox": broadcast(0)["outbox"] + broadcast(2)["outbox"]}, "wrong-shape"),
-    ("wider floats than the radio's", broadcast(1, dtype="<f8"), "wrong-shape"),
-    ("narrower floats than the radio's", broadcast(1, dtype="<f2"), "wrong-shape"),
-    ("a state with links", outbox(1, kind=FrameKind.STATE, width=4, links=np.zeros((1, 2), np.int32)), "wrong-shape"),
-    ("an upload without rounds", outbox(1), "wrong-kind"),
-    ("a relay", outbox(1, kind=FrameKind.RELAY), "wrong-kind"),
+    ("a state of another node", sent(state(4)), "wrong-shape"),
+    ("a state of no UAV", sent(state(6)), "wrong-shape"),
+    ("two states of one UAV", sent(state(1, 1)), "wrong-shape"),
+    ("states in descending order", sent(state(2, 0)), "wrong-shape"),
+    ("an empty batch", sent(state()), "wrong-shape"),
+    ("a broadcast of no numbers", sent(state(1, width=0)), "wrong-shape"),
+    ("a broadcast of too many numbers", sent(state(1, width=WIDEST + 1)), "wrong-shape"),
+    ("too many broadcasts", sent(state(1, number=MAX_BROADCASTS)), "wrong-shape"),
+    ("one broadcast in two batches", sent(state(0), state(2)), "wrong-shape"),
+    ("wider floats than the radio's", sent(state(1, dtype="<f8")), "wrong-shape"),
+    ("narrower floats than the radio's", sent(state(1, dtype="<f2")), "wrong-shape"),
+    ("a state with links", sent(state(1, number=1, links=LINKS)), "wrong-shape"),
+    ("an upload without rounds", sent(upload(1)), "wrong-kind"),
+    ("a relay", sent(relayed(1, width=FLOATS)), "wrong-kind"),
 ]
 # Acts of agent-4, a head of four UAVs that has just relayed their mean.
 OF_HEADS: Changes = [
-    ("a relay of more models than its cluster has", {"outbox": (relay(count=5.0),)}, "wrong-shape"),
-    ("a relay of two models and a half", {"outbox": (relay(count=2.5),)}, "wrong-shape"),
-    ("a relay of no model", {"outbox": (relay(count=0.0),)}, "wrong-shape"),
-    ("a relay without a count", {"outbox": (relay(width=FLOATS),)}, "wrong-shape"),
-    ("a relay in doubles", {"outbox": (relay(dtype="<f8"),)}, "wrong-shape"),
-    ("a relay of another head", {"outbox": (relay(8),)}, "wrong-shape"),
-    ("a relay of a UAV that is no head", {"outbox": (relay(5),)}, "wrong-shape"),
-    ("a relay with links", {"outbox": (relay(links=np.zeros((1, 2), np.int32)),)}, "wrong-shape"),
+    ("a relay of more models than its cluster has", relay(count=5.0), "wrong-shape"),
+    ("a relay of two models and a half", relay(count=2.5), "wrong-shape"),
+    ("a relay of no model", relay(count=0.0), "wrong-shape"),
+    ("a relay without a count", relay(width=FLOATS), "wrong-shape"),
+    ("a relay in doubles", relay(dtype="<f8"), "wrong-shape"),
+    ("a relay of another head", relay(8), "wrong-shape"),
+    ("a relay of a UAV that is no head", relay(5), "wrong-shape"),
+    ("a relay with links", relay(links=LINKS), "wrong-shape"),
     *(
         (f"a refusal of {who}", {"refused": uavs(*who)}, "wrong-shape")
         for who in ((~0,), (~5, ~5), (~12,), (5, 5), (12,))
@@ -122,40 +123,33 @@ OF_HEADS: Changes = [
 ]
 # Acts of agent-0, which has UAV 0 alone of six that upload bytes, with a scale of four bytes for each of four blocks.
 OF_BYTES: Changes = [
-    ("an upload too short", outbox(0, width=261, dtype="u1"), "wrong-shape"),
-    ("floats for bytes", outbox(0, width=262), "wrong-shape"),
-    ("a byte that is no weight", {"outbox": (in_bytes(weight=0x80),)}, "non-finite"),
-    ("a scale of zero", {"outbox": (in_bytes(scale=0.0),)}, "non-finite"),
+    ("an upload too short", sent(upload(0, width=261, dtype="u1")), "wrong-shape"),
+    ("floats for bytes", sent(upload(0, width=262)), "wrong-shape"),
+    ("a byte that is no weight", in_bytes(weight=0x80), "non-finite"),
+    ("a scale of zero", in_bytes(scale=0.0), "non-finite"),
 ]
 OF_LEADERS: Changes = [
-    ("a broadcast of states", broadcast(0), "wrong-kind"),
+    ("a broadcast of states", sent(state(0)), "wrong-kind"),
     ("a refused state", {"refused": uavs(3)}, "wrong-shape"),
 ]
 
 
 class Receiver(NamedTuple):
-    """A receiver of one kind of message, in a flight after a tick.
-
-    valid: a message that it accepts. table: name of its table of numbers. deliver: hands it bytes.
-    dropped: its counts of drops, by reason. changes: changed Acts that it rejects. oversized, other_run: its reasons.
-    """
+    """A message that it accepts, where its bytes are handed over, its counts of drops, and Acts that it rejects."""
 
     valid: Any
-    table: str
     deliver: Callable[[bytes], object]
     dropped: Callable[[], dict[str, int]]
-    changes: Changes | None = None
-    oversized: str = "malformed"
-    other_run: str = "wrong-run"
+    changes: Changes
 
 
-def at_world(lab: Lab, valid: Any, table: str, key: str, changes: Changes | None = None) -> Receiver:
+def at_world(lab: Lab, key: str, valid: Any, changes: Changes) -> Receiver:
     kind: Any = "question" if isinstance(valid, Join) else "message"
 
     def deliver(raw: bytes) -> None:
         lab.world.handle(Delivery(kind, key, raw, pytest.fail))
 
-    return Receiver(valid, table, deliver, lambda: lab.world.counters.drops, changes, "oversized")
+    return Receiver(valid, deliver, lambda: lab.world.counters.drops, changes)
 
 
 def at_node(lab: Lab, tick: int, name: str, rows: int) -> Receiver:
@@ -164,8 +158,7 @@ def at_node(lab: Lab, tick: int, name: str, rows: int) -> Receiver:
     def deliver(raw: bytes) -> None:
         client.handle(Delivery("message", keys.sense(RUN, name), raw))
 
-    valid = Sense(NUMBER, tick + 1, np.zeros((rows, 4)))
-    return Receiver(valid, "states" if rows else "", deliver, lambda: client.dropped)
+    return Receiver(Sense(NUMBER, tick + 1, np.zeros((rows, 4))), deliver, lambda: client.dropped, [])
 
 
 def at_station(lab: Lab) -> Receiver:
@@ -174,77 +167,62 @@ def at_station(lab: Lab) -> Receiver:
     def deliver(raw: bytes) -> None:
         station.handle(Delivery("message", keys.telemetry(RUN), raw))
 
-    valid = replace(latest, block=latest.block + 1)
-    return Receiver(valid, "states", deliver, lambda: station.dropped, other_run="wrong-kind")
+    return Receiver(replace(latest, block=latest.block + 1), deliver, lambda: station.dropped, [])
 
 
 def act(tick: int, rows: int, columns: int = 5) -> Act:
     return Act(NUMBER, tick, np.zeros((rows, columns)))
 
 
-class Row(NamedTuple):
-    """A flight, the UAVs of each of its nodes, and how to make the receiver after a tick."""
-
-    flown: Scenario
-    rows: int
-    make: Callable[[Lab, int], Receiver]
-
-
-AGENT = keys.act(RUN, "agent-0")
+AGENT, HEAD, LEADER = (keys.act(RUN, name) for name in ("agent-0", "agent-4", "leader"))
+JOIN, RECEIPT = keys.join(RUN, "agent-0"), keys.received(RUN)
 WIDTH = 2 + len(STATES.declared.diagnostics)
-RECEIVERS = {
-    "world: reply": Row(MODELS, 1, lambda lab, tick: at_world(lab, act(tick, 1), "commands", AGENT, UPLOADS)),
-    "world: reply with states": Row(
-        STATES, 3, lambda lab, tick: at_world(lab, act(tick, 3, WIDTH), "commands", AGENT, BROADCASTS)
-    ),
-    "world: reply in bytes": Row(
-        BYTES, 1, lambda lab, tick: at_world(lab, act(tick, 1, 5), "commands", AGENT, OF_BYTES)
-    ),
-    "world: reply of a head": Row(
-        HEADS, 1, lambda lab, tick: at_world(lab, act(tick, 1), "commands", keys.act(RUN, "agent-4"), OF_HEADS)
-    ),
-    "world: leader's reply": Row(
-        MODELS, 1, lambda lab, tick: at_world(lab, act(tick, 0), "", keys.act(RUN, "leader"), OF_LEADERS)
-    ),
-    "world: join": Row(MODELS, 1, lambda lab, _: at_world(lab, Join("agent", 1, 0), "", keys.join(RUN, "agent-0"))),
-    "world: receipt": Row(MODELS, 1, lambda lab, _: at_world(lab, Received(NUMBER, 1), "", keys.received(RUN))),
-    "agent": Row(MODELS, 1, lambda lab, tick: at_node(lab, tick, "agent-0", 1)),
-    "leader": Row(MODELS, 1, lambda lab, tick: at_node(lab, tick, "leader", 0)),
-    "station": Row(MODELS, 1, lambda lab, _: at_station(lab)),
+# A flight, the UAVs of each of its nodes, and how to make the receiver after a tick.
+RECEIVERS: dict[str, tuple[Scenario, int, Callable[[Lab, int], Receiver]]] = {
+    "world: reply": (MODELS, 1, lambda lab, tick: at_world(lab, AGENT, act(tick, 1), UPLOADS)),
+    "world: reply with states": (STATES, 3, lambda lab, tick: at_world(lab, AGENT, act(tick, 3, WIDTH), BROADCASTS)),
+    "world: reply in bytes": (BYTES, 1, lambda lab, tick: at_world(lab, AGENT, act(tick, 1), OF_BYTES)),
+    "world: reply of a head": (HEADS, 1, lambda lab, tick: at_world(lab, HEAD, act(tick, 1), OF_HEADS)),
+    "world: leader's reply": (MODELS, 1, lambda lab, tick: at_world(lab, LEADER, act(tick, 0), OF_LEADERS)),
+    "world: join": (MODELS, 1, lambda lab, _: at_world(lab, JOIN, Join("agent", 1, 0), [])),
+    "world: receipt": (MODELS, 1, lambda lab, _: at_world(lab, RECEIPT, Received(NUMBER, 1), [])),
+    "agent": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "agent-0", 1)),
+    "leader": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "leader", 0)),
+    "station": (MODELS, 1, lambda lab, _: at_station(lab)),
 }
+TABLES = {"Act": "commands", "Sense": "states", "Telemetry": "states"}  # of numbers
 
 
 def mutations(receiver: Receiver) -> Iterator[tuple[str, bytes, str]]:
     """Name, bytes and expected reason of every mutation that fits the receiver's message."""
-    valid, raw = receiver.valid, written(receiver.valid)
+    valid, raw, kind = receiver.valid, written(receiver.valid), type(receiver.valid).__name__
     yield "nothing", b"", "malformed"
     yield "noise", b"\xc1" * 20, "malformed"
     yield "cut off", raw[:-1], "malformed"
     yield "with a tail", raw + b"\0", "malformed"
     yield "twice in one", raw + raw, "malformed"
-    yield "endless", bytes(100_000), receiver.oversized
+    yield "endless", bytes(100_000), "malformed" if kind in ("Sense", "Telemetry") else "oversized"
     other = Stop(NUMBER, "x") if not isinstance(valid, Sense) else Ready(NUMBER)
     yield "of another kind", written(other), "wrong-kind"
     if hasattr(valid, "run"):
-        yield "of another run", written(replace(valid, run=NUMBER ^ 1)), receiver.other_run
+        reason = "wrong-kind" if kind == "Telemetry" else "wrong-run"
+        yield "of another run", written(replace(valid, run=NUMBER ^ 1)), reason
     if hasattr(valid, "tick"):
         yield "of the past", written(replace(valid, tick=valid.tick - 2)), "stale"
     if isinstance(valid, Act):
         yield "of the future", written(replace(valid, tick=2**32 - 1)), "stale"
         yield "unexpected", raw, "duplicate"
         yield "with an endless memory", written(replace(valid, memory=bytes(100_000))), "oversized"
-    for mutation, changes, reason in receiver.changes or ():
+    for mutation, changes, reason in receiver.changes:
         yield mutation, written(replace(valid, **changes)), reason
-    if receiver.table:
-        table = getattr(valid, receiver.table)
-        for name, bad in {"a NaN": np.nan, "an infinity": -np.inf}.items():
+    name = TABLES.get(kind, "")
+    if name and len(table := getattr(valid, name)):
+        for bad in (np.nan, -np.inf):
             numbers = table.copy()
             numbers[..., -1] = bad
-            yield f"with {name}", written(replace(valid, **{receiver.table: numbers})), "non-finite"
-        rows = np.concatenate([table, table])
-        yield "with more rows", written(replace(valid, **{receiver.table: rows})), "wrong-shape"
-        narrow = table[..., :-1]
-        yield "with fewer columns", written(replace(valid, **{receiver.table: narrow})), "wrong-shape"
+            yield f"with {bad}", written(replace(valid, **{name: numbers})), "non-finite"
+        for numbers in (np.concatenate([table, table]), table[..., :-1]):
+            yield f"with a table {numbers.shape}", written(replace(valid, **{name: numbers})), "wrong-shape"
 
 
 @pytest.mark.parametrize("name", RECEIVERS)

@@ -37,27 +37,22 @@ def test_a_uav_keeps_its_arrival_when_its_agent_is_replaced() -> None:
 
 def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_model_from_the_radio() -> None:
     lab = Lab(scenario(), uavs_per_node=1)
-    models: dict[str, np.ndarray] = {}
+    models: dict[int, list[np.ndarray]] = {}
 
-    def model(name: str) -> np.ndarray:
-        return lab.client_of(name)._node.models[0].copy()
+    def look() -> None:
+        agents = [lab.client_of(name) for name in ("agent-0", "agent-2.2")]
+        models[lab.world.flight.tick] = [agent._node.models[0].copy() for agent in agents]
 
     def join() -> None:
-        models["old"] = model("agent-0")
         lab.agent()
-        models["new"] = model("agent-2.2")
+        look()
 
-    def apart() -> float:
-        return float(np.abs(model("agent-0")[:108] - model("agent-2.2")[:108]).max())
-
-    differences: list[float] = []
-    compare = {tick: lambda: differences.append(apart()) for tick in (42, 43)}
-    lab.fly({25: lambda: lab.kill("agent-2"), 30: join, **compare})
-    assert models["old"][:108].any()
-    assert not models["new"][:108].any()
-    assert models["new"][108:177].any()
+    lab.fly({25: lambda: lab.kill("agent-2"), 30: join, 42: look, 43: look})
+    old, new = models[30]
+    assert (old[:108].any(), new[:108].any(), new[108:177].any()) == (True, False, True)
+    before, after = (np.abs(one[:108] - other[:108]).max() for one, other in (models[42], models[43]))
     # Round 2 was averaged in tick 41 and received in tick 42: both began that tick with the same value model.
-    assert differences[1] < differences[0] / 5
+    assert after < before / 5
 
 
 @pytest.mark.parametrize("place", ["agent-3", "leader"])
@@ -128,21 +123,29 @@ def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -
     assert summary["dropped_messages"] == {"unknown-node": 1}
 
 
-def test_an_agent_without_the_controller_is_refused_with_its_host_in_flight_and_one_that_has_it_rejoins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    lab, missing = Lab(scenario(), uavs_per_node=1), "on host far-away: controller 'mfgfl-h' is not installed here"
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("controller", "mfgfl-h", "is not installed here"),
+        ("controller", "mfgfl-h", "is of sha256 of another file here, and of"),
+        ("filter", "ecbf", "is of sha256 of another file here, and of"),
+    ],
+)
+def test_an_agent_without_a_plugin_is_refused_with_its_host_and_another_rejoins(kind, name, said, monkeypatch) -> None:
+    lab, text = Lab(scenario("filter.kind=ecbf"), uavs_per_node=1), f"on host far-away: {kind} '{name}' {said}"
 
     def stranger() -> None:
+        packaged = registry._packaged()
+        other = tuple(plugin._replace(fingerprint="sha256 of another file") for plugin in packaged[kind, name])
         with monkeypatch.context() as patch:
             patch.setattr("platform.node", lambda: "far-away")
-            patch.delitem(registry._packaged(), ("controller", "mfgfl-h"))
-            with pytest.raises(BadInput, match=missing):
+            patch.setitem(packaged, (kind, name), other if "another" in said else ())
+            with pytest.raises(BadInput, match=text):
                 lab.agent()
 
     summary = lab.fly({10: lambda: lab.kill("agent-5"), 20: stranger, 30: lab.agent})
     assert (summary["lost"], summary["nodes_rejoined"], summary["dropped_messages"]) == (0, 1, {})
-    assert any(missing in event.text for event in lab.record.events if event.kind == "lost")
+    assert any(text in event.text for event in lab.record.events if event.kind == "lost")
 
 
 def test_a_repeated_join_gets_the_same_place() -> None:

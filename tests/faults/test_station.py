@@ -99,7 +99,7 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
 @pytest.mark.parametrize(
     ("every_s", "linger_s", "all_of_it"), [(8.0, 10.0, True), (12.0, 10.0, False), (12.0, math.inf, True)]
 )
-def test_the_world_waits_for_a_slow_station_as_long_as_it_takes_something_now_and_then(
+def test_the_world_waits_for_a_slow_station_that_takes_something_now_and_then(
     every_s: float, linger_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 40)

@@ -1,6 +1,7 @@
 """`python -m tests.fuzz`, or `make fuzz`: a million mutated messages at one flight, and at flights with a mad node."""
 
 import argparse
+import json
 import logging
 import sys
 
@@ -33,15 +34,15 @@ def main() -> int:
     first, last = siege.rss[len(siege.rss) // 5] / 2**20, siege.rss[-1] / 2**20
     if last > FLAT * first:
         broken.append(f"memory grew from {first:.0f} to {last:.0f} MiB")
-    counts = {f"thrown at: {who}": number for who, number in siege.thrown.items()}
-    counts |= dict(sorted(siege.outcome.items()))
-    counts |= {f"world: {reason}": number for reason, number in sorted(summary["dropped_messages"].items())}
-    counts |= {f"mad {who}: ticks in which a mutation was let in": one.let_in for who, one in insiders.items()}
-    print(f"{siege.thrown['codec']:,} mutated messages, seed {given.seed}; memory {first:.0f} to {last:.0f} MiB")
-    for label, number in counts.items():
-        print(f"{label}: {number:,}")
-    for sentence in broken:
-        print(f"broken: {sentence}")
+    report = {
+        "thrown at": siege.thrown,
+        "outcome": siege.outcome,
+        "dropped": summary["dropped_messages"],
+        "let in, by ticks": {who: insider.let_in for who, insider in insiders.items()},
+        "memory, MiB": [first, last],
+        "broken": broken,
+    }
+    print(json.dumps(report, indent=1))
     return 1 if broken else 0
 
 

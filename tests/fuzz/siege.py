@@ -18,18 +18,16 @@ from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
-from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
-from tests.faults.conftest import saying
+from tests.faults.conftest import RUN, Lab, saying, scenario
 from tests.fuzz.mutation import Mutator
-from tests.swarm.examples import read, written
+from tests.swarm.examples import RAW, read, written
 
-RUN = "fuzz"
 NUMBER = keys.fingerprint(RUN)
-GOLDEN = Path(__file__).parents[1] / "golden"
 ROWS = 2  # UAVs a node
+NODES = ("agent-0", "agent-2", "agent-4", "leader", "leader.2")
 TICKS = 125
 HARMLESS = (Ready, Received, Join)  # what may be let in though it changes nothing: said twice, or by who may say it
 
@@ -38,10 +36,10 @@ class Broken(AssertionError):
     """A promise that mutated messages broke; the text has the message in hexadecimal."""
 
 
-def scenario(clusters: int = 1) -> Scenario:
+def besieged(clusters: int) -> Scenario:
     """Short, with rounds, two of which are open at any time, and shared states."""
-    fixed = ["uavs=6", "seed=3", f"duration={TICKS / 10}", 'stop="duration"', "federation.period=20"]
-    return load(None, [*fixed, "federation.state_period=30", f"federation.clusters={clusters}"], method="mfgfl-hf")
+    settings = (f"duration={TICKS / 10}", "federation.state_period=30", f"federation.clusters={clusters}")
+    return scenario(*settings, method="mfgfl-hf")
 
 
 def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
@@ -56,8 +54,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
         kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
     own = [Ready(NUMBER), Received(NUMBER, 3), Stop(NUMBER, "x")]
     own += [Join(role, int(role == "agent")) for role in ("agent", "leader", "station")]
-    corpus = [*kept.values(), *map(control.encode, own), *(path.read_bytes() for path in sorted(GOLDEN.glob("*.bin")))]
-    return corpus, summary
+    return [*kept.values(), *map(control.encode, own), *RAW.values()], summary
 
 
 class Siege:
@@ -65,14 +62,13 @@ class Siege:
         self.thrown: Counter[str] = Counter()  # by receiver
         self.outcome: Counter[str] = Counter()  # by reason of the drop, or what else became of it
         self.rss: list[int] = []  # bytes, after each tick
-        self._flown = scenario(clusters)
+        self._flown = besieged(clusters)
         corpus, self.expected = recorded(self._flown)
         self._next = Mutator(corpus, seed)
         self._a_tick = -(-count // TICKS)
-        self._engine = Engine(self._flown, RUN, uavs_per_node=ROWS, leaders=2)
-        self._world = self._engine.world
-        handlers = [getattr(bus.handler, "__self__", None) for bus in self._engine.network.endpoints]
-        self._spokes = [handler for handler in handlers if isinstance(handler, NodeClient)]
+        self._lab = Lab(self._flown, uavs_per_node=ROWS, leaders=2)
+        self._world = self._lab.world
+        self._spokes = [self._lab.client_of(name) for name in NODES]
         self._turn, self._ambushed = 0, -1
         self._answers: list[bytes] = []
 
@@ -89,7 +85,7 @@ class Siege:
             self._sinks = [folder, recorder]
             self._target = self._station()
             self._ambush()
-            for _ in self._engine.fly():
+            for _ in self._lab.engine.fly():
                 self._assault(self._a_tick - self._a_tick // 2)
                 self.rss.append(process.memory_info().rss)
             summary = self._world.finish()
@@ -98,8 +94,7 @@ class Siege:
 
     def _ambush(self) -> None:
         """From now on, half of the messages come while the world waits for answers."""
-        client = self._spokes[1]
-        bus = next(b for b in self._engine.network.endpoints if b.handler == client.handle)
+        bus = self._lab.bus_of(NODES[1])
         ((key, reply),) = bus._subscriptions.items()
 
         def first_the_attack(key: str, raw: bytes) -> bool:
@@ -204,7 +199,7 @@ class Insider:
     """A flight one of whose nodes is possessed: before every honest reply it sends mutations of it."""
 
     def __init__(self, count: int, seed: int, who: str, clusters: int = 1) -> None:
-        self._count, self._seed, self._who, self._flown = count, seed, who, scenario(clusters)
+        self._count, self._seed, self._who, self._flown = count, seed, who, besieged(clusters)
         self.let_in = 0
 
     def fly(self) -> dict[str, Any]:

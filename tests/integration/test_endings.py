@@ -1,10 +1,7 @@
 """The end of commands and their processes, also before take-off; the variables that they inherit."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import psutil
@@ -12,11 +9,13 @@ import pytest
 
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.children import environment
-from meanflock.groundstation.launch.processes import Swarm, free_endpoint
+from meanflock.groundstation.launch.processes import Swarm
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
 from tests.controller_files import controller_file
-from tests.integration.conftest import Command, Spawn, processes_of
+from tests.faults.by_hand import Process, Processes
+from tests.faults.launched import alive
+from tests.integration.conftest import Command, processes_of
 from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
@@ -24,16 +23,11 @@ pytestmark = pytest.mark.processes
 SOON_S = 40.0  # what takes a moment, on a machine that is busy
 
 
-def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher() -> None:
-    endpoint = free_endpoint()
-    line = [sys.executable, "-m", "meanflock.worldsim", "--endpoint", endpoint, "--run", "left", "--wait", "10000"]
-    with subprocess.Popen(line, stdin=subprocess.PIPE, env={**os.environ, CHILD: "1"}) as world:
-        try:
-            ZenohBus.client(endpoint, DEADLINE_S).close()
-            world.stdin.close()  # as when its launcher ends
-            assert world.wait(SOON_S) == 1
-        finally:
-            world.kill()
+def test_a_world_that_waits_for_its_nodes_does_not_outlive_its_launcher(processes: Processes) -> None:
+    world = processes.start("worldsim", "--wait", "10000", env={CHILD: "1"})
+    ZenohBus.client(processes.base[1], DEADLINE_S).close()
+    world.communicate(timeout=SOON_S)  # closes its input, as when its launcher ends
+    assert world.returncode == 1
 
 
 def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(command: Command, tmp_path: Path) -> None:
@@ -46,8 +40,8 @@ def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(comm
     until(lambda: not processes_of(run), "the end of all processes", SOON_S)
 
 
-def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, spawn: Spawn) -> None:
-    station = spawn("meanflock.groundstation", "--endpoint", free_endpoint(), "--out", str(tmp_path), "--wait", "10000")
+def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, processes: Processes) -> None:
+    station = processes.station(tmp_path, "--wait", "10000")
     until(lambda: psutil.Process(station.pid).num_threads() > 2, "it looks for the world")
     station.send_signal(signal.SIGINT)
     _, err = station.communicate(timeout=SOON_S)
@@ -82,7 +76,7 @@ def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypat
 LONG = ("--seeds", "500", "--uavs", "9", "--duration", "200", "--set", "stop=duration", "--jobs", "2", "--quiet")
 
 
-def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
+def workers_of(study: Process) -> list[psutil.Process]:
     """Those it has, as soon as there are two."""
 
     def found() -> list[psutil.Process]:
@@ -99,10 +93,8 @@ def workers_of(study: "subprocess.Popen[str]") -> list[psutil.Process]:
         (signal.SIGKILL, False),
     ],
 )
-def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(
-    number: signal.Signals, to_all: bool, tmp_path: Path, spawn: Spawn
-) -> None:
-    study = spawn("meanflock.groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path))
+def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(number, to_all, tmp_path, processes) -> None:
+    study = processes.start("groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path), base=())
     workers = workers_of(study)
     if number == signal.SIGKILL:
         until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")
@@ -113,4 +105,4 @@ def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(
         assert (study.returncode, err.count("\n")) == (1, 1), err
         assert err.startswith("error: interrupted; ")
         assert "repeat the command to fly the rest" in err
-    until(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in workers), "no worker", SOON_S)
+    until(lambda: not any(map(alive, workers)), "no worker", SOON_S)

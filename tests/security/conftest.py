@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ class Holding:
 class Flight:
     """A world in a process of its own, and the nodes in threads of this one."""
 
-    folders: Folders | None  # None: without TLS
+    folders: Folders
     log: Path
     endpoint: str = field(default_factory=free_endpoint)
     opened: list[ZenohBus] = field(default_factory=list)
@@ -107,25 +108,12 @@ class Flight:
 
     def __post_init__(self) -> None:
         flags = ["--endpoint", self.endpoint, "--run", RUN, "--barrier", str(DEADLINE_S)]
-        flags += [flag for setting in SETTINGS for flag in ("--set", setting)]
-        if self.folders is not None:
-            flags += ["--tls", str(self.folders.good)]
+        flags += ["--tls", str(self.folders.good), *(flag for setting in SETTINGS for flag in ("--set", setting))]
         with self.log.open("wb") as log:
             command = [sys.executable, "-m", "meanflock.worldsim", *flags]
             self.world = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
 
-    def __enter__(self) -> "Flight":
-        try:
-            self._take_off()
-        except BaseException:
-            self.close()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _take_off(self) -> None:
+    def take_off(self) -> None:
         for uav in range(UAVS):
             bus: Any = self.client(keys.requested_name("agent", uav))
             if uav == HELD:
@@ -134,12 +122,8 @@ class Flight:
         self._board(self.client(LEADER), Join(LEADER, 0), Leader)
         assert self.held.reached.wait(DEADLINE_S), self.said()
 
-    @property
-    def certificates(self) -> Path:
-        return self.folders.good
-
     def client(self, name: str, folder: Path | None = None) -> ZenohBus:
-        identity = Identity(folder or self.certificates, name) if self.folders is not None else None
+        identity = Identity(folder or self.folders.good, name)
         self.opened.append(ZenohBus.client(self.endpoint, DEADLINE_S, identity))
         return self.opened[-1]
 
@@ -184,11 +168,7 @@ class Flight:
 
 @pytest.fixture
 def flight(folders: Folders, tmp_path: Path) -> Iterator[Flight]:
-    with Flight(folders, tmp_path / "world.log") as started:
-        yield started
-
-
-@pytest.fixture
-def open_flight(tmp_path: Path) -> Iterator[Flight]:
-    with Flight(None, tmp_path / "world.log") as started:
+    started = Flight(folders, tmp_path / "world.log")
+    with closing(started):
+        started.take_off()
         yield started

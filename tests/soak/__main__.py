@@ -1,8 +1,10 @@
 """`python -m tests.soak`, or `make soak`: a long flight on processes that are killed, frozen and started again."""
 
 import argparse
+import json
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 
 from tests.soak.soak import Soak
@@ -20,16 +22,7 @@ def main() -> int:
         options.error("a soak needs --ticks of 300 or more, --uavs of 5 or more and --every of 1 or more")
     with tempfile.TemporaryDirectory(prefix="meanflock-soak-") as out:
         report = Soak(given.uavs, given.ticks, given.every, given.seed, Path(out)).run()
-    print(f"soak: {report.summary.get('ticks', 0):,} ticks in {report.seconds:.0f} s")
-    dropped = report.summary.get("dropped_messages", {})
-    for label, counts in (("mishap", report.mishaps), ("event", report.events), ("dropped", dropped)):
-        for name, count in sorted(counts.items()):
-            print(f"{label}: {name}: {count:,}")
-    for name, (slope, first, last) in sorted(report.slopes.items()):
-        print(f"memory: {name}: {first:.1f} → {last:.1f} MiB, {slope:+.2f} MiB in 1,000 ticks")
-    for sentence in report.broken:
-        print(f"broken: {sentence}")
-    print(f"promises: {'broken' if report.broken else 'all kept'}")
+    print(json.dumps(asdict(report), indent=1))
     return 1 if report.broken else 0
 
 

@@ -60,6 +60,10 @@ class Mishaps:
                     return kind
             return None
 
+    def over(self, mishap: Callable[[], None]) -> None:
+        """Its role may have another."""
+        self._roles.add(mishap.__name__.partition("_")[0])
+
     @contextmanager
     def _an_agent(self) -> Iterator[int]:
         until(lambda: self._well, "an agent that is well")
@@ -154,17 +158,14 @@ class Mishaps:
             victim.kill()
         with self._rejoins():
             flight.leaders.append(flight.leader())
-        self._roles.add("leader")
 
     def station_killed(self) -> None:
         """Another goes on in the same folder."""
         self._flight.station_again(signal.SIGKILL)
-        self._roles.add("station")
 
     def station_terminated(self) -> None:
         """Another goes on in the same folder."""
         self._flight.station_again(signal.SIGTERM)
-        self._roles.add("station")
 
     def station_frozen(self) -> None:
         """The flight goes on, and another station is sent all of it."""
@@ -176,7 +177,6 @@ class Mishaps:
         second.terminate()
         second.communicate(timeout=DEADLINE_S)
         self._flight.flying()
-        self._roles.add("station")
 
     def stranger(self) -> None:
         """A thief of a certificate asks for a place that is taken, and sends nonsense under the node's name."""
@@ -193,4 +193,3 @@ class Mishaps:
             finally:
                 bus.close()
             self._flight.flying()
-        self._roles.add("stranger")

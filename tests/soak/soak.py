@@ -35,8 +35,6 @@ PULSE_S, HELD_S = 0.02, 0.4  # the flight goes on in pulses, so that processes s
 
 @dataclass
 class Report:
-    """The result of a soak."""
-
     seconds: float = 0.0
     mishaps: Counter[str] = field(default_factory=Counter)
     broken: list[str] = field(default_factory=list)
@@ -79,7 +77,6 @@ class Soak:
         self.report = Report(mishaps=self._mishaps.happened)
 
     def run(self) -> Report:
-        """Flies, hurts, mends, and checks all promises."""
         started, vitals = time.monotonic(), Vitals(self._flight)
         try:
             self._flight.event("round")
@@ -118,6 +115,7 @@ class Soak:
                 try:
                     self._open.append(mishap.__name__)
                     mishap()
+                    self._mishaps.over(mishap)
                     self._open.remove(mishap.__name__)
                 except BaseException:
                     self._over.set()

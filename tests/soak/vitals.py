@@ -20,8 +20,6 @@ MIB = 2**20
 
 
 class Vitals:
-    """Samples of every process of a flight."""
-
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
         self.memory: dict[str, list[tuple[int, float]]] = defaultdict(list)  # tick, MiB of RSS
@@ -61,7 +59,6 @@ class Vitals:
         return SLOPE_MIB + BATCH_MIB * batches / ticks * 1000
 
     def broken(self) -> list[str]:
-        """What has grown, in words."""
         told = [
             f"memory of {name} grows by {slope:.2f} MiB in a thousand ticks ({first:.1f} to {last:.1f} MiB)"
             for name, (slope, first, last) in self.slopes().items()

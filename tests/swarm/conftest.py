@@ -14,8 +14,6 @@ from meanflock.swarm.net.session import ZenohBus
 
 
 class Backend(NamedTuple):
-    """`read` and `write` of one form."""
-
     read: Callable[..., wire.Message]
     write: Callable[..., bytes]
 
@@ -29,7 +27,6 @@ with suppress(ImportError):  # where there was no C compiler
 
 
 def outcome(call: Callable[..., Any], *given: Any) -> Any:
-    """What a call returns, or the reason with which it rejects what it was given."""
     try:
         return call(*given)
     except ValueError as error:

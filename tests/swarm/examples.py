@@ -11,26 +11,11 @@ import msgspec
 import numpy as np
 
 from meanflock.kernels.wire import SENSE
-from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import (
-    Act,
-    Event,
-    Finished,
-    FrameKind,
-    Frames,
-    Join,
-    Message,
-    Ready,
-    Received,
-    Refusal,
-    Sense,
-    Stop,
-    Telemetry,
-    Welcome,
-)
+from meanflock.swarm.wire import control, messages, tick
+from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-TYPES: tuple[type, ...] = typing.get_args(Message)  # of control messages; those of a tick are Sense and Act
+TYPES: tuple[type, ...] = typing.get_args(messages.Message)  # of control messages; those of a tick are Sense and Act
 DTYPES = ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?")
 
 
@@ -67,8 +52,8 @@ def numbers(dtype: str, *shape: int) -> np.ndarray:
 FRAMES = Frames(FrameKind.UPLOAD, 3, numbers("<i4", 2) + 4, numbers("<f4", 2, 5) / 2)
 DELIVERED = Frames(FrameKind.STATE, 0, numbers("<i4", 1), numbers("<f2", 1, 4), np.array([[0, 1], [0, 2]], dtype="<i4"))
 EXAMPLES: dict[str, Any] = {
-    "join": Join("agent", 5, 20),
-    "welcome": Welcome(
+    "join": messages.Join("agent", 5, 20),
+    "welcome": messages.Welcome(
         run=0xDEADBEEF,
         node="agent-5",
         uavs=(5, 6, 300),
@@ -78,8 +63,8 @@ EXAMPLES: dict[str, Any] = {
         memory=control.encode_record({"weights": numbers("<f8", 3, 2) / 9, "uav": numbers("<i8", 3)}),
         plugins=(("controller", "spring", "sha256 0123"), ("aggregator", "fedavg", "meanflock 1.0")),
     ),
-    "refusal": Refusal("every UAV of this run has its agent already – größer"),
-    "ready": Ready(0xDEADBEEF),
+    "refusal": messages.Refusal("every UAV of this run has its agent already – größer"),
+    "ready": messages.Ready(0xDEADBEEF),
     "sense": Sense(0xDEADBEEF, 99, numbers("<f8", 2, 4) / 3, True, False, (FRAMES, DELIVERED), b"\x80"),
     "act": Act(
         run=0xDEADBEEF,
@@ -91,9 +76,9 @@ EXAMPLES: dict[str, Any] = {
         memory=control.encode_record({"weights": numbers("<f8", 2, 3)}),
         outbox=(FRAMES,),
     ),
-    "stop": Stop(0xDEADBEEF, "finished"),
-    "event": Event(12, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
-    "telemetry": Telemetry(
+    "stop": messages.Stop(0xDEADBEEF, "finished"),
+    "event": messages.Event(12, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
+    "telemetry": messages.Telemetry(
         run=0xDEADBEEF,
         block=7,
         first_tick=140,
@@ -107,25 +92,23 @@ EXAMPLES: dict[str, Any] = {
         report_ticks=numbers("<i4", 1),
         reports=numbers("<f4", 1, 246),
         spread=numbers("<f8", 1) + 0.5,
-        events=(Event(141, "round", "round 1 averaged and broadcast"),),
+        events=(messages.Event(141, "round", "round 1 averaged and broadcast"),),
         checkpoint=b"\x93\x01\x02\x03",
         diagnostic_names=("hjb_residual", "fpk_residual", "phi_G"),
     ),
-    "received": Received(0xDEADBEEF, 7),
-    "finished": Finished(0xDEADBEEF, 88, b'{"schema":1}'),
+    "received": messages.Received(0xDEADBEEF, 7),
+    "finished": messages.Finished(0xDEADBEEF, 88, b'{"schema":1}'),
 }
 OF_A_TICK = ("sense", "act")
 
 
 def written(message: Any) -> bytes:
-    """The bytes of any message."""
     if isinstance(message, Sense):
         return tick.write_sense(message)
     return tick.write_act(message) if isinstance(message, Act) else control.encode(message)
 
 
 def read(raw: bytes) -> Any:
-    """Any message."""
     if raw[1:2] not in tick.TYPES:
         return control.decode(raw)
     return tick.read_sense(raw) if raw[1] == SENSE else tick.read_act(raw)

@@ -65,9 +65,7 @@ def check_line(attempt: Callable[[], Any], *parts: str) -> str:
 
 
 @pytest.mark.parametrize("row", TABLES + NO_TOML, ids=lambda row: row[0][:40])
-def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(
-    row: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(row, tmp_path) -> None:
     text, *parts = row
     path = tmp_path / "bad.toml"
     path.write_text(text, encoding="utf-8")
@@ -90,9 +88,7 @@ def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(
         ({"wind": 3, "wind.sigma": 1}, ("wind.sigma", "`wind` is not a table")),
     ],
 )
-def test_a_wrong_value_of_python_code_is_named_with_its_key_and_bound(
-    keys: dict[str, Any], parts: tuple[str, ...]
-) -> None:
+def test_a_wrong_value_of_python_code_is_named_with_its_key_and_bound(keys, parts) -> None:
     for attempt in (Scenario, Scenario().replace, lambda **keys: Scenario.load("swap", **keys)):
         check_line(lambda: attempt(**keys), *parts)  # noqa: B023
 

@@ -85,21 +85,16 @@ def test_a_message_that_is_taken_when_offered_is_not_received(network: Open) -> 
     assert hub.receive(0.2) is None
 
 
-def test_an_offer_that_fails_is_logged_and_the_message_received(caplog: pytest.LogCaptureFixture) -> None:
-    endpoint = free_endpoint()
-    hub = ZenohBus.router(endpoint)
-    one = ZenohBus.client(endpoint)
+@pytest.mark.parametrize("network", ["zenoh"], indirect=True)
+def test_an_offer_that_fails_is_logged_and_the_message_received(network: Open, caplog) -> None:
+    hub, one = network(), network()
 
     def fail(_key: str, payload: bytes) -> bool:
         raise ValueError(payload.decode())
 
-    try:
-        one.subscribe("t", fail)
-        assert put_until_heard(hub, one, "t", b"spilled").payload == b"spilled"
-    finally:
-        one.close()
-        one.close()  # harmless
-        hub.close()
+    one.subscribe("t", fail)
+    assert put_until_heard(hub, one, "t", b"spilled").payload == b"spilled"
+    one.close()  # again at the end, which is harmless
     assert "ValueError: spilled" in caplog.text
 
 
@@ -145,9 +140,7 @@ def test_a_taken_port_a_missing_world_and_a_value_that_is_no_lease_are_named(mon
 
 
 @pytest.mark.parametrize(("largest", "length", "waiting"), [(25_000, 1, 256), (25_000, 5000, 20), (10, 1000, 65)])
-def test_a_flood_of_one_sender_is_bounded_counted_and_displaces_no_message_of_another(
-    largest: int, length: int, waiting: int, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_flood_of_one_sender_is_bounded_and_displaces_no_message_of_another(largest, length, waiting, caplog) -> None:
     backlog = Backlog(lambda key: Quota(key.partition("/")[0], largest))
     for number in range(300):
         backlog.put(Delivery("message", f"flood/{number}", bytes(length)))
@@ -189,9 +182,7 @@ def test_the_router_closes_a_link_without_waiting_for_its_other_end(listening: s
 
 
 @pytest.mark.parametrize(("value", "lease_ms", "wait_us"), [("", 10_000, 3_000_000), ("2.5", 2500, 750_000)])
-def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(
-    value: str, lease_ms: int, wait_us: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(value, lease_ms, wait_us, monkeypatch) -> None:
     monkeypatch.setenv(LEASE, value)
     config = _config({})
     assert json.loads(config.get_json("transport/link/tx/lease")) == lease_ms

@@ -9,7 +9,7 @@ import pytest
 
 from meanflock.agent.node import Agent
 from meanflock.swarm.errors import BusError, Refused, WorldGone
-from meanflock.swarm.net import client, keys
+from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery, MemoryNetwork
 from meanflock.swarm.net.client import NodeClient, take_part
 from meanflock.swarm.wire import control, tick
@@ -90,14 +90,7 @@ def test_a_join_is_repeated_with_the_same_token_until_it_is_accepted(monkeypatch
     ],
     ids=["for now", "interrupted", "for good", "no answer"],
 )
-def test_a_node_that_is_not_accepted_says_why(
-    answer: Message | None,
-    timeout_s: float,
-    stops_after: int,
-    expected: str,
-    joins: int | None,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_node_that_is_not_accepted_says_why(answer, timeout_s, stops_after, expected, joins, monkeypatch) -> None:
     world = World(monkeypatch, answer)
     with pytest.raises(BusError, match=expected):
         world.join(Node(), timeout_s, cancelled=lambda: len(world.joins) >= stops_after)
@@ -129,15 +122,6 @@ def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(mon
         other.join()
         loop.join()
     assert node.answered == [(0, here), (1, other.ident), (2, loop.ident)]
-
-
-def test_a_stop_of_this_run_ends_the_service_and_one_of_another_run_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    world = World(monkeypatch, WELCOME)
-    world.join(Node())
-    for run, reason in ((keys.fingerprint("another"), "not ours"), (keys.fingerprint(RUN), "finished")):
-        world.bus.put(keys.sense(RUN, WELCOME.node), control.encode(Stop(run, reason)))
-    assert world.client.serve(lambda: False, lambda: False) == "finished"
-    assert world.client.dropped == {"wrong-run": 1}
 
 
 # -- a part from its beginning to its end -------------------------------------------------------------------------
@@ -175,32 +159,23 @@ REFUSED = Refused("the world refused: no", over=True)
         ([Stop(1, "for a reason", lost=True), Stop(1, "lost: and found")], "lost: and found"),  # it joins again
     ],
 )
-def test_a_node_joins_again_until_it_is_stopped_or_the_flight_is_over(
-    script: list[Any], ends: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_joins_again_until_it_is_stopped_or_the_flight_is_over(script, ends, monkeypatch) -> None:
     script = list(script)
 
-    class Scripted:
-        """A client whose part ends as the script says."""
+    def join(*_: object) -> None:
+        if script[0] is REFUSED:
+            raise script.pop(0)
 
-        def __init__(self, bus: Bus, run: str) -> None:
-            self.stopped: Stop | None = None
+    def serve(node: NodeClient, *_: object) -> str:
+        if (step := script.pop(0)) is LOST:
+            raise step
+        node.stopped = step
+        return str(step.reason)
 
-        def join(self, *_: object) -> None:
-            if script[0] is REFUSED:
-                raise script.pop(0)
-
-        def serve(self, *_: object) -> str:
-            step = script.pop(0)
-            if step is LOST:
-                raise step
-            self.stopped = step
-            return str(step.reason)
-
-    monkeypatch.setattr(client, "NodeClient", Scripted)
-    if ends is REFUSED:
-        with pytest.raises(Refused):
-            take(alone)
-    else:
-        assert take(alone) == ends
-    assert script == []
+    monkeypatch.setattr(NodeClient, "join", join)
+    monkeypatch.setattr(NodeClient, "serve", serve)
+    try:
+        ended: Any = take(alone)
+    except Refused as error:
+        ended = error
+    assert (ended, script) == (ends, [])

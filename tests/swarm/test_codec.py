@@ -21,26 +21,14 @@ from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
 from tests.swarm.conftest import Backend
 from tests.swarm.examples import DTYPES, EXAMPLES, GOLDEN, TYPES, arrays_in, read, same, written
-from tests.swarm.ticks import QUICK, acts, as_documented, batches, senses
+from tests.swarm.ticks import QUICK, acts, as_documented, batches, finite, senses
 
 each_form = pytest.mark.usefixtures("backend")
 
 
-def arrays() -> st.SearchStrategy[np.ndarray]:
-    """Finite arrays of every dtype that travels, up to three axes, empty ones too."""
-    shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
-
-    def of(name: str) -> st.SearchStrategy[np.ndarray]:
-        dtype = np.dtype(name)
-        if dtype.kind != "f":
-            return hnp.arrays(dtype, shapes)
-        numbers = st.floats(width=8 * dtype.itemsize, allow_nan=False, allow_infinity=False)
-        return hnp.arrays(dtype, shapes, elements=numbers)
-
-    return st.sampled_from(DTYPES).flatmap(of)
-
-
-st.register_type_strategy(np.ndarray, arrays())
+shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
+arrays = st.sampled_from(DTYPES).flatmap(lambda name: finite(name, shapes))
+st.register_type_strategy(np.ndarray, arrays)
 st.register_type_strategy(int, st.integers(-(2**63), 2**64 - 1))
 
 
@@ -58,7 +46,7 @@ def test_every_message_survives_the_wire_and_its_arrays_arrive_read_only(kind: t
 
 
 @QUICK
-@given(st.dictionaries(st.text(max_size=5), st.one_of(arrays(), st.binary(max_size=9), st.integers(-9, 9), st.none())))
+@given(st.dictionaries(st.text(max_size=5), st.one_of(arrays, st.binary(max_size=9), st.integers(-9, 9), st.none())))
 def test_a_record_is_read_as_it_was_written(record: dict[str, Any]) -> None:
     read = control.decode_record(control.encode_record(record))
     assert set(read) == set(record)
@@ -143,7 +131,7 @@ def test_a_message_that_does_not_fit_the_layout_is_not_written(backend: Backend,
         backend.write(*given_)
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "wire.md"
+PAGE = (Path(__file__).parents[2] / "docs" / "wire.md").read_text(encoding="utf-8")
 RUN = keys.fingerprint("test")
 STATE = np.array([[150.0, 100.0, -1.5, 0.25]])
 RECEIVED = Frames(
@@ -168,8 +156,7 @@ DUMP_LINE = re.compile(r" *(\d+)  ((?:[0-9a-f]{2} ?)+?)(?:  .*)?")
 
 @pytest.mark.parametrize("name", DUMPS)
 def test_the_page_dumps_the_bytes_that_are_sent(name: str) -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    lines = text.partition(f"<!-- dump of {name} -->\n```text\n")[2].partition("\n```")[0].splitlines()
+    lines = PAGE.partition(f"<!-- dump of {name} -->\n```text\n")[2].partition("\n```")[0].splitlines()
     raw = b""
     for line in lines:
         found = DUMP_LINE.fullmatch(line)
@@ -180,32 +167,24 @@ def test_the_page_dumps_the_bytes_that_are_sent(name: str) -> None:
 
 
 def test_the_page_names_every_type_of_number_kind_of_frame_and_reason_of_a_reader() -> None:
-    text = PAGE.read_text(encoding="utf-8")
     rows = [f"| {code} | `{name}` |" for code, name in enumerate(wire.DTYPES)]
     rows += [f"| {kind.value} | {kind.name} |" for kind in FrameKind]
     rows += {f"`{reason}`" for reason in re.findall(r"`([a-z-]+)`", MessageRejected.__doc__ or "")} - {"`reason`"}
     rows.append(f'`zlib.crc32(b"test")` is `{RUN:#010x}`')  # a run's fingerprint, which its messages begin with
-    assert [row for row in rows if row not in text] == []
+    assert [row for row in rows if row not in PAGE] == []
     assert struct.pack(">I", RUN) in DUMPS["sense"]
 
 
 @pytest.mark.parametrize("kind", [Join, Welcome, Refusal, Ready, Stop, Event])
 def test_the_page_has_the_fields_of_a_control_message_in_their_order(kind: type[msgspec.Struct]) -> None:
-    row = next(
-        line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| {kind.__name__} |")
-    )
-    config = kind.__struct_config__
-    assert re.findall(r"`(\w+)`", row.split("|")[2]) == [config.tag, *kind.__struct_fields__]
+    (row,) = (line for line in PAGE.splitlines() if line.startswith(f"| {kind.__name__} |"))
+    assert re.findall(r"`(\w+)`", row.split("|")[2]) == [kind.__struct_config__.tag, *kind.__struct_fields__]
 
 
 def test_the_page_s_example_of_an_array_is_one() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    head, numbers = re.search(
-        r"`((?:[0-9a-f]{2} ){9}[0-9a-f]{2})` and the numbers\s+`((?:[0-9a-f]{2} ?)+)`", text
-    ).groups()
-    raw = bytes.fromhex(head + numbers)
-    message = msgspec.msgpack.encode(["welcome", 1, "agent-0", [0], 0, b"{}", msgspec.msgpack.Ext(1, raw)])
-    welcome = control.decode(message)
+    found = re.search(r"`((?:[0-9a-f]{2} ){9}[0-9a-f]{2})` and the numbers\s+`((?:[0-9a-f]{2} ?)+)`", PAGE)
+    array = msgspec.msgpack.Ext(1, bytes.fromhex(found[1] + found[2]))
+    welcome = control.decode(msgspec.msgpack.encode(["welcome", 1, "agent-0", [0], 0, b"{}", array]))
     np.testing.assert_array_equal(welcome.initial_states, np.array([[1.5, -2.0]], "<f4"))
 
 

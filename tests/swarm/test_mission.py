@@ -110,14 +110,11 @@ def test_a_controller_of_the_paper_flies_to_its_own_goal_as_to_the_origin(method
     assert np.abs(here.world.flight.states[:, 2:]).max() > 0.1
 
 
-MISSIONS = ("windy", "unknown", "swap", "streams", "obstacles", "gusts", "lossy", "crowd", "windmap", "hierarchical")
-
-
 def mission(name: str, **options: object) -> Scenario:
     return load(Path(name), **options)
 
 
-@pytest.mark.parametrize("name", MISSIONS)
+@pytest.mark.parametrize("name", ["obstacles", "gusts", "crowd", "hierarchical"])  # the others are golden
 def test_a_mission_flies_by_its_name(name: str) -> None:
     summary = Engine(mission(name, duration=2.0, method="cruise" if name != "hierarchical" else None), name).complete()
     assert summary["sim_time_s"] == pytest.approx(2.0)

@@ -3,31 +3,17 @@
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import client
 from meanflock.swarm.plugins import Plugin, registry
-from meanflock.swarm.scenario import load
+from tests.controller_files import controller_text
 
-GOOD = """
-from meanflock.agent.controllers.base import Controller, Step
-
-class Mine(Controller):
-    name = "mine"
-
-    def init(self, uavs, plan):
-        return {}
-
-    def step(self, memory, tick, own, received):
-        return Step(memory, -own[:, 2:])
-"""
+GOOD = controller_text("mine", "return mf.Step(memory, -own[:, 2:])")
 
 
 def written(folder: Path, text: str, name: str = "mine.py") -> Path:
@@ -44,26 +30,6 @@ def test_a_name_that_could_not_be_part_of_a_file_name_is_refused(name: str) -> N
         plugins.register(type("Mine", (mf.Controller,), {"name": name, "step": lambda *_: None}))
 
 
-@pytest.mark.parametrize(
-    ("base", "needed"),
-    [
-        ("Controller", ["step"]),
-        ("Aggregator", ["step"]),
-        ("Channel", ["transmit"]),
-        ("Vehicle", ["power", "step"]),
-        ("Filter", ["admit"]),
-    ],
-)
-def test_a_class_is_found_by_its_name_once_it_has_the_methods_of_its_kind(base: str, needed: list[str]) -> None:
-    lacking = type("Mine", (getattr(mf, base),), {"name": "mine"})
-    with pytest.raises(BadInput, match=f"lacks {' and '.join(f'`{method}`' for method in needed)}$"):
-        plugins.register(lacking)
-    mine = type("Mine", (lacking,), dict.fromkeys(needed, lambda *_: None))
-    plugin = plugins.register(mine)
-    assert plugins.load(plugin.kind, "mine") is mine
-    assert plugin.kind == base.lower()
-
-
 @pytest.mark.parametrize("kind", plugins.GROUPS)
 def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.PluginKind) -> None:
     for name in plugins.names(kind):
@@ -74,9 +40,7 @@ def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.Pl
 
 
 @pytest.mark.parametrize("method", ["/etc/passwd", "mine.py", "os:system", ""])
-def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
-    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(method, tmp_path, monkeypatch) -> None:
     written(tmp_path, "raise AssertionError('it was run')")
     monkeypatch.chdir(tmp_path)
     for key in ("plugin", "plugins", "plugin_files"):
@@ -85,31 +49,6 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(
     received = scenario.decode(msgspec.json.encode({"method": method}))
     with pytest.raises(BadInput, match="is not installed here"):
         received.declared  # noqa: B018
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "expected"),
-    [
-        ("controller", "hjb", "controller 'hjb' is "),
-        ("filter", "ecbf", "filter 'ecbf' is "),
-    ],
-)
-def test_a_node_with_another_version_of_a_plugin_is_refused_with_its_host(
-    kind: str, name: str, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Elsewhere:
-        GROUPS = plugins.GROUPS
-
-        @staticmethod
-        def find(asked: Any, wanted: str) -> Plugin:
-            found = plugins.find(asked, wanted)
-            is_other = (asked, wanted) == (kind, name)
-            return found._replace(fingerprint="sha256 of another file") if is_other else found
-
-    monkeypatch.setattr(client, "plugins", Elsewhere)
-    monkeypatch.setattr(client.platform, "node", lambda: "far-away")
-    with pytest.raises(BadInput, match=f"agent-0 on host far-away: {expected}"):
-        Engine(load(None, ["uavs=2", "filter.kind=ecbf"], method="hjb"), "hosts")
 
 
 # -- packages -------------------------------------------------------------------------------------------------------
@@ -131,9 +70,7 @@ def test_two_packages_of_one_name_are_refused_with_both_packages(monkeypatch: py
         ("meanflock.swarm.plugins:Plugin", "lacks `init` and `step`"),
     ],
 )
-def test_a_package_whose_entry_point_is_of_no_use_is_named(
-    reference: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_whose_entry_point_is_of_no_use_is_named(reference, text, tmp_path, monkeypatch) -> None:
     written(tmp_path, "raise SystemExit('no such device')", "of_a_stranger.py")
     monkeypatch.syspath_prepend(tmp_path)
     plugin = Plugin("controller", "odd", "odd-package 2.0", reference, "odd-package 2.0")
@@ -194,9 +131,7 @@ def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monke
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_replaces_a_registered_class_and_is_refused_beside_another_of_its_name(tmp_path, monkeypatch) -> None:
     plugins.register(type("Mine", (mf.Controller,), {"name": "mine", "step": lambda *_: None}))
     (plugin,) = plugins.load_file(first := written(tmp_path, GOOD))
     assert (plugin.source, plugins.find("controller", "mine")) == (str(first), plugin)

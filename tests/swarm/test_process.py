@@ -2,8 +2,6 @@
 
 import json
 import logging
-import os
-import signal
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -17,7 +15,7 @@ from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
-from meanflock.swarm.process import AT_MOST, QUICK_S, Interrupted, Restarts, parser, seconds
+from meanflock.swarm.process import AT_MOST, QUICK_S, Restarts, parser, seconds
 from meanflock.swarm.scenario import load
 
 
@@ -35,22 +33,6 @@ def test_a_wrong_command_line_is_an_error_that_names_the_help(capsys: pytest.Cap
         parser("agent", "what", "example").parse_args(["--bogus"])
     assert left.value.code == 2
     assert capsys.readouterr().err == "error: unrecognized arguments: --bogus; see python -m meanflock.agent --help\n"
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_is_noted_within_the_block_and_the_old_handler_comes_back(number: signal.Signals) -> None:
-    heard: list[int] = []
-    before = signal.signal(number, lambda number, _: heard.append(number))
-    try:
-        with Interrupted() as interrupted:
-            assert not interrupted
-            os.kill(os.getpid(), number)
-            assert interrupted
-        assert heard == []
-        os.kill(os.getpid(), number)
-        assert heard == [number]
-    finally:
-        signal.signal(number, before)
 
 
 def test_a_long_life_makes_up_for_short_ones_before_it() -> None:

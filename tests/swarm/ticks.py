@@ -17,13 +17,15 @@ QUICK = settings(
 U32 = st.integers(0, 2**32 - 1)
 
 
+def finite(name: str, shapes: st.SearchStrategy[Any]) -> st.SearchStrategy[np.ndarray]:
+    """Arrays of a dtype and of some shapes."""
+    dtype = np.dtype(name)
+    numbers = st.floats(width=8 * dtype.itemsize, allow_nan=False, allow_infinity=False) if dtype.kind == "f" else None
+    return hnp.arrays(dtype, shapes, elements=numbers)
+
+
 def table(dtype: str, rows: st.SearchStrategy[int], columns: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndarray]:
-    """Finite numbers in two axes."""
-    kind = np.dtype(dtype)
-    numbers = None
-    if kind.kind == "f":
-        numbers = st.floats(width=8 * kind.itemsize, allow_nan=False, allow_infinity=False)
-    return hnp.arrays(kind, st.tuples(rows, columns), elements=numbers)
+    return finite(dtype, st.tuples(rows, columns))
 
 
 def uavs(size: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndarray]:

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Step
-from meanflock.swarm import plugins, seeds
+from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing import ConformanceError, check_controller
-from tests.testing.good import KINDS, GoodAggregator, GoodController, Kind, calls, changed, failing, having
+from meanflock.testing import ConformanceError
+from tests.testing.good import KINDS, GoodAggregator, Kind, calls, changed, failing, having
 
 EXAMPLE = Path(__file__).parents[2] / "examples"
 SHARING = ("vasarhelyi", "olfati-saber", "potential-field", "bvc", "orca")
@@ -100,25 +100,6 @@ def test_an_example_of_an_algorithm_is_short_and_imports_nothing_internal(file: 
     assert imported <= {"typing", "functools", "math", "numpy", "msgspec", "meanflock"}
 
 
-def test_a_controller_that_draws_by_tick_and_uav_conforms() -> None:
-    def draw(self: Any, step: Any, memory: Any, tick: int, *_: Any) -> Any:
-        index = tick * self.scenario.uavs + memory["uav"]
-        noise = [seeds.generator(self.scenario.seed, "controller", int(k)).standard_normal(2) for k in index]
-        return msgspec.structs.replace(step, acceleration=step.acceleration + np.reshape(noise, (-1, 2)))
-
-    check_controller(changed(GoodController, "step", draw))
-
-
-def test_a_controller_that_asks_when_rounds_open_conforms() -> None:
-    def ask(self: Any, step: Any, _memory: Any, tick: int, *_: Any) -> Any:
-        opens = tick % self.scenario.period_ticks == 0
-        return msgspec.structs.replace(step, acceleration=step.acceleration + opens)
-
-    asking = type("Asking", (changed(GoodController, "step", ask),), {"name": "asking", "period_ticks": 7})
-    check_controller(asking)
-    check_controller(asking, scenario=Scenario(uavs=3, federation={"period": 5}))
-
-
 def waiting(kind: Kind) -> type:
     """A class that takes two milliseconds more than the good one."""
 
@@ -127,10 +108,6 @@ def waiting(kind: Kind) -> type:
         return answer
 
     return changed(kind.good, kind.method, wait)
-
-
-def lacking(kind: Kind) -> type:
-    return type("Wrong", (kind.good.__base__,), {"name": "lacking"})
 
 
 FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
@@ -144,7 +121,7 @@ MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, a
     ),
     "a text": (lambda _: "good", "it is no class; pass the class itself"),
     "an object": (lambda _: object(), "it is no class; pass the class itself"),
-    "lacks a method": (lacking, "lacks .*`{0.method}`"),
+    "lacks a method": (lambda kind: type("Wrong", kind.good.__bases__, {"name": "lacking"}), "lacks .*`{0.method}`"),
     "exits": (lambda kind: failing(kind.good, kind.method, SystemExit(3)), FAILED.replace("{1}", "SystemExit: 3")),
     "raises": (lambda kind: failing(kind.good, kind.method, OSError("no")), FAILED.replace("{1}", "OSError: no")),
     "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DIFFERED),

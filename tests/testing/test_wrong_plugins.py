@@ -201,8 +201,6 @@ def test_a_wrong_plugin_is_rejected_with_its_mistake_and_what_to_do(kind: str, m
 
 
 class Remembering(GoodChannel):
-    """A channel with a memory."""
-
     def init(self, uavs: int) -> Any:
         return {"last": np.zeros(uavs)}
 
@@ -210,35 +208,26 @@ class Remembering(GoodChannel):
         return memory, *self.transmit(message.distance_m, message.bits, rng)
 
 
-def carrying(memory: Any) -> Any:
-    return changed(Remembering, "carry", lambda _, answer, *__: (memory, *answer[1:]))
-
-
 CANNOT_BEGIN: list[tuple[Any, str]] = [
     (having(Remembering, init=lambda _, uavs: [uavs]), "memory is a list; expected a dict"),
-    (having(Remembering, init=lambda *_: {"last": [0.0]}), "a checkpoint keeps"),
     (
         having(Remembering, init=lambda *_: {"all": np.zeros((5, 10**8))}),
         "MiB for 5 UAVs; a checkpoint keeps up to 256",
     ),
     (having(Remembering, init=lambda *_: 1 / 0), "ZeroDivisionError"),
     (having(GoodVehicle, init=lambda *_: {"charge_J": np.full(3, 1.0)}), r"hidden\['charge_J'\] has shape \(3,\)"),
-    (having(GoodVehicle, init=lambda *_: {"charge_J": 1.0}), r"hidden\['charge_J'\] is a float"),
 ]
 GOES_WRONG: list[tuple[Any, str]] = [
-    (part(GoodChannel, 0, lambda slots, *_: slots[1:]), r"slots: int64 \(19,\), expected int64 \(20,\)"),
     (part(GoodChannel, 0, lambda slots, *_: slots - 4), "slots from -3 to 0"),
     (having(GoodChannel, expected=lambda *_: "many"), "`expected` returns 'many'"),
     (having(Remembering, carry=lambda *_: {}), "`carry` returns a dict; expected memory, slots and delivered"),
-    (carrying({}), r"memory has \[\]; of `init` it had \['last'\]"),
-    (carrying({"last": np.zeros(1)}), r"\(1,\) float64"),
+    (changed(Remembering, "carry", lambda _, answer, *__: ({}, *answer[1:])), r"memory has \[\]; of `init` it had"),
     (writing(Remembering, "carry", 0, "last"), "read-only"),
     (part(GoodVehicle, 1, lambda hidden, *_: {"thrust": hidden["thrust"] / 0}), r"thrust'\] of UAV 0: .* not finite"),
     (part(GoodVehicle, 0, lambda states, *_: states * np.array([1, 1, np.nan, 1, 1])[:, None]), "states of UAV 2"),
     (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
-    (changed(GoodVehicle, "power", lambda _, power, *__: power[:, None]), r"power: float64 \(150, 1\)"),
-    (changed(GoodVehicle, "power", lambda _, power, *__: power * np.ones(5)), "failed.*of the rows of 30 ticks of 5"),
+    (changed(GoodVehicle, "power", lambda _, power, *__: power[:, None]), r"\(150, 1\).*of the rows of 30 ticks of 5"),
 ]
 
 
