@@ -177,7 +177,7 @@ def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
     assert sorted(paths) == sorted(str(page.relative_to(ROOT)) for page in website.pages())
 
 
-@pytest.mark.parametrize("name", ["api", "keys", "rooms"])
+@pytest.mark.parametrize("name", ["api", "data", "keys", "rooms"])
 def test_a_written_page_is_that_of_the_code(name: str) -> None:
     script = script_of(name)
     path, expected = (script.PICTURE, script.picture()) if name == "rooms" else (script.PAGE, script.page())

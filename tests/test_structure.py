@@ -1,12 +1,16 @@
 """The structure of the code: imports go one way, and each library is imported in its place."""
 
 import ast
+import os
 import re
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
+from meanflock.groundstation.cli.completion import VARIABLE
 from tests.commands import loaded
+from tests.groundstation.conftest import QUICK
 from tests.sources import (
     MODULES,
     NAMES,
@@ -135,21 +139,53 @@ def test_only_files_of_people_read_the_wall_clock() -> None:
 HEAVY = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis", "matplotlib"]
 HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client", "scipy"]
 SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
+DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
+FLYING = [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh"]
+DRAW_NOTHING = "import random; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
+
+
+def called(*arguments: str) -> str:
+    """Code that calls the command."""
+    return f"from meanflock.groundstation.cli.command import main\nassert main({list(arguments) or None}) == 0"
+
+
+def completed(line: str) -> str:
+    """Code that completes the last word of a line, as Bash has it done."""
+    asked = {VARIABLE: "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    return f"import os\nos.environ.update({asked})\n{called()}"
 
 
 @pytest.mark.parametrize(
-    ("modules", "forbidden"),
+    ("code", "forbidden"),
     [
-        ("meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
-        ("meanflock.worldsim.__main__", HEAVY),
+        ("import meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
+        ("import meanflock.worldsim.__main__", HEAVY),
         (  # statistics take a second of the start of each worker and command
-            "meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
+            "import meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
             ["scipy.stats", "matplotlib", "rerun"],
+        ),
+        (f"{DRAW_NOTHING}assert random.getstate() == before", ["matplotlib", "rich", "rerun", "click"]),
+        (called("--help"), [*FLYING, "meanflock.groundstation.cli.fly"]),
+        (called("run", "--help"), FLYING),
+        (
+            called(*QUICK, "--json"),
+            [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client", "scipy"],
+        ),
+        *(
+            (completed(f"meanflock {line}"), [*FLYING, "msgspec", "meanflock.agent.controllers"])
+            for line in (
+                "run --method plan",
+                "run --set radio.model=i",
+                "run --set controller.sp",
+                "sweep uavs",
+                "show r",
+            )
         ),
     ],
 )
-def test_a_process_loads_only_what_it_needs(modules: str, forbidden: list[str]) -> None:
-    assert loaded(f"import {modules}", cwd=ROOT) & set(forbidden) == set()
+def test_a_process_loads_only_what_it_needs(code: str, forbidden: list[str], tmp_path: Path) -> None:
+    path = os.environ | {"PYTHONPATH": str(ROOT)}
+    assert loaded(code, cwd=tmp_path, env=path) & set(forbidden) == set()
 
 
 def test_tests_have_docstrings_and_import_no_module_of_tests() -> None:

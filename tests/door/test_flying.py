@@ -246,12 +246,6 @@ def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
     assert not hasattr(mf, "flie")
 
 
-def test_a_comparison_loads_no_plots_and_draws_nothing_from_the_random_numbers_of_others(tmp_path: Path) -> None:
-    code = "import random, sys; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
-    code += "assert random.getstate() == before; print(*({'matplotlib', 'rich', 'rerun', 'click'} & set(sys.modules)))"
-    assert python(code, tmp_path).split() == []
-
-
 def test_a_hostile_working_folder_harms_nothing(tmp_path: Path) -> None:
     for name in ("agent.py", "leader.py", "channel.py", "worldsim.py", "kernels.py", "groundstation.py", "state.py"):
         (tmp_path / name).write_text(HOSTILE)

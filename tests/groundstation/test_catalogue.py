@@ -168,25 +168,6 @@ def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkey
     assert [(summary["uavs"], summary["lost"]) for summary in flown] == [(4, 0)] * len(names)
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("hjb", "a controller of that name is installed, of meanflock"),
-        ("class", "a keyword of Python"),
-        ("none", "or its class would be"),
-        ("a-b", "letters, digits and underscores"),
-        ("json", "Python has a module of that name"),
-        ("here", "exists already"),
-    ],
-)
-def test_a_name_that_cannot_be_used_is_refused_and_nothing_is_written(name: str, says: str, run, tmp_path) -> None:
-    (tmp_path / "here").mkdir()
-    (tmp_path / "link").symlink_to("nowhere")
-    code, out, err = run("new", "controller", name)
-    assert (code, out, err.count("\n"), says in err) == (EXIT_BAD_INPUT, "", 1, True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "link"]
-
-
 class Odd(BaseException):
     pass
 

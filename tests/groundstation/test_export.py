@@ -16,7 +16,7 @@ from meanflock.groundstation.export.foxglove import write_mcap
 from meanflock.groundstation.export.rosbag import write_bag
 from meanflock.groundstation.results import flown as flown_flights
 from meanflock.groundstation.results.flown import Flight
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, RunFailed
+from meanflock.swarm.errors import EXIT_DONE, RunFailed
 
 KILL = {"kind": "kill", "time_s": 3.0, "uavs": [2]}
 WRITERS = {"--mcap": write_mcap, "--rosbag": write_bag}
@@ -99,27 +99,6 @@ def test_a_flight_is_read_in_pieces_and_an_interrupted_file_leaves_nothing(tmp_p
     write(Flight(flown.folder), target, nothing)
     for file in one.rglob("*") if one.is_dir() else (one,):
         assert file.read_bytes() == (target / file.relative_to(one)).read_bytes()
-
-
-@pytest.mark.parametrize("flag", WRITERS)
-def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, flown, flag) -> None:
-    def refused(*arguments: str) -> str:
-        before = sorted(tmp_path.rglob("*"))
-        code, out, err = run("export", *arguments)
-        assert (code, out, err.count("\n"), sorted(tmp_path.rglob("*"))) == (EXIT_BAD_INPUT, "", 1, before)
-        return err
-
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for file in flown.folder.iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
-    assert "--mcap" in refused(str(folder))
-    assert "no such run" in refused("nowhere", flag, "r")
-    assert "there is something already" in refused(str(folder), flag, "copy")
-    rows = bytearray((folder / "timeseries.parquet").read_bytes())
-    rows[len(rows) // 3] ^= 1
-    (folder / "timeseries.parquet").write_bytes(rows)
-    assert "damaged" in refused(str(folder), flag, "r")
 
 
 def test_of_an_unfinished_run_the_flown_part_is_written(run, tmp_path, flown) -> None:

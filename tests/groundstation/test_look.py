@@ -92,20 +92,6 @@ def test_a_display_that_does_not_answer_is_none(tmp_path, monkeypatch) -> None:
         display.check("instead")
 
 
-def test_a_picture_that_cannot_be_drawn_is_refused(run, tmp_path, flown) -> None:
-    (tmp_path / "file").write_text("")
-    for flags, says in (
-        (("-o", "p.jpg"), ".png"),
-        (("-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
-        (("-o", "p.png", "--size", "20x-20"), "WIDTHxHEIGHT"),
-        (("-o", "file/p.png"), "file/p.png"),
-        ((), "-o"),
-    ):
-        code, _, err = run("picture", str(flown), *flags)
-        assert (code, err.count("\n"), says in err) == (EXIT_BAD_INPUT, 1, True)
-    assert not list(tmp_path.rglob("*.png"))
-
-
 def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     for use in (viewer.open_viewer, lambda missing: screenshot(missing, tmp_path / "swarm.png", at_s=0.0)):

@@ -21,7 +21,6 @@ from rich.console import Console
 from scipy import stats
 
 from meanflock.groundstation import statistics
-from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import fly
@@ -35,13 +34,12 @@ from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
 from meanflock.groundstation.results.series import Reported, block_of, diagnostics_in
 from meanflock.groundstation.results.series import schema as schema_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES
-from meanflock.swarm.errors import EXIT_BAD_INPUT, MessageRejected
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from reproduction.curves import CRITERIA
 from tests.groundstation.conftest import every_axis
 from tests.groundstation.recordings import DIAGNOSTICS, flight
-from tests.pages import script_of
 
 ROOT = Path(__file__).parents[2]
 QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, Quantity)}
@@ -225,21 +223,6 @@ def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(runs: dict[
     assert [path.read_bytes() for path in theirs] == [path.read_bytes() for path in ours]
 
 
-@pytest.mark.parametrize(("left", "says"), [(900, "damaged: "), (0, "No such file")])
-def test_a_damaged_time_series_is_bad_input_with_a_remedy(left: int, says: str, runs, tmp_path, capsys) -> None:
-    folder = Path(shutil.copytree(runs["offline"], tmp_path / "run"))
-    path = folder / "timeseries.parquet"
-    kept = path.read_bytes()[:left]
-    path.unlink()
-    if kept:
-        path.write_bytes(kept)
-    assert main(["plot", str(folder)]) == EXIT_BAD_INPUT
-    (line,) = capsys.readouterr().err.splitlines()
-    again = f"bring the file back, or fly the run again with `meanflock run {folder / 'scenario.toml'}`"
-    assert line.startswith(f"error: {path}: {says}")
-    assert again in line
-
-
 def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
     return [
         {
@@ -262,11 +245,6 @@ def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_pa
     figure = comparison.plot_sweep("wind.sigma", points)
     assert len(figure.axes) == 4
     assert figure.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
-
-
-def test_the_page_is_that_of_the_code() -> None:
-    script = script_of("data")
-    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run `python docs/data.py`"
 
 
 def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:

