@@ -38,22 +38,6 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     assert [row["obstacles"] for row in tables] == [(), (str(disc),)]
 
 
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (lambda: mf.compare([], seeds=2, **SMALL), "name a controller"),
-        (lambda: mf.compare(["mfg"], seeds=0, **SMALL), "seeds: 0; give how many"),
-        (lambda: mf.sweep("wind.sigma", [], **SMALL), "a value or more"),
-        (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **{**SMALL, "jobs": "2"}), "jobs: '2'; give a number"),
-        (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **SMALL), "leave it out"),
-    ],
-)
-def test_wrong_arguments_are_bad_input_before_anything_flies(call: Any, says: str, monkeypatch) -> None:
-    monkeypatch.setattr(study, "fly_all", lambda *_, **__: pytest.fail("flown in vain"))
-    with pytest.raises(mf.BadInput, match=says):
-        call()
-
-
 @pytest.mark.parametrize("kept", [True, False])
 def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(kept: bool, tmp_path, monkeypatch) -> None:
     def interrupted(*_: Any) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock import env
 from meanflock.groundstation.cli.command import main
 from tests.commands import printed
 
@@ -32,6 +33,13 @@ class Still(mf.Controller):
 
     def step(self, memory: dict[str, np.ndarray], tick: int, own: np.ndarray, received: Any) -> mf.Step:
         return mf.Step(memory, np.zeros((len(own), 2)))
+
+
+class Clash(Still):
+    """Reports a diagnostic that is called as a column."""
+
+    name = "clash"
+    diagnostics = ("x_m",)
 
 
 def commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
@@ -87,16 +95,6 @@ def test_files_of_plugins_are_one_or_several() -> None:
     assert (run.summary["method"], run.scenario.federation.aggregation) == ("trim", "momentum")
 
 
-def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight(tmp_path: Path) -> None:
-    class Clash(Still):
-        name = "clash"
-        diagnostics = ("x_m",)
-
-    with pytest.raises(mf.BadInput, match="x_m: the time series has columns of that name"):
-        mf.fly(method=Clash, out=tmp_path / "out", **SMALL)
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('method = "mfg"\nuavs = 4\nseed = 3\nduration = 2.0\n')
@@ -105,22 +103,39 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
     assert len({run.summary["trajectory_sha256"] for run in (*flown, mf.fly(**options))}) == 1
 
 
+FEW: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
+OUT = {"out": "runs"}
+
+
 @pytest.mark.parametrize(
-    ("scenario", "options", "says"),
+    ("call", "says"),
     [
-        ("paper", {"wind.sgima": 1}, "sgima"),
-        ("paper", {"method": int}, "derive a class from meanflock.Controller"),
-        ("paper", {"method": object()}, "is neither the name nor the class of a controller"),
-        ("paper", {"record": True}, "out="),
-        ("nowhere.toml", {}, "nowhere.toml"),
+        (lambda: mf.fly("paper", **OUT, **{"wind.sgima": 1}), "sgima"),
+        (lambda: mf.fly("paper", method=int, **OUT), "derive a class from meanflock.Controller"),
+        (lambda: mf.fly("paper", method=object(), **OUT), "is neither the name nor the class of a controller"),
+        (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
+        (lambda: mf.fly("paper", record=True), "out="),
+        (lambda: mf.fly("nowhere.toml", **OUT), "nowhere.toml"),
+        (lambda: mf.Stepped("paper", record=True), "record=True"),
+        (lambda: mf.compare([], seeds=2, **FEW), "name a controller"),
+        (lambda: mf.compare(["mfg"], seeds=0, **FEW), "seeds: 0; give how many"),
+        (lambda: mf.sweep("wind.sigma", [], **FEW), "a value or more"),
+        (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **FEW | {"jobs": "2"}), "jobs: '2'; give a number"),
+        (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **FEW), "leave it out"),
+        (lambda: env.vector_env("paper", reward={"speed": 1.0}), "no term 'speed'"),
+        (lambda: env.vector_env("paper", neighbours=0), "neighbours: 0"),
+        (lambda: env.vector_env("paper", message=99), "message: 99"),
+        (lambda: env.vector_env("paper", acceleration=-1.0), "acceleration: -1.0"),
+        (lambda: env.vector_env("paper", **{"wind.sgima": 1}), "sgima"),
+        (lambda: mf.open("."), "no run"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_flies(scenario, options, says, tmp_path, monkeypatch) -> None:
+def test_bad_input_is_one_line_and_nothing_flies(call: Any, says: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("meanflock.flying.Engine", lambda *_, **__: pytest.fail("flown in vain"))
-    out = {} if "record" in options else {"out": "runs"}
+    for engine in ("meanflock.flying.Engine", "meanflock.studies.study.fly_all"):
+        monkeypatch.setattr(engine, lambda *_, **__: pytest.fail("flown in vain"))
     with pytest.raises(mf.BadInput) as caught:
-        mf.fly(scenario, **out, **options)
+        call()
     assert says in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     assert os.listdir(tmp_path) == []
@@ -189,13 +204,10 @@ def test_a_csv_file_that_cannot_be_written_is_bad_input(left: mf.Run, tmp_path: 
         left.to_csv(tmp_path / "nowhere" / "flight.csv")
     with pytest.raises(mf.BadInput, match="per: 'row'; give \"uav\""):
         left.to_csv(tmp_path / "flight.csv", "row")
-    assert main(["plot", str(left.folder), "--per", "tick"]) == 2
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Path) -> None:
-    with pytest.raises(mf.BadInput, match="no run"):
-        mf.open(tmp_path)
     folder = Path(shutil.copytree(left.folder, tmp_path / "run"))
     for name, junk, says in (
         ("events.jsonl", b"junk\n", r"events\.jsonl: damaged"),
