@@ -29,9 +29,11 @@ def environment() -> Iterator[None]:
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made, and their files are empty: to draw one takes longer than a short flight."""
-    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures that were made, once for each file; no file is written: that takes longer than a short flight."""
+    figures: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    return figures
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, B
 from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
 from tests.commands import ended, printed
+from tests.controller_files import controller_file
 from tests.faults.dying import dead
 from tests.testing.good import KINDS, having
 
@@ -216,30 +217,11 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
 
 
 NOISY = """
-import os
-import threading
-import time
-
-import meanflock as mf
+import os, threading, time
 
 print("imported")
 os.write(1, b"as native code does")
-
-
-class Noisy(mf.Controller):
-    name = "noisy"
-
-    def __init__(self, options, scenario):
-        super().__init__(options, scenario)
-        print("made")
-
-    def init(self, uavs, plan):
-        threading.Thread(target=time.sleep, args=(1e6,)).start()
-        return {}
-
-    def step(self, memory, tick, own, received):
-        print("tick", tick)
-        return mf.Step(memory, -0.02 * own[:, :2])
+threading.Thread(target=time.sleep, args=(1e6,)).start()
 """
 NOISY_FLIGHT = ("run", "--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
 
@@ -247,9 +229,8 @@ NOISY_FLIGHT = ("run", "--method", "noisy", "--uavs", "2", "--duration", "1", "-
 @pytest.mark.processes
 @pytest.mark.parametrize("command", [NOISY_FLIGHT, ("plugins",)], ids=["run", "list"])
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
-    (tmp_path / "noisy.py").write_text(NOISY)
-    line = (sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json")
-    done = ended(*line, cwd=tmp_path)
+    noisy = controller_file(tmp_path, "noisy", 'print("tick", tick)\nreturn mf.Step(memory, -0.02 * own[:, :2])', NOISY)
+    done = ended(sys.executable, "-m", "meanflock", *command, "--plugin", noisy, "--json", cwd=tmp_path)
     assert (done.returncode, "imported" in done.stderr) == (0, True), done.stderr
     found = json.loads(done.stdout)
     assert found["ticks"] == 10 if command[0] == "run" else "noisy" in {entry["name"] for entry in found}

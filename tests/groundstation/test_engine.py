@@ -53,14 +53,10 @@ def test_checkpoints_are_as_frequent_as_a_flight_is_slow(uavs: int, realtime: fl
 WATCH = """
 import os, sys
 
-class Watch:
-    def find_spec(self, name, *_):
-        if name == "numpy":
-            print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
-
-sys.meta_path.insert(0, Watch())
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.pop(name, None)
+threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
+sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
 import meanflock.groundstation.cli.__main__, numpy
 """
 

@@ -24,7 +24,7 @@ from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import summary_table
 from meanflock.groundstation.launch.run import fly
-from meanflock.groundstation.plots import comparison, plotstyle
+from meanflock.groundstation.plots import plotstyle
 from meanflock.groundstation.plots.run import plot_run
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.plots import plot_rows
@@ -221,30 +221,6 @@ def test_a_run_is_plotted_with_the_same_bytes_under_any_matplotlibrc(runs: dict[
     with mpl.rc_context({"axes.facecolor": "red", "savefig.facecolor": "red", "legend.loc": "center"}):
         theirs = plotstyle.write({"paths": plot_run(folder)["paths"]}, tmp_path / "theirs")
     assert [path.read_bytes() for path in theirs] == [path.read_bytes() for path in ours]
-
-
-def summaries(level: float, seeds: int = 4) -> list[dict[str, Any]]:
-    return [
-        {
-            "uavs": 4,
-            "arrived": 3,
-            "t_avg_censored_s": level + seed,
-            "energy_mean_J": level,
-            "payload_bits": {"total": 1e6 * level},
-            "phi_A": level / 10,
-            "phi_C_distinct": None if seed == 0 else 0.01,
-            "collisions": seed,
-        }
-        for seed in range(seeds)
-    ]
-
-
-@pytest.mark.parametrize("values", [(0.1, 0.2, 0.3), ("amplitude", "power")])
-def test_a_sweep_is_drawn_along_numbers_or_names(values: tuple[Any, ...], tmp_path: Path) -> None:
-    points = {value: {"hjb": summaries(20.0), "mfg": summaries(19.0)} for value in values}
-    figure = comparison.plot_sweep("wind.sigma", points)
-    assert len(figure.axes) == 4
-    assert figure.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
 
 
 def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:

@@ -1,7 +1,6 @@
 """Comparisons and sweeps: flights, values, plug-ins, one recording of several; processes that die and their number."""
 
 import os
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +47,15 @@ def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags
     assert column in out
     (label,) = [name for name in rows(tmp_path / "out/sweep.csv")[0] if name.startswith(column)][:1]
     assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
+
+
+@pytest.mark.parametrize(
+    ("swept", "label"),
+    [("wind.sigma=0.1,0.2", "wind.sigma (m/s/√s)"), ("radio.fading=amplitude,power", "radio.fading")],
+)
+def test_a_sweep_is_drawn_along_numbers_or_names(run, undrawn, swept: str, label: str) -> None:
+    assert run("sweep", swept, "--methods", "mfg", "--seeds", "1", "--uavs", "2", *QUICK)[0] == EXIT_DONE
+    assert {(len(figure.axes), figure.axes[-1].get_xlabel()) for figure in undrawn} == {(4, label)}
 
 
 def test_values_are_words_numbers_lists_or_tables() -> None:
@@ -139,19 +147,6 @@ def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
         hashes("pass", 2, pool)
     assert hashes("marker.touch()", 2, pool) == alone
     assert (tmp_path / "dying.died").exists()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_processes_start_waits_for_the_end_of_the_block(number: signal.Signals) -> None:
-    done: list[object] = []
-    before = signal.signal(number, lambda number, _: done.append(number))
-    try:
-        with runner._signals_deferred():
-            signal.raise_signal(number)
-            done.append("started")
-    finally:
-        signal.signal(number, before)
-    assert done == ["started", number]
 
 
 def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:

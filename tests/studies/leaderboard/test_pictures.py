@@ -4,15 +4,12 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from meanflock.studies.leaderboard import board, labels, maps, missions, pareto, rows
+from meanflock.studies.leaderboard import board, maps, missions, pareto, rows
 from meanflock.swarm.scenario import load
 from tests.pages import script_of
 
@@ -46,21 +43,6 @@ def test_every_row_has_its_number_once_and_no_number_hides_another(name: str) ->
     assert not any(one.overlaps(other) for one, other in itertools.combinations(places, 2))
     assert max(place.x1 for place in places) <= figure.bbox.x1
     assert min(place.y0 for place in places) >= 0.0
-
-
-@settings(max_examples=12, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 40))
-def test_blocks_of_numbers_lie_apart_within_the_frame(seed: int, count: int) -> None:
-    draw = np.random.default_rng(seed)
-    middles = draw.uniform(20.0, 280.0, (4, 2))
-    places = np.clip(middles[draw.integers(0, 4, count)] + draw.normal(0.0, 12.0, (count, 2)), 0.0, 300.0)
-    groups = labels.grouped(places)
-    assert sorted(itertools.chain(*groups)) == list(range(count))
-    frame = np.array([0.0, 0.0, 300.0, 300.0])
-    cells = [np.array([17.0, 11.5])] * len(groups)
-    found = [block.box for block in labels.place(places, groups, cells, frame, np.empty((0, 4)))]
-    assert not labels._overlap(np.array(found), np.array(found))[~np.eye(len(found), dtype=bool)].any()
-    assert all((box[:2] >= 0.0).all() and (box[2:] <= 300.0).all() for box in found)
 
 
 def test_every_shipped_row_has_a_family_with_a_look_and_others_have_that_of_their_controller() -> None:
