@@ -16,7 +16,6 @@ from tests.sources import (
     NAMES,
     ROOMS,
     ROOT,
-    TESTS,
     dotted,
     imported,
     module_of,
@@ -25,7 +24,6 @@ from tests.sources import (
     nodes,
     room_of,
     text,
-    tree,
     users_of,
 )
 
@@ -186,12 +184,6 @@ def completed(line: str) -> str:
 def test_a_process_loads_only_what_it_needs(code: str, forbidden: list[str], tmp_path: Path) -> None:
     path = os.environ | {"PYTHONPATH": str(ROOT)}
     assert loaded(code, cwd=tmp_path, env=path) & set(forbidden) == set()
-
-
-def test_tests_have_docstrings_and_import_no_module_of_tests() -> None:
-    for path in TESTS:
-        assert ast.get_docstring(tree(path)), name_of(path)
-        assert not [name for name in imported(path) if ".test_" in name], name_of(path)
 
 
 def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator() -> None:

@@ -18,7 +18,7 @@ import meanflock as mf
 from meanflock import env
 from meanflock.groundstation.cli.command import main
 from meanflock.studies import study
-from tests.commands import printed
+from tests.commands import loaded, printed
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
@@ -43,15 +43,11 @@ class Clash(Still):
     diagnostics = ("x_m",)
 
 
-def commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
-    """The summary the command prints of the same flight."""
-    line = ["run", "--in-process", "--no-record", "--json", "--quiet", "--out", str(tmp_path / "command"), *flags]
-    assert main([*line, "--uavs", "4", "--seed", "3", "--duration", "6"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_a_flight_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    expected = commanded(tmp_path, capsys, "--method", "hjb", "--set", "wind.sigma=0.2")
+    line = ["run", "--in-process", "--no-record", "--json", "--quiet", "--out", str(tmp_path / "command")]
+    line += ["--uavs", "4", "--seed", "3", "--duration", "6", "--method", "hjb", "--set", "wind.sigma=0.2"]
+    assert main(line) == 0
+    expected = json.loads(capsys.readouterr().out)
     run = mf.fly("paper", method="hjb", **SMALL, **{"wind.sigma": 0.2})
     assert run.summary["trajectory_sha256"] == expected["trajectory_sha256"]
     assert run.scenario.wind.sigma == 0.2
@@ -85,9 +81,7 @@ def test_a_class_is_a_method_and_values_of_numpy_are_values(tmp_path: Path) -> N
     assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
     assert (run.summary["method"], run.summary["arrived"]) == ("still", 0)
     assert run.recording.stat().st_size > 0
-    again = mf.open(run.folder)
-    np.testing.assert_array_equal(again.states, run.states)
-    assert again.recording == run.recording
+    assert mf.open(run.folder).recording == run.recording
 
 
 def test_files_of_plugins_are_one_or_several() -> None:
@@ -224,50 +218,21 @@ def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Pa
 
 
 LOOK = """
-import json, os, signal, sys
-before = dict(os.environ), signal.getsignal(signal.SIGINT), set(sys.modules)
+import os, signal, sys
+before = dict(os.environ), signal.getsignal(signal.SIGINT)
 import meanflock
-assert dict(os.environ) == before[0]
-assert signal.getsignal(signal.SIGINT) is before[1]
-loaded = set(sys.modules) - before[2]
 names = dir(meanflock)
-assert set(sys.modules) - before[2] == loaded
-print(json.dumps([sorted(name.split(".")[0] for name in loaded), names]))
+assert (dict(os.environ), signal.getsignal(signal.SIGINT)) == before
 """
-FLY = """
-import os
-before = dict(os.environ)
-import meanflock as mf
-run = mf.fly("paper", method="mfgfl-h", uavs=3, seed=3, duration=12, **{"federation.period": 20})
-assert dict(os.environ) == before
-print(run.summary["trajectory_sha256"])
-"""
-HOSTILE = "raise SystemExit('a file of somebody else was taken for ours')\n"
-
-
-def python(code: str, folder: Path) -> str:
-    """Runs code in a folder, which is first on the path, and returns its output."""
-    return printed(sys.executable, "-c", code, cwd=folder)
 
 
 def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
-    loaded, names = json.loads(python(LOOK, tmp_path))
-    assert not set(loaded) & {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click"}
-    assert [name for name in loaded if name == "meanflock"] == ["meanflock"]
-    assert [name for name in names if not name.startswith("__")] == sorted(mf.__all__)
-    assert all(getattr(mf, name) is not None for name in names)
+    libraries = {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click"}
+    ours = {name for name in loaded(LOOK, cwd=tmp_path) if name.startswith("meanflock")}
+    assert (ours, loaded(LOOK, cwd=tmp_path) & libraries) == ({"meanflock"}, set())
+    assert [name for name in dir(mf) if not name.startswith("__")] == sorted(mf.__all__)
+    assert all(getattr(mf, name) is not None for name in dir(mf))
     assert not hasattr(mf, "flie")
-
-
-def test_a_hostile_working_folder_harms_nothing(tmp_path: Path) -> None:
-    for name in ("agent.py", "leader.py", "channel.py", "worldsim.py", "kernels.py", "groundstation.py", "state.py"):
-        (tmp_path / name).write_text(HOSTILE)
-    for name in ("swarm", "testing"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text(HOSTILE)
-    clean = tmp_path / "clean"
-    clean.mkdir()
-    assert python(FLY, tmp_path) == python(FLY, clean) != ""
 
 
 def test_controllers_are_compared_by_the_means_of_the_same_seeds() -> None:

@@ -14,8 +14,7 @@ from packaging.utils import canonicalize_name
 
 from meanflock.swarm.errors import EXIT_BAD_INPUT, needed
 from tests.commands import ended, printed
-from tests.packaging.requirements import EXTRAS, PROJECT, direct
-from tests.sources import ROOT
+from tests.sources import EXTRAS, PROJECT, ROOT, direct
 
 
 def constraint_lines() -> list[str]:

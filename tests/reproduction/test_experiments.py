@@ -84,20 +84,11 @@ def test_a_flight_whose_learners_diverge_is_marked() -> None:
     assert np.isnan([alone["phi_C_distinct"], alone["pair_distance_m"]]).all()
 
 
-def test_the_series_ends_with_the_numbers_of_the_summary() -> None:
+def test_a_traced_flight_is_the_flight_and_its_bill_begins_with_the_mission_plan() -> None:
     scenario = small("mfgfl-hf", "stop=duration", seed=3, duration=12.0)
     flown = flight.fly(scenario, traced=True)
-    series, summary = flown.record.series, flown.summary
-    assert summary["trajectory_sha256"] == Engine(scenario, "alone").complete()["trajectory_sha256"]
-    np.testing.assert_allclose(series["t_s"], np.arange(13.0))
-    for name in ("phi_A", "phi_C", "phi_C_distinct", "collisions", "arrived", "distance_mean_m"):
-        assert series[name][-1] == pytest.approx(summary[name], rel=1e-12), name
-    assert series["bits"][0] == 6 * 4 * 32  # the mission plan
-    assert series["bits"][-1] == summary["payload_bits"]["total"]
-    assert series["energy_mean_J"][-1] == pytest.approx(summary["energy_end_mean_J"])
-    assert series["energy_trip_mean_J"][-1] == pytest.approx(summary["energy_mean_J"])
-    assert np.isnan(series["hjb_abs_mean"][0])
-    assert flown.record.scalars["phi_A_175"] is None  # the flight was shorter
+    assert flown.summary["trajectory_sha256"] == Engine(scenario, "alone").complete()["trajectory_sha256"]
+    assert flown.record.series["bits"][[0, -1]].tolist() == [6 * 4 * 32, flown.summary["payload_bits"]["total"]]
     trace = flown.record.trace
     assert trace.states.shape == (61, 6, 4)
     np.testing.assert_allclose(trace.weights[-1], flown.models[0], rtol=1e-6)

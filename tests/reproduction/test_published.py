@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from meanflock.groundstation.statistics import Estimate
 from meanflock.swarm.scenario import load
 from reproduction import claims, grid, page, report
-from reproduction.outcome import Outcome
+from reproduction.outcome import Outcome, above, below, within
 from reproduction.verdict import HOLDING, HOLDS_ANYWAY, NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED
 from tests.sources import ROOT
 
@@ -31,16 +32,11 @@ def in_scenarios(record: dict[str, Any]) -> list[dict[str, Any]]:
 
 def outcome_of(low: float, high: float, needs: str) -> Outcome:
     """The outcome of a finite interval beside `< 3`, `≥ 3` or `in [2, 4]`."""
+    found = Estimate(low, low, high, n=9)
     if needs.startswith("in "):
-        floor, ceiling = map(float, needs[4:-1].split(", "))
-        inside, outside = floor <= low and high <= ceiling, low > ceiling or high < floor
-    else:
-        sign, limit = needs.split()[0], float(needs.split()[1])
-        if sign in "<≤":
-            low, high, limit = -high, -low, -limit
-        inside = low > limit if sign in "<>" else low >= limit
-        outside = high <= limit if sign in "<>" else high < limit
-    return Outcome.HOLDS if inside else Outcome.FAILS if outside else Outcome.UNDECIDED
+        return within("", found, *map(float, needs[4:-1].split(", "))).outcome
+    sign, limit = needs.split()
+    return (below if sign in "<≤" else above)("", found, float(limit), strict=sign in "<>").outcome
 
 
 def test_every_outcome_follows_from_its_interval() -> None:

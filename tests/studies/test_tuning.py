@@ -6,7 +6,6 @@ import pytest
 
 from meanflock.studies import tuning
 from meanflock.studies.leaderboard import flights, missions
-from meanflock.studies.store import Store
 from meanflock.studies.tuning import Arm, Score
 from meanflock.swarm.errors import BadInput
 
@@ -48,10 +47,6 @@ def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, 
     assert record["chosen"] in ARM.candidates
     monkeypatch.setattr(flights, "Engine", None)  # nothing is flown again
     assert tuning.tuned([ARM], 1, out)["cruise"] == record
-    Store(out).claim()
-    (out / "code.txt").write_text("0.0.9+abc\n")
-    with pytest.raises(BadInput, match=r"flights are of code 0\.0\.9\+abc.*--out DIR"):
-        Store(out).claim()
 
 
 def test_the_constants_are_those_of_the_record() -> None:

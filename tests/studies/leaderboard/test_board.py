@@ -22,7 +22,7 @@ from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import load
 from tests.pages import script_of
-from tests.studies.leaderboard.conftest import QUICK, SMALL
+from tests.studies.leaderboard.conftest import QUICK
 
 
 def test_the_pages_show_the_same_cells_and_the_data_page_every_field(run, tmp_path, small) -> None:
@@ -101,8 +101,8 @@ def test_joined_boards_have_the_later_rows_and_name_the_code_of_each() -> None:
             board.joined([first, flown("1+b", row("orca", 4.0), **part)])
 
 
-def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
-    contest = Contest([missions.Mission(str(_file(tmp_path)))], rows.chosen(["cruise"]), 1, 1)
+def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path, small) -> None:
+    contest = Contest([missions.Mission(str(tmp_path / small[0]))], rows.chosen(["cruise"]), 1, 1)
     result = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
     path = result.write(tmp_path)
     assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(result)
@@ -110,11 +110,6 @@ def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_i
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(board.BadInput, match=r"leaderboard\.json: no leaderboard"):
         board.read(path)
-
-
-def _file(folder: Path) -> Path:
-    (folder / "near.toml").write_text(SMALL)
-    return folder / "near.toml"
 
 
 def test_the_published_page_is_that_of_its_results_and_its_verdicts_follow_from_intervals() -> None:

@@ -94,18 +94,14 @@ class Stumbles(mf.Controller):
             raise ValueError("no more ideas")
         return mf.Step(memory, -0.1 * own[:, :2])
 
-class NeverBegins(mf.Controller):
+class NeverBegins(Stumbles):
     name = "never-begins"
     def init(self, uavs, plan):
         raise ValueError("not today")
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, 0 * own[:, :2])
 
-class NoSuch(mf.Controller):
+class NoSuch(Stumbles):
     name = "no-such"
     broadcast_numbers = -1
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, 0 * own[:, :2])
 """
 
 
