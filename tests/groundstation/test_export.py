@@ -31,10 +31,6 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
     )
 
 
-def nothing(_done: int, _all: int) -> None:
-    """No progress bar."""
-
-
 def test_foxglove_gets_every_state_with_its_bits_and_every_event(run, tmp_path, flown) -> None:
     assert run("export", str(flown.folder), "--mcap", "out/r.mcap", "--quiet") == (EXIT_DONE, "out/r.mcap\n", "")
     places, series, swarm, scenes, told = [], [], [], [], []
@@ -83,7 +79,7 @@ def test_a_flight_is_read_in_pieces_and_an_interrupted_file_leaves_nothing(tmp_p
     write, one, target = WRITERS[flag], tmp_path / "one" / "r", tmp_path / "many" / "r"
     one.parent.mkdir()
     target.parent.mkdir()
-    write(Flight(flown.folder), one, nothing)
+    write(Flight(flown.folder), one, lambda *_: None)
     monkeypatch.setattr(flown_flights, "_PIECE_STATES", 100)
     for error, expected in ((KeyboardInterrupt(), KeyboardInterrupt), (OSError(errno.ENOSPC, "full"), RunFailed)):
         done = []
@@ -96,7 +92,7 @@ def test_a_flight_is_read_in_pieces_and_an_interrupted_file_leaves_nothing(tmp_p
         with pytest.raises(expected):
             write(Flight(flown.folder), target, stop)
         assert (done, list(target.parent.iterdir())) == ([20, 40, 60, 80, 100], [])
-    write(Flight(flown.folder), target, nothing)
+    write(Flight(flown.folder), target, lambda *_: None)
     for file in one.rglob("*") if one.is_dir() else (one,):
         assert file.read_bytes() == (target / file.relative_to(one)).read_bytes()
 

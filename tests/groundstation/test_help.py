@@ -17,28 +17,21 @@ from meanflock.swarm.toml import shipped
 from tests.commands import printed
 from tests.pages import commands
 
-_COLUMNS = 80
-
-
+COLUMNS = 80
 COMMANDS = commands()
 
 
 @pytest.fixture
 def told(run, monkeypatch):
-    monkeypatch.setenv("COLUMNS", str(_COLUMNS))
-
-    def ask(path: tuple[str, ...]) -> str:
-        code, out, _ = run(*path, "--help")
-        assert code == 0
-        return out
-
-    return ask
+    """Asks for the help of a command on a narrow terminal."""
+    monkeypatch.setenv("COLUMNS", str(COLUMNS))
+    return lambda path: run(*path, "--help")[1]
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "meanflock")
 def test_help_has_an_example_describes_every_option_and_fits_the_terminal(told, path) -> None:
     shown = told(path)
-    assert [line for line in shown.splitlines() if len(line) > _COLUMNS] == []
+    assert [line for line in shown.splitlines() if len(line) > COLUMNS] == []
     assert [line for line in shown.partition("Commands:\n")[2].splitlines() if line.endswith("...")] == []
     example = re.search(r"^  Example:\s+(meanflock .+)$", shown, re.MULTILINE)
     assert example[1].split()[1 : len(path) + 1] == list(path)
@@ -61,7 +54,7 @@ def test_commands_are_listed_in_the_order_of_their_use_with_the_first_line_of_th
     lines = re.findall(r"^  ([a-z]+)  +(.+)$", told(()).partition("Commands:\n")[2], re.MULTILINE)
     assert [name for name, _ in lines][:3] == ["run", "resume", "view"]
     first = [(path[0], command) for path, command in COMMANDS.items() if len(path) == 1]
-    assert lines == [(name, command.get_short_help_str(_COLUMNS)) for name, command in first]
+    assert lines == [(name, command.get_short_help_str(COLUMNS)) for name, command in first]
 
 
 @pytest.mark.parametrize(
