@@ -1,10 +1,8 @@
 """Input that commands refuse: one line names it, and nothing is flown or written."""
 
-import re
 import shutil
 import socket
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,12 +18,9 @@ OF_A_RUN = [
     (("--out", "bad.toml/runs"), "--out"),
     (("--uavs-per-process", "0"), "--uavs-per-process"),
     (("--realtime=-2",), "--realtime -2: how many times faster"),
-    (("--metrics", "everywhere"), "--metrics everywhere: write it as PORT or HOST:PORT"),
-    (("--log-format", "xml"), "json"),
     (("--no-such-flag",), "--no-such-flag"),
     (("--set", "controller.sped=2"), "controller: there is no key `sped`"),
     (("--method", "cruise", "--set", "controller.speed_m_s=-1"), "`meanflock scenario schema --method cruise` lists"),
-    (("--set", "federation.options.beta=2"), "federation.options: there is no key `beta`"),
     (("--endpoint", "tcp/127.0.0.1:7447"), "leave out --endpoint"),
     (("--tls", "certs"), "leave out --tls"),
     (("--steer", "14540"), "only a flight in real time can be steered; add --realtime"),
@@ -35,9 +30,7 @@ OF_A_RUN = [
 ]
 OF_A_FRONTIER = [
     (("--missions", "ideal.toml"), "--outages 3: channel 'ideal' gives 0 %, whatever `radio.target_snr_db` is"),
-    (("--missions", "mars"), "--missions mars: no such mission"),
     (("--outages", "half"), "--outages half: give shares of broadcasts in per cent, between 0 and 100"),
-    (("--outages", "100"), "--outages 100: "),
     (("--uavs", "few"), "--uavs few: give whole numbers"),
     (("--policies", "shout"), "--policies shout: no such policy; there are event-1m, "),
     (("--seeds", "1001"), "--seeds"),
@@ -58,6 +51,8 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     *((("run", "--endpoint", address), f"{address}: write it as tcp/HOST:PORT") for address in ADDRESSES),
     *((("frontier", "--missions", "near.toml", "--seeds", "2", *flags), says) for flags, says in OF_A_FRONTIER),
     *((("new", "controller", name), says) for name, says in OF_A_NAME),
+    (("run", "--uavs", "90000"), "MB for 90000 UAVs in "),
+    (("run", "--uavs", "90000", "--in-process", "--method", "hjb"), "MB for 90000 UAVs in "),
     (("list", "none"), "none: No such file"),
     (("list", "run"), "use `meanflock show run`"),
     (("list", "--json", "--html", "page.html"), "give one of them"),
@@ -72,14 +67,11 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("picture", "run"), "-o"),
     (("picture", "run", "-o", "p.jpg"), ".png"),
     (("picture", "run", "-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
-    (("picture", "run", "-o", "p.png", "--size", "20x-20"), "WIDTHxHEIGHT"),
     (("picture", "run", "-o", "bad.toml/p.png"), "bad.toml/p.png"),
     (("export", "run"), "--mcap"),
     (("export", "nowhere", "--mcap", "r"), "no such run"),
     (("export", "run", "--mcap", "old"), "there is something already"),
-    (("export", "run", "--rosbag", "old"), "there is something already"),
     (("export", "hurt", "--mcap", "r"), "damaged"),
-    (("export", "hurt", "--rosbag", "r"), "damaged"),
     (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
     (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
     (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
@@ -148,14 +140,4 @@ def test_a_port_that_is_taken_is_refused_before_anything_starts(run, tmp_path, m
         code, out, err = run("run", "--uavs", "2", "--quiet", *(flag.replace("TAKEN", taken) for flag in flags))
     assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
     assert taken.rpartition(":")[2] in err
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "flags", [("--uavs", "90000"), ("--uavs", "90000", "--in-process", "--method", "hjb")], ids=["processes", "pairs"]
-)
-def test_a_swarm_that_does_not_fit_into_memory_is_refused_with_the_estimate(run: Any, tmp_path: Path, flags) -> None:
-    code, _, err = run("run", "--quiet", *flags)
-    assert code == EXIT_BAD_INPUT
-    assert re.search(r"memory: \d+ MB for 90000 UAVs in .*process.*, \d+ MB (available|left of)", err)
     assert list(tmp_path.iterdir()) == []
