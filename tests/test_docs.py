@@ -17,7 +17,7 @@ from meanflock.studies import communication, runner
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.commands import printed
-from tests.pages import commands, script_of
+from tests.pages import commands, modules_of, script_of
 
 ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
@@ -47,26 +47,16 @@ def lines(text: str) -> list[str]:
 
 
 def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
-    """Writes the files of a page, runs its commands and its Python; the output, and the output that the page shows.
-
-    A block of Python that begins with a comment `# NAME.py` is a file.
-    """
+    """Writes the files of a page, runs its commands and its script; the output, and the output that the page shows."""
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    script, expected = "", []
-    for language, code in re.findall(
-        r"^```(python|sh|text)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
-    ):
-        if language == "sh":
-            printed("bash", "-ec", code, cwd=folder, env=env)
-        elif language == "text":
-            expected += code.splitlines()
-        elif name := re.match(r"# (\w+\.py)\n\n?", code):
-            (folder / name[1]).write_text(code[name.end() :], encoding="utf-8")
-        else:
-            script += code
-            expected += re.findall(r"^\s*print\(.*\)  # (.*)$", code, flags=re.M)
-    (folder / "page.py").write_text(script, encoding="utf-8")
-    return printed(sys.executable, "page.py", cwd=folder, env=env), "".join(f"{line}\n" for line in expected)
+    for name, code in modules_of(page).items():
+        (folder / name).write_text(code, encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    for code in re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S):
+        printed("bash", "-ec", code, cwd=folder, env=env)
+    shown = re.findall(r"^```text\n(.*?)\n```|^ *print\([^\n]*\)  # ([^\n]*)$", text, flags=re.M | re.S)
+    script = page.name.replace(".", "_") + ".py"
+    return printed(sys.executable, script, cwd=folder, env=env), "".join(f"{box or line}\n" for box, line in shown)
 
 
 def test_every_controller_of_ours_is_described() -> None:
