@@ -37,15 +37,6 @@ MAY_IMPORT: dict[str, set[str]] = {  # of the other rooms; `meanflock` is the pa
 }
 for room in ("groundstation", "studies", "meanflock", "reproduction", "cli"):  # each may import all before it
     MAY_IMPORT[room] = set(MAY_IMPORT)
-WITHIN = {  # of the other folders of groundstation; what lies beside them may be imported by all
-    "results": set(),
-    "recording": {"results"},
-    "plots": {"results"},
-    "export": {"results"},
-    "launch": {"results", "recording"},
-    "bridge": {"results", "launch"},
-    "cli": {"results", "recording", "plots", "export", "bridge", "launch"},
-}
 
 
 def test_imports_flow_one_way() -> None:
@@ -55,13 +46,6 @@ def test_imports_flow_one_way() -> None:
         assert others <= MAY_IMPORT[room], name_of(path)
         bare = {name.split(".")[0] for name in imported(path)} & set(ROOMS)
         assert not bare, f"{name_of(path)}: rooms are imported as meanflock.<room>"
-
-
-def test_imports_within_the_ground_station_flow_one_way() -> None:
-    ground = ROOT / "groundstation"
-    for path in (path for path in MODULES if path.parent.parent == ground):
-        folders = {NAMES[name].parent for name in needed(path)} - {path.parent}
-        assert {folder.name for folder in folders if folder.parent == ground} <= WITHIN[path.parent.name], name_of(path)
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:

@@ -15,6 +15,7 @@ from meanflock.studies.leaderboard import board, flights, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.tuning import Arm, Score
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, BadInput
 from tests.studies.leaderboard.conftest import QUICK
 
@@ -195,9 +196,6 @@ def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, 
 
 
 def test_the_constants_are_those_of_the_record() -> None:
-    from meanflock.studies.leaderboard import rows
-    from meanflock.swarm import plugins
-
     shipped = {row.name: row for row in rows.shipped()}
     records = json.loads(tuning.RECORD.read_text(encoding="utf-8"))
     assert list(records) == [arm.name for arm in tuning.arms()]
