@@ -38,10 +38,6 @@ def policy(tmp_path: Path) -> env.Policy:
     )
 
 
-def actions_of(policy: Any, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return dict(zip(observations, policy(np.stack([*observations.values()])), strict=True))
-
-
 def test_the_judges_of_pettingzoo_find_nothing() -> None:
     parallel_api_test(env.parallel_env("paper", message=1, **SMALL), 100)
     parallel_seed_test(lambda: env.parallel_env("paper", **SMALL))
@@ -51,7 +47,8 @@ def test_a_policy_flies_the_same_bits_in_every_environment(policy: env.Policy) -
     flock = env.parallel_env("paper", neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
     observations, _ = flock.reset()
     while flock.agents:
-        observations, *_ = flock.step(actions_of(policy, observations))
+        actions = policy(np.stack([*observations.values()]))
+        observations, *_ = flock.step(dict(zip(observations, actions, strict=True)))
     flights = env.vector_env("paper", flights=2, neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
     rows, _ = flights.reset()
     assert rows.shape == (flights.num_envs, width(NEIGHBOURS, MESSAGE)) == (10, 28)
@@ -182,14 +179,6 @@ def test_the_installed_policy_is_recorded_flies_and_is_that_of_the_example(tmp_p
         assert (run.summary["arrived"], run.summary["collisions"]) == (9, 0), row.name
 
 
-def arrays_of(path: Path, **changed: Any) -> bytes:
-    with np.load(path) as arrays:
-        content = {**arrays} | changed
-    file = io.BytesIO()
-    np.savez(file, **{name: array for name, array in content.items() if array is not None})
-    return file.getvalue()
-
-
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
@@ -204,7 +193,9 @@ def arrays_of(path: Path, **changed: Any) -> bytes:
     ],
 )
 def test_another_file_is_refused_by_one_line(policy: env.Policy, changed: dict[str, Any], says: str) -> None:
-    policy.path.write_bytes(arrays_of(policy.path, **changed))
+    with np.load(policy.path) as arrays:
+        content = {**arrays} | changed
+    np.savez(policy.path, **content)
     with pytest.raises(mf.BadInput, match=re.escape(says)) as caught:
         mf.fly("paper", method="policy", **{"controller.file": str(policy.path)})
     assert len(str(caught.value).splitlines()) == 1

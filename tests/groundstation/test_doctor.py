@@ -159,9 +159,7 @@ def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, p
 
 
 @pytest.mark.parametrize("processes", [0, 4])
-def test_a_method_whose_memory_grows_with_pairs_is_refused_with_the_largest_swarm_that_fits(
-    monkeypatch: pytest.MonkeyPatch, processes: int
-) -> None:
+def test_memory_that_grows_with_pairs_is_refused_with_the_largest_swarm_that_fits(monkeypatch, processes) -> None:
     monkeypatch.setattr(doctor, "available_mb", lambda: (8000, "available"))
     found = doctor.memory(10_000, processes, keeps_states=True)
     assert (found.verdict, "grows with N²" in found.remedy) == ("fails", True)
@@ -172,9 +170,7 @@ def test_a_method_whose_memory_grows_with_pairs_is_refused_with_the_largest_swar
 
 
 @pytest.mark.parametrize("uavs", [25, LARGE_SWARM + 1])
-def test_a_run_folder_takes_no_more_than_the_estimate_and_a_large_recording_is_announced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], uavs: int
-) -> None:
+def test_a_run_folder_takes_no_more_than_estimated_and_a_large_recording_is_announced(tmp_path, capsys, uavs) -> None:
     settings = [f"uavs={uavs}", "stop=duration", "duration=40", "federation.period=50"]
     flags = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "--in-process", "--out", str(tmp_path), *flags]) == 0
@@ -192,9 +188,7 @@ def test_a_run_folder_takes_no_more_than_the_estimate_and_a_large_recording_is_a
         (40, ("--no-record",), "--out DIR"),
     ],
 )
-def test_a_run_that_would_not_fit_on_the_disk_is_refused_with_the_estimate(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, free_mb, flags, remedy
-) -> None:
+def test_a_run_that_does_not_fit_on_the_disk_is_refused(tmp_path, capsys, monkeypatch, free_mb, flags, remedy) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free_mb * 10**6))
     folder = tmp_path / "new" / "runs"
     assert main(["run", "--in-process", "--uavs", "200", "--out", str(folder), *flags]) == 2
