@@ -57,14 +57,9 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
     assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41
 
 
-@pytest.fixture
-def flown(run, tmp_path) -> Path:
+def test_without_a_display_view_fails_and_names_the_commands_that_work(run, tmp_path, monkeypatch) -> None:
     assert run("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2")[0] == EXIT_DONE
-    (folder,) = (tmp_path / "runs").iterdir()
-    return folder
-
-
-def test_without_a_display_view_fails_and_names_the_commands_that_work(run, tmp_path, monkeypatch, flown) -> None:
+    (flown,) = (tmp_path / "runs").iterdir()
     for name in DISPLAYS:
         monkeypatch.delenv(name, raising=False)
     for at in (None, "127.0.0.1:77", ":77", "elsewhere"):

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.results.quantities import SUMMARY
 from meanflock.groundstation.results.run_folder import CHECKPOINT
 from meanflock.groundstation.results.stored_run import runs_in
@@ -21,8 +22,6 @@ HOSTILE = "<script>alert('&')</script>\x1b[31m"
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two runs of one mission and controller, and one of another."""
-    from meanflock.groundstation.cli.command import main
-
     folder = tmp_path_factory.mktemp("flown")
     for flags in (("--seed", "1"), ("--seed", "2", "--set", "wind.sigma=0.2"), ("swap", "--method", "plan")):
         assert main([*QUICK, *flags, "--out", str(folder)]) == EXIT_DONE

@@ -206,17 +206,9 @@ def test_bad_options_are_rejected_before_a_folder_is_made(tmp_path: Path, monkey
 START = np.array([150.0, 100.0, 0.0, 0.0])
 
 
-def lone(*settings: str, **options: Any) -> Scenario:
-    return load(None, settings, **{"method": "mfg", **options})
-
-
-def spread(count: int, seed: int = 1) -> np.ndarray:
-    """States spread over the box, which excite many directions."""
-    return np.random.default_rng(seed).uniform(-1, 1, (count, 4)) * [200, 200, 20, 20]
-
-
 def test_the_moments_of_spread_states_meet_proposition_3() -> None:
-    found = measure.filter_moments(lone(), spread(3000, seed=5), relative_step=0.02, repeats=150)
+    spread = np.random.default_rng(5).uniform(-1, 1, (3000, 4)) * [200, 200, 20, 20]  # excites many directions
+    found = measure.filter_moments(load(None, method="mfg"), spread, relative_step=0.02, repeats=150)
     assert found["step_over_bound"] < 1
     assert found["bias"] < 0.2
     assert found["msd_ratio"] == pytest.approx(1.2, abs=0.2)  # the step is too large for the closed form, but fast
@@ -227,10 +219,10 @@ def test_the_moments_of_spread_states_meet_proposition_3() -> None:
 def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:
     assert theory.growth(np.ones(300)) == 1.0
     assert theory.growth(np.linspace(1, 2, 300)) > 1.1
-    calm = measure.long_flight(lone(uavs=4), 30.0)
+    calm = measure.long_flight(load(None, method="mfg", uavs=4), 30.0)
     assert calm["lost"] == 0
     assert all(math.isfinite(value) for value in calm.values())
-    wild = theory.fly_long(lone("learner.mu_h=1e4", uavs=4), 30.0)
+    wild = theory.fly_long(load(None, ["learner.mu_h=1e4"], method="mfg", uavs=4), 30.0)
     assert wild.lost == 4
     assert math.isinf(wild.state[-1])
 

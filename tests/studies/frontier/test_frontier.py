@@ -25,23 +25,11 @@ from meanflock.studies.leaderboard.missions import Mission
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
+from tests.studies.conftest import SMALL
 
 SHORT = ("--jobs", "1", "--quiet", "--out", "out")
 RULED = ("--controllers", "orca", "plan", "--uavs", "2", "--outages", "30", "50")
 RULED += ("--policies", "event", "event-r2", "event-r4", "tick", *SHORT)
-NEAR = """
-uavs = 2
-duration = 2.0
-stop = "duration"
-[start]
-centre = [12.0, 9.0]
-"""
-
-
-@pytest.fixture
-def near(tmp_path: Path) -> str:
-    (tmp_path / "near.toml").write_text(NEAR)
-    return "near.toml"
 
 
 @pytest.fixture
@@ -77,8 +65,8 @@ def following(asked: list[Scenario]) -> Callable[[Scenario], dict[str, Any]]:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, near, monkeypatch) -> None:
-    flags = ("frontier", "--missions", near, "--controllers", "orca", "cruise", "--seeds", "2", "--outages", "30")
+def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, small, monkeypatch) -> None:
+    flags = ("frontier", "--missions", small[0], "--controllers", "orca", "cruise", "--seeds", "2", "--outages", "30")
     flags += ("--policies", "event", "tick", *SHORT)
     code, out, err = run(*flags)
     assert (code, err) == (EXIT_DONE, "")
@@ -91,7 +79,7 @@ def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, 
     assert [(cell.row, cell.uavs) for cell in found.cells] == [
         (row, uavs) for uavs in (25, 64) for row in ("orca", "cruise")
     ]
-    orca, cruise = found.of(near, 25)
+    orca, cruise = found.of(small[0], 25)
     assert [policy.name for policy in orca.policies] == ["event", "tick"]
     assert [policy.name for policy in cruise.policies] == [policies.SILENT]
     assert cruise.policies[0].search.kbit == [3.2, 3.2]  # the mission plan alone
@@ -102,8 +90,8 @@ def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, 
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, near, ruled) -> None:
-    code, out, _ = run("frontier", "--missions", near, *RULED)
+def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, small, ruled) -> None:
+    code, out, _ = run("frontier", "--missions", small[0], *RULED)
     assert code == EXIT_DONE
     found = record.read(tmp_path / "out/frontier.json")
     orca, more, plan, again = found.cells
@@ -138,9 +126,9 @@ def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, n
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, ruled, monkeypatch) -> None:
+def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, small, ruled, monkeypatch) -> None:
     whole = flights.fly
-    assert run("frontier", "--missions", near, *RULED[:-1], "whole")[0] == EXIT_DONE
+    assert run("frontier", "--missions", small[0], *RULED[:-1], "whole")[0] == EXIT_DONE
     number = len(ruled)
     ruled.clear()
 
@@ -150,23 +138,35 @@ def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, r
         return whole(flown)
 
     monkeypatch.setattr(flights, "fly", interrupted)
-    code, out, err = run("frontier", "--missions", near, *RULED)
+    code, out, err = run("frontier", "--missions", small[0], *RULED)
     assert (code, out) == (EXIT_RUN_FAILED, "")
     assert "repeat the command" in err
     monkeypatch.setattr(flights, "fly", whole)
-    assert run("frontier", "--missions", near, *RULED)[0] == EXIT_DONE
+    assert run("frontier", "--missions", small[0], *RULED)[0] == EXIT_DONE
     assert len(ruled) == number
     records = [(tmp_path / folder / "frontier.json").read_bytes() for folder in ("whole", "out")]
     assert records[0] == records[1]
 
 
-def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, near, ruled, monkeypatch) -> None:
+def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, small, ruled, monkeypatch) -> None:
     monkeypatch.setattr(flights, "fly", lambda _: {flights.FAILED: "out of ideas"})
-    flags = ("--missions", near, "--controllers", "plan", "straight", "--uavs", "2", "--outages", "3", "--seeds", "2")
+    flags = (
+        "--missions",
+        small[0],
+        "--controllers",
+        "plan",
+        "straight",
+        "--uavs",
+        "2",
+        "--outages",
+        "3",
+        "--seeds",
+        "2",
+    )
     code, out, _ = run("frontier", *flags, *SHORT)
     assert code == EXIT_DONE
     found = record.read(tmp_path / "out/frontier.json")
-    assert found.absent == {f"{near}, 2 UAVs, straight": "flies windmap only"}
+    assert found.absent == {f"{small[0]}, 2 UAVs, straight": "flies windmap only"}
     assert found.cells[0].why == "out of ideas"
     words = " ".join(out.split())
     assert "a flight failed: out of ideas" in words
@@ -197,7 +197,6 @@ def test_a_record_of_another_version_is_refused(tmp_path) -> None:
 
 
 def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
-    """Each resolves to a scenario; nothing is flown."""
     assert command._MOST_FLIGHTS == grid.CONFIRMATION
     (mission,) = missions.chosen(["streams"])
     table = mission.table()
@@ -215,7 +214,7 @@ def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
 def docs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of pages, with the page of a study of two sizes and two losses."""
     folder = tmp_path_factory.mktemp("frontier")
-    (folder / "near.toml").write_text(NEAR)
+    (folder / "near.toml").write_text(SMALL)
     (folder / "docs/results").mkdir(parents=True)
     extent = Extent(
         [Mission("near.toml")], rows.chosen(["orca", "plan", "vasarhelyi"]), (2, 4), (0.3, 0.5), (0.9, 0.95)

@@ -22,11 +22,11 @@ from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE
 from meanflock.swarm.scenario import load
 from tests.pages import script_of
-from tests.studies.leaderboard.conftest import QUICK
+from tests.studies.conftest import BOARD
 
 
 def test_the_pages_show_the_same_cells_and_the_data_page_every_field(run, tmp_path, small) -> None:
-    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)[0] == EXIT_DONE
+    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *BOARD)[0] == EXIT_DONE
     text = (tmp_path / "out/leaderboard.md").read_text()
     page = (tmp_path / "out/leaderboard.html").read_text()
     fetched = re.findall(r"""<(?!a\b)[^>]*\b(?:src|href)=["']?([^"'>\s]*)""", page)

@@ -17,7 +17,7 @@ from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.tuning import Arm, Score
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, BadInput
-from tests.studies.leaderboard.conftest import QUICK
+from tests.studies.conftest import BOARD
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -26,7 +26,7 @@ SPRING = str(ROOT / "examples" / "spring.py")
 
 
 def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path, small, monkeypatch) -> None:
-    command = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)
+    command = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *BOARD)
     code, out, err = run(*command)
     assert (code, err) == (EXIT_DONE, "")
     assert {"out/leaderboard.json", "out/leaderboard.md", "out/leaderboard.html"} <= set(out.splitlines())
@@ -48,7 +48,7 @@ def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path,
     monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
     assert run(*command)[0] == EXIT_DONE
     assert (tried, (tmp_path / "out/leaderboard.json").read_bytes()) == ([], first)
-    more = ("leaderboard", "--missions=near.toml", "--controllers", "cruise,lqr", *QUICK)  # commas are allowed too
+    more = ("leaderboard", "--missions=near.toml", "--controllers", "cruise,lqr", *BOARD)  # commas are allowed too
     assert run(*more)[0] == EXIT_DONE
     assert [one.method for one in tried] == ["lqr", "lqr"]
 
@@ -63,7 +63,7 @@ def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
 
 def test_rows_that_share_states_fly_once_under_each_policy_and_all_at_the_limit(run, tmp_path, small) -> None:
     flags = ("--missions", "near.toml", "--controllers", "orca", "cruise", "--policies", "event", "tick")
-    code, out, _ = run("leaderboard", *flags, *QUICK)
+    code, out, _ = run("leaderboard", *flags, *BOARD)
     assert code == EXIT_DONE
     found = board.read(tmp_path / "out/leaderboard.json")
     (course,) = found.courses
@@ -112,7 +112,7 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
     (tmp_path / "bad.py").write_text(BAD)
     names = ("stumbles", "never-begins", "no-such", "spring", "cruise")
     flags = ("--plugin", "bad.py", "--plugin", SPRING, "--controllers", *names, "--missions", "near.toml")
-    code, out, _ = run("leaderboard", *flags, *QUICK)
+    code, out, _ = run("leaderboard", *flags, *BOARD)
     assert code == EXIT_DONE
     (course,) = board.read(tmp_path / "out/leaderboard.json").courses
     stumbles, never, spring, cruise = course.standings
@@ -145,7 +145,6 @@ def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
 
 
 def test_every_shipped_row_flies_its_missions() -> None:
-    """Each resolves to a scenario; nothing is flown."""
     assert command._DEFAULT_POLICY == DEFAULT_POLICY
     known = {mission.name for mission in missions.shipped()}
     contest = Contest(missions.shipped(), rows.shipped(), 1, 1)
@@ -156,12 +155,6 @@ def test_every_shipped_row_flies_its_missions() -> None:
 
 
 ARM = Arm("cruise", "cruise", "controller", "trip", ({"speed_m_s": 1.0}, {"speed_m_s": 2.0}, {"speed_m_s": 3.0}))
-MISSION = """
-uavs = 2
-duration = 20.0
-[start]
-centre = [20.0, 12.0]
-"""
 
 
 def test_every_arm_has_the_same_budget_and_valid_candidates(tmp_path, monkeypatch) -> None:
@@ -179,10 +172,8 @@ def test_every_arm_has_the_same_budget_and_valid_candidates(tmp_path, monkeypatc
         tuning.arms()
 
 
-def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, monkeypatch) -> None:
-    path = tmp_path / "near.toml"
-    path.write_text(MISSION)
-    monkeypatch.setattr(tuning.missions, "chosen", lambda names: [missions.Mission(str(path))])
+def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, small, monkeypatch) -> None:
+    monkeypatch.setattr(tuning.missions, "chosen", lambda names: [missions.Mission(str(tmp_path / small[0]))])
     monkeypatch.setattr(tuning, "FIRST", range(1, 2))
     monkeypatch.setattr(tuning, "REST", range(2, 4))
     out = tmp_path / "out"
