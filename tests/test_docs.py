@@ -18,8 +18,8 @@ from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.commands import printed
 from tests.pages import commands, modules_of, script_of
+from tests.sources import MODULES, PROJECT, ROOT
 
-ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 EXECUTED = [
     "first-flight",
@@ -63,8 +63,7 @@ def test_every_controller_of_ours_is_described() -> None:
     text = (
         (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8").replace("`-f`, `-hf`", "`mfgfl-f`, `mfgfl-hf`")
     )
-    ours = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
-    assert not [name for name in ours["meanflock.controllers"] if f"`{name}`" not in text]
+    assert not [name for name in PROJECT["entry-points"]["meanflock.controllers"] if f"`{name}`" not in text]
 
 
 @pytest.mark.processes
@@ -126,9 +125,7 @@ def test_every_message_that_troubleshooting_quotes_is_one_that_the_code_has() ->
     quoted = {
         text for cell in re.findall(r"^\| ([^|]*`[^|]*) \|", page, flags=re.M) for text in re.findall("`([^`]+)`", cell)
     }
-    rooms = [path for path in (ROOT / "meanflock").iterdir() if path.is_dir()]
-    sources = [ROOT / "Makefile", *(path for room in rooms for path in room.resolve().rglob("*.py"))]
-    code = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    code = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "Makefile", *MODULES))
     assert len(quoted) > 25
     assert [text for text in quoted if text not in code] == []
 

@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -60,17 +60,9 @@ def test_a_flight_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureF
 def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
     handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     here = mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"]
-    found: list[str] = []
-
-    def fly() -> None:
-        found.append(mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"])
-
-    threads = [threading.Thread(target=fly) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [here, here]
+    with ThreadPoolExecutor(2) as pool:
+        runs = list(pool.map(lambda _: mf.fly(method="mfg", **SMALL), range(2)))
+    assert {run.summary["trajectory_sha256"] for run in runs} == {here}
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
 
 

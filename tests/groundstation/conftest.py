@@ -1,6 +1,5 @@
 """What all tests of the ground station may use."""
 
-import os
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -17,15 +16,6 @@ def strict() -> Iterator[None]:
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
-
-
-@pytest.fixture
-def environment() -> Iterator[None]:
-    """Distributed sets variables of this process, and leaves them, the seed of hashes among them."""
-    before = dict(os.environ)
-    yield
-    os.environ.clear()
-    os.environ.update(before)
 
 
 @pytest.fixture

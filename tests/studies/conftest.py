@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 
-from tests.groundstation.conftest import environment, run, strict, undrawn
+from tests.groundstation.conftest import run, strict, undrawn
 
-__all__ = ["environment", "run", "strict", "undrawn"]
-
+__all__ = ["run", "strict", "undrawn"]
 
 BOARD = ("--seeds", "2", "--first-seed", "1", "--jobs", "1", "--quiet", "--out", "out")
 QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")

@@ -1,9 +1,11 @@
 """Flights, means, failed flights and the tuned constants of leaderboards."""
 
 import json
+import os
 from html import unescape
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -133,7 +135,7 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
 
 
 @pytest.mark.processes
-@pytest.mark.usefixtures("environment")
+@patch.dict(os.environ)  # Distributed sets variables of this process, and leaves them
 def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
     pytest.importorskip("distributed", reason="dask is not installed")
     flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h")
