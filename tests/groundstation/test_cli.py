@@ -13,7 +13,6 @@ from rich.console import Console
 
 import meanflock as mf
 from meanflock import kernels
-from meanflock.groundstation import doctor
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.progress import FlightProgress, summary_table
@@ -155,9 +154,3 @@ def test_a_recording_that_is_asked_for_is_refused_and_nothing_is_written(tmp_pat
     with pytest.raises(mf.BadInput, match=r"record=True needs it: pip install 'meanflock\[ground\]'"):
         mf.fly(uavs=2, duration=1, out=tmp_path, record=True)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_doctor_warns_of_a_library_that_no_flight_needs(monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "USES", {"no-such-package": "plots"})
-    found = doctor._package("no-such-package")
-    assert (found.verdict, found.remedy) == ("warning", "only needed for plots: pip install 'meanflock[ground]'")

@@ -41,16 +41,16 @@ pytestmark = pytest.mark.usefixtures("strict")
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Telemetry]]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Telemetry], np.ndarray]:
+    """A recording, the telemetry and its states, (T, N, 4)."""
     path = tmp_path_factory.mktemp("recording") / "recording.rrd"
     blocks = flight()
     record(path, blocks)
-    return path, blocks
+    return path, blocks, np.concatenate([block.states for block in blocks])
 
 
 def test_positions_velocities_trails_and_the_leaders_frame_are_the_telemetrys(recorded) -> None:
-    path, blocks = recorded
-    states = np.concatenate([block.states for block in blocks])
+    path, _, states = recorded
     assert verify(path) is None
     assert len(RrdReader(path).blueprints()) == 1
     for chunk in RrdReader(path).stream().filter(content=f"/{look.UAVS}"):
@@ -72,8 +72,8 @@ def test_positions_velocities_trails_and_the_leaders_frame_are_the_telemetrys(re
     np.testing.assert_array_equal(pieces[:, :, -1], states[ticks, :, :2].astype(np.float32))
 
 
-def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]]) -> None:
-    path, blocks = recorded
+def test_plots_hold_the_telemetrys_numbers(recorded) -> None:
+    path, blocks, _ = recorded
     swarm = {name: np.concatenate([b.swarm for b in blocks])[:, i] for i, name in enumerate(SWARM_COLUMNS)}
     energy = np.concatenate([block.energy for block in blocks])
     ticks, values = scalars(path, plots.ENERGY)
@@ -102,9 +102,8 @@ def test_plots_hold_the_telemetrys_numbers(recorded: tuple[Path, list[Telemetry]
     np.testing.assert_array_equal(values, np.concatenate([b.reports for b in blocks])[:, drawn])
 
 
-def test_a_collision_is_a_star_a_mark_and_a_log_line(recorded: tuple[Path, list[Telemetry]]) -> None:
-    path, blocks = recorded
-    states = np.concatenate([block.states for block in blocks])
+def test_a_collision_is_a_star_a_mark_and_a_log_line(recorded) -> None:
+    path, _, states = recorded
     ticks, strips = column(path, look.COLLISIONS, "LineStrips2D:strips")
     np.testing.assert_array_equal(ticks, [tick for tick, _ in COLLISIONS])
     for (tick, pair), star in zip(COLLISIONS, strips, strict=True):
@@ -124,9 +123,8 @@ def test_a_collision_is_a_star_a_mark_and_a_log_line(recorded: tuple[Path, list[
     assert ("round 1 averaged", "INFO") in log
 
 
-def test_links_are_green_where_delivered_and_red_in_outage(recorded: tuple[Path, list[Telemetry]]) -> None:
-    path, blocks = recorded
-    states = np.concatenate([block.states for block in blocks])
+def test_links_are_green_where_delivered_and_red_in_outage(recorded) -> None:
+    path, _, states = recorded
     ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
     _, colors = column(path, look.MODEL_LINKS, "LineStrips2D:colors")
     np.testing.assert_array_equal(ticks, np.arange(ROUND_TICKS, 600, ROUND_TICKS))
