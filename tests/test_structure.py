@@ -3,13 +3,14 @@
 import ast
 import os
 import re
+import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 from meanflock.groundstation.cli.completion import VARIABLE
-from tests.commands import loaded
+from tests.commands import loaded, printed
 from tests.groundstation.conftest import QUICK
 from tests.sources import (
     MODULES,
@@ -23,6 +24,7 @@ from tests.sources import (
     needed,
     nodes,
     room_of,
+    text,
     users_of,
 )
 
@@ -173,3 +175,21 @@ def completed(line: str) -> str:
 def test_a_process_loads_only_what_it_needs(code: str, forbidden: list[str], tmp_path: Path) -> None:
     path = os.environ | {"PYTHONPATH": str(ROOT)}
     assert loaded(code, cwd=tmp_path, env=path) & set(forbidden) == set()
+
+
+WATCH = """
+import os, sys
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.pop(name, None)
+threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
+sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
+import meanflock.groundstation.cli.__main__, numpy
+"""
+
+
+def test_every_process_limits_blas_to_one_thread_before_it_imports_numpy() -> None:
+    for room in ("groundstation/cli", "agent", "leader", "worldsim", "groundstation"):
+        names = re.findall(r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / room / "__main__.py"), re.MULTILINE)
+        assert names[0] == "meanflock.swarm.one_thread", room
+    assert printed(sys.executable, "-c", WATCH).strip() == "1 1"

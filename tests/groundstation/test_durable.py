@@ -12,6 +12,7 @@ import pytest
 from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.outputs import Outputs
+from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
@@ -264,3 +265,11 @@ def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_besi
     complete(folder)
     assert contents(folder / "recording.rrd") == whole
     assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
+
+
+@pytest.mark.parametrize(
+    ("uavs", "realtime", "ticks"), [(2, None, 1000), (60, None, 400), (1000, None, 100), (2, 1e3, 100)]
+)
+def test_checkpoints_are_as_frequent_as_a_flight_is_slow(uavs: int, realtime: float | None, ticks: int) -> None:
+    flown = scenarios.load(None, [f"uavs={uavs}", "duration=1"], method="offline")
+    assert engine.Engine(flown, "run", sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks

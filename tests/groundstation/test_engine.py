@@ -1,19 +1,12 @@
 """The engine in one process: swarms of any size, and the models that it carries from flight to flight."""
 
-import re
-import sys
-
 import numpy as np
 import pytest
 
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
-from meanflock.swarm.scenario import load
-from tests.commands import printed
 from tests.faults.conftest import RUN, scenario
 from tests.golden.flights import steady
 from tests.methods import METHODS
-from tests.sources import ROOT, text
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -40,29 +33,3 @@ def test_models_are_read_and_carried_over_however_the_swarm_is_divided(rows: int
     again = [Engine(flown, RUN, memory=memory, uavs_per_node=each).complete() for each in (rows, None)]
     assert steady(again[0]) == steady(again[1])
     assert again[0]["trajectory_sha256"] != before["trajectory_sha256"]
-
-
-@pytest.mark.parametrize(
-    ("uavs", "realtime", "ticks"), [(2, None, 1000), (60, None, 400), (1000, None, 100), (2, 1e3, 100)]
-)
-def test_checkpoints_are_as_frequent_as_a_flight_is_slow(uavs: int, realtime: float | None, ticks: int) -> None:
-    flown = load(None, [f"uavs={uavs}", "duration=1"], method="offline")
-    assert Engine(flown, RUN, sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks
-
-
-WATCH = """
-import os, sys
-
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.pop(name, None)
-threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
-sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
-import meanflock.groundstation.cli.__main__, numpy
-"""
-
-
-def test_every_process_limits_blas_to_one_thread_before_it_imports_numpy() -> None:
-    for room in ("groundstation/cli", "agent", "leader", "worldsim", "groundstation"):
-        names = re.findall(r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / room / "__main__.py"), re.MULTILINE)
-        assert names[0] == "meanflock.swarm.one_thread", room
-    assert printed(sys.executable, "-c", WATCH).strip() == "1 1"

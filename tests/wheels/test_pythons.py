@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -24,9 +23,7 @@ def interpreter(version: str) -> Path:
     """The Python of that version on the path or of pyenv; skips the test if there is none."""
     named = [shutil.which(f"python{version}"), *sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))]
     for candidate in filter(None, named):
-        told = subprocess.run(
-            [candidate, "-c", "import sys, venv; print('%d.%d' % sys.version_info[:2])"], capture_output=True, text=True
-        )
+        told = ended(candidate, "-c", "import sys, venv; print('%d.%d' % sys.version_info[:2])")
         if told.returncode == 0 and told.stdout.strip() == version:
             return Path(candidate)
     pytest.skip(f"no Python {version} here")
