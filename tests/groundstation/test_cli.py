@@ -119,12 +119,7 @@ LINE = "no recording.rrd is written: rerun is not installed; pip install 'meanfl
 FLIGHT = ["run", "--in-process", "--uavs", "2", "--duration", "5", "--json"]
 
 
-@pytest.fixture
-def _no_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-
-
-def test_the_run_folder_is_the_same_but_for_the_recording(tmp_path, capsys, monkeypatch) -> None:
+def test_without_rerun_a_run_folder_is_the_same_but_for_the_recording(tmp_path, capsys, monkeypatch) -> None:
     assert main([*FLIGHT, "--out", str(tmp_path / "full")]) == 0
     full = json.loads(capsys.readouterr().out)
     monkeypatch.setitem(sys.modules, "rerun", None)
@@ -138,19 +133,15 @@ def test_the_run_folder_is_the_same_but_for_the_recording(tmp_path, capsys, monk
     assert files["full"] - files["lean"] == {"recording.rrd"}
     assert not files["lean"] - files["full"]
     assert mf.open(tmp_path / "lean" / lean["run_id"]).recording is None
+    with pytest.raises(mf.BadInput, match=r"record=True needs it: pip install 'meanflock\[ground\]'"):
+        mf.fly(uavs=2, duration=1, out=tmp_path / "asked", record=True)
+    assert not (tmp_path / "asked").exists()
 
 
-@pytest.mark.usefixtures("_no_rerun")
 @pytest.mark.parametrize("flag", ["--quiet", "--no-record", "--log-format=json"])
-def test_nothing_is_said_where_nobody_listens_or_no_recording_is_wanted(flag: str, tmp_path, capsys) -> None:
+def test_nothing_is_said_where_nobody_listens_or_no_recording_is_wanted(flag, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
     assert main([*FLIGHT, flag, "--out", str(tmp_path)]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["arrived"] is not None
     assert "rerun" not in err
-
-
-@pytest.mark.usefixtures("_no_rerun")
-def test_a_recording_that_is_asked_for_is_refused_and_nothing_is_written(tmp_path) -> None:
-    with pytest.raises(mf.BadInput, match=r"record=True needs it: pip install 'meanflock\[ground\]'"):
-        mf.fly(uavs=2, duration=1, out=tmp_path, record=True)
-    assert list(tmp_path.iterdir()) == []

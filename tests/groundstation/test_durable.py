@@ -17,13 +17,7 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import Continued, complete, recorded, verify
-from meanflock.groundstation.results.run_folder import (
-    CHECKPOINT,
-    EVENTS,
-    SCENARIO,
-    SUMMARY,
-    RunFolder,
-)
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
 from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
 from meanflock.swarm import scenario as scenarios

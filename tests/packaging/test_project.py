@@ -70,7 +70,6 @@ def test_the_kernels_are_built_from_all_of_their_files() -> None:
 
 
 def test_one_wheel_is_for_every_python_from_the_first_on() -> None:
-    """Its tag, what the extensions keep to, and what is required name the same Python."""
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
     assert tools["distutils"]["bdist_wheel"] == {"py-limited-api": "cp311"}
     assert PROJECT["requires-python"] == ">=3.11"
@@ -134,4 +133,3 @@ def test_every_make_target_is_documented() -> None:
     shown = printed("make", "--no-print-directory", cwd=ROOT, env=environment)
     documented = dict(re.findall(r"^  ([a-z-]+) +(\S.*)$", re.sub(r"\x1b\[\d*m", "", shown), re.MULTILINE))
     assert documented.keys() == set(phony.split()) - {"stale"}
-    assert {"run", "test", "check", "bench", "test-compose", "clean", "picture"} <= documented.keys()

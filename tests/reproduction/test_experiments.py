@@ -1,4 +1,4 @@
-"""The grid of experiments: a flight's record, points, tables; damaged files fly again; measures of the theory."""
+"""The grid of experiments: records, points, tables, carried models; damaged files fly again; measures of the theory."""
 
 import json
 import math
@@ -21,6 +21,8 @@ from reproduction import claims, experiments, flight, grid, measure, page, table
 from reproduction.experiments import run_grid
 from reproduction.grid import Method, Point, Wanted
 from reproduction.tables import COORDINATES, Results
+from tests.golden.flights import steady
+from tests.methods import METHODS
 
 RTOL = 1e-9
 # The record of the paper's scenario, seed 1, 60 s, from an independent recorder: scalars of `runs.parquet`; of each
@@ -244,3 +246,29 @@ def test_the_optimal_flight_obeys_the_dynamics_and_no_disturbed_flight_costs_les
     for size in (1e-3, 0.1, 1.0):
         commands = best.accelerations + size * np.cumsum(draw.standard_normal((300, 2)), axis=0) / 17
         assert theory.flight_cost(plain, unforced(plain, commands), commands) > best.cost
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("uavs", [1, 7])
+def test_a_swarm_of_one_and_of_an_odd_number_fly(method: str, uavs: int) -> None:
+    flown = load(None, method=method, uavs=uavs, duration=3.0)
+    summary = Engine(flown, "run", uavs_per_node=2).complete()
+    assert (summary["ticks"], summary["uavs"]) == (30, uavs)
+    assert (summary["phi_C_distinct"] is None) == (uavs == 1)
+    assert not summary["dropped_messages"]
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_models_are_read_and_carried_over_however_the_swarm_is_divided(rows: int) -> None:
+    flown = small("mfgfl-hf", "radio.target_snr_db=76", duration=6.0)
+    whole, divided = Engine(flown, "run"), Engine(flown, "run", uavs_per_node=rows)
+    start = divided.models
+    assert start.shape == (6, 246)
+    before = whole.complete()
+    divided.complete()
+    np.testing.assert_array_equal(divided.models, whole.models)
+    assert (divided.models != start).any(axis=-1).all()
+    memory = {"weights": whole.models}
+    again = [Engine(flown, "run", memory=memory, uavs_per_node=each).complete() for each in (rows, None)]
+    assert steady(again[0]) == steady(again[1])
+    assert again[0]["trajectory_sha256"] != before["trajectory_sha256"]

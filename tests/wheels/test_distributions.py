@@ -78,14 +78,6 @@ def test_both_distributions_have_what_the_checkout_has(built: Path, wheel: Path)
     assert {name for name in packed if not name.endswith(".so")} == present
 
 
-def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:
-    working, ran = hostile(tmp_path)
-    done = ended(python.with_name("meanflock"), "paper", "--seeds", "1", cwd=working)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
-    assert done.stderr.startswith("error: paper: the folder `reproduction` is missing")
-    assert not ran.exists(), ran.read_text()
-
-
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
     """A plug-in on processes with TLS and in one, a method that learns and federates, and a study with workers."""
     find = "import sys; from importlib.util import find_spec; print(*(n for n in sys.argv[1:] if find_spec(n)))"
@@ -105,6 +97,9 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
     )
     sweep = ["sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2", "--quiet"]
     printed(meanflock, *sweep, "--out", tmp_path / "sweep", cwd=working)
+    said = ended(meanflock, "paper", "--seeds", "1", cwd=working)
+    assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert said.stderr.startswith("error: paper: the folder `reproduction` is missing")
     assert not ran.exists(), ran.read_text()
     assert (each["mode"], alone["mode"]) == ("processes", "in-process")
     assert (each["method"], each["ticks"], each["lost"], each["dropped_messages"]) == ("spring", 100, 0, {})

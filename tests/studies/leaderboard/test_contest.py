@@ -3,7 +3,6 @@
 import json
 import os
 from html import unescape
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -19,11 +18,11 @@ from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.tuning import Arm, Score
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, BadInput
+from tests.sources import ROOT
 from tests.studies.conftest import BOARD
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-ROOT = Path(__file__).parents[3]
 SPRING = str(ROOT / "examples" / "spring.py")
 
 
