@@ -103,7 +103,7 @@ def test_a_number_that_is_not_finite_loses_that_uav_only() -> None:
         flight.step(command)
 
 
-def test_a_method_that_is_given_is_ignored_with_a_warning(tmp_path: Path) -> None:
+def test_a_method_that_is_given_is_ignored_with_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mf.Stepped("paper", **SMALL)

@@ -44,8 +44,6 @@ from tests.groundstation.recordings import DIAGNOSTICS, flight
 
 ROOT = Path(__file__).parents[2]
 QUANTITIES = {value for value in vars(quantities).values() if isinstance(value, Quantity)}
-
-
 FAULTS = [{"kind": "kill", "tick": 20, "uavs": [1]}, {"kind": "leader-loss", "tick": 250}]
 
 

@@ -20,7 +20,6 @@ CONSTRAINTS = dict(re.findall(r"^([^#\n]+?)==(.*)$", (ROOT / "constraints.txt").
 
 def closure(requirements: list[Requirement]) -> set[str]:
     """Canonical names of the requirements and of all they require here, by what is installed."""
-    found: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()
     queue = list(requirements)
     while queue:
@@ -29,12 +28,11 @@ def closure(requirements: list[Requirement]) -> set[str]:
         if (name, extras) in seen:
             continue
         seen.add((name, extras))
-        found.add(name)
         for line in metadata.requires(name) or []:
             child = Requirement(line)
             if child.marker is None or any(child.marker.evaluate({"extra": e}) for e in ("", *extras)):
                 queue.append(child)
-    return found
+    return {name for name, _ in seen}
 
 
 EVERYTHING = direct(PROJECT["dependencies"], *EXTRAS.values())

@@ -181,7 +181,6 @@ def test_a_record_of_another_version_is_refused(tmp_path) -> None:
     made.write(tmp_path)
     with pytest.raises(record.BadInput, match="fly it again"):
         record.read(path)
-    assert json.loads(path.read_text())["cells"] == []
 
 
 def test_every_policy_fits_every_row_of_the_leaderboard() -> None:

@@ -137,8 +137,7 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
 @patch.dict(os.environ)  # Distributed sets variables of this process, and leaves them
 def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
     pytest.importorskip("distributed", reason="dask is not installed")
-    flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h")
-    flags += ("--seeds", "2", "--first-seed", "1", "--quiet", "--jobs", "1")
+    flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h", *BOARD[:-2])
     assert run(*flags, "--out", "here")[0] == EXIT_DONE
     assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
     here, remote = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
