@@ -26,26 +26,6 @@ hypothesis.settings.register_profile("untimed", deadline=None)  # how long an ex
 hypothesis.settings.load_profile("untimed")
 
 
-class Standstill(threading.Thread):
-    """Looks twenty times a second how late it comes, and adds that up from half a second on.
-
-    A virtual machine stands still when its neighbours are busy. A barrier waits for 2 s; less, and only the tests know.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(name="standstill", daemon=True)
-        self.total_s = 0.0
-
-    def run(self) -> None:
-        last = time.monotonic()
-        while True:
-            time.sleep(0.05)
-            now = time.monotonic()
-            late_s = now - last - 0.05
-            self.total_s += late_s if late_s > 0.5 else 0.0
-            last = now
-
-
 class MachineStoodStill(Exception):
     """The machine stood still while a test ran that failed."""
 
@@ -93,21 +73,32 @@ def _no_plugin_stays(_left_as_found: None, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv(plugins.FILES, os.environ.get(plugins.FILES, ""))
 
 
+LATE_S: list[float] = []  # by how much the watch came late, where that is notable; a barrier waits for 2 s
+
+
+def _watch() -> None:
+    """Looks twenty times a second: a virtual machine stands still for seconds when its neighbours are busy."""
+    while True:
+        before = time.monotonic()
+        time.sleep(0.05)
+        if (late_s := time.monotonic() - before - 0.05) > 0.5:
+            LATE_S.append(late_s)
+
+
 @cache
-def _machine() -> Standstill:
-    machine = Standstill()
-    machine.start()
-    return machine
+def _watched() -> None:
+    threading.Thread(target=_watch, name="standstill", daemon=True).start()
 
 
 def _judged(item: pytest.Item) -> Generator[None, Any, Any]:
     if item.get_closest_marker("processes") is None:
         return (yield)
-    before = _machine().total_s
+    _watched()
+    before = sum(LATE_S)
     try:
         return (yield)
     except (Exception, pytest.fail.Exception) as error:
-        if (stood_s := _machine().total_s - before) > 0:
+        if (stood_s := sum(LATE_S) - before) > 0:
             raise MachineStoodStill(f"for {stood_s:.1f} s while this test ran, which failed") from error
         raise
 

@@ -27,13 +27,8 @@ def text(path: Path) -> str:
 
 
 @cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(text(path), str(path))
-
-
-@cache
 def nodes(path: Path) -> list[ast.AST]:
-    return list(ast.walk(tree(path)))
+    return list(ast.walk(ast.parse(text(path), str(path))))
 
 
 @cache
@@ -79,10 +74,6 @@ def room_of(module: str) -> str:
         return "reproduction"
     second = module.split(".")[1] if "." in module else ""
     return second if second in ROOMS else "meanflock"
-
-
-def users_of(*libraries: str) -> set[str]:
-    return {name_of(path) for path in MODULES if any(i.split(".")[0] in libraries for i in imported(path))}
 
 
 def direct(*lists: list[str]) -> list[Requirement]:

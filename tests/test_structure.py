@@ -25,7 +25,6 @@ from tests.sources import (
     nodes,
     room_of,
     text,
-    users_of,
 )
 
 MAY_IMPORT: dict[str, set[str]] = {  # of the other rooms; `meanflock` is the package itself
@@ -79,7 +78,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
     ids=lambda names: names[0] if names else "nowhere",
 )
 def test_a_library_is_imported_only_where_it_belongs(libraries: tuple[str, ...], users: tuple[str, ...]) -> None:
-    found = users_of(*libraries)
+    found = {name_of(path) for path in MODULES if any(i.split(".")[0] in libraries for i in imported(path))}
     assert bool(found) == bool(users)
     assert all(name.startswith(users) for name in found)
 

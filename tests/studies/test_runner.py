@@ -1,6 +1,7 @@
 """Comparisons and sweeps: flights, values, plug-ins, tables, one recording of several; processes that die."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -93,7 +94,6 @@ def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
     assert energy("one", -0.02) == energy("other", -0.02) != first
 
 
-TICKS = np.arange(41)
 SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
 
 
@@ -112,7 +112,7 @@ def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tm
         assert summaries[name]["trajectory_sha256"] == alone["trajectory_sha256"]
         states = np.concatenate([block.states for block in kept.blocks])
         ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
-        np.testing.assert_array_equal(ticks, TICKS)
+        np.testing.assert_array_equal(ticks, np.arange(41))
         np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
         _, energy = scalars(path, f"{part}/{side_by_side.ENERGY}")
         assert energy[-1, 0] == pytest.approx(alone["energy_end_mean_J"])
@@ -144,6 +144,19 @@ def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
         hashes("pass", 2, pool)
     assert hashes("marker.touch()", 2, pool) == alone
     assert (tmp_path / "dying.died").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_processes_start_waits_for_the_end_of_the_block(number: signal.Signals) -> None:
+    done: list[object] = []
+    before = signal.signal(number, lambda number, _: done.append(number))
+    try:
+        with runner._signals_deferred():
+            signal.raise_signal(number)
+            done.append("started")
+    finally:
+        signal.signal(number, before)
+    assert done == ["started", number]
 
 
 def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from meanflock.studies.leaderboard import marks
-from meanflock.studies.leaderboard.front import Fronts, front, power
+from meanflock.studies.leaderboard.front import Fronts, envelope, front, power
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.swarm.scenario import Scenario
 
@@ -80,6 +80,19 @@ def test_a_row_is_safe_if_its_share_of_free_flights_is_above_ninety_per_cent(fre
 
 
 PAPER = Scenario()
+
+
+def test_an_envelope_is_convex_and_never_above_its_function() -> None:
+    """A rising convex function is its own envelope; between two convex pieces it is the line that touches both."""
+    x = np.linspace(0.0, 3.0, 3001)
+    bump = np.minimum(x**2, 4.0 + (x - 2.0) / 10.0)
+    for function in (x**2 + 1.0, bump):
+        at, y = envelope(x, function)
+        below = np.interp(x, at, y)
+        assert (np.diff(np.diff(y) / np.diff(at)) > -1e-9).all()
+        assert (below <= function + 1e-12).all()
+        assert function is bump or below == pytest.approx(function, abs=1e-12)
+    assert np.interp(2.0, at, y) < 3.0
 
 
 @settings(max_examples=60, deadline=None)
