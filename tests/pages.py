@@ -37,7 +37,7 @@ def modules_of(page: Path) -> dict[str, str]:
     (script,) = modules
     for code in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S):
         if name := re.match(r"# (\w+\.py)\n", code):
-            modules[name[1]] = code
+            modules[name[1]] = code[name.end() :].lstrip("\n")
         else:
             modules[script] += code
     return modules

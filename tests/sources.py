@@ -1,8 +1,11 @@
-"""The modules of the project, as text and as trees."""
+"""The modules of the project, as text and as trees; its requirements."""
 
 import ast
+import tomllib
 from functools import cache
 from pathlib import Path
+
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 ROOMS = tuple(sorted(path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()))
@@ -10,7 +13,8 @@ CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands 
 DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
 REPRODUCTION = sorted((ROOT / "reproduction").rglob("*.py"))  # of the source, not of the package
 MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR + REPRODUCTION
-TESTS = sorted((ROOT / "tests").rglob("*.py"))
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 
 def name_of(path: Path) -> str:
@@ -23,13 +27,8 @@ def text(path: Path) -> str:
 
 
 @cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(text(path), str(path))
-
-
-@cache
 def nodes(path: Path) -> list[ast.AST]:
-    return list(ast.walk(tree(path)))
+    return list(ast.walk(ast.parse(text(path), str(path))))
 
 
 @cache
@@ -77,8 +76,10 @@ def room_of(module: str) -> str:
     return second if second in ROOMS else "meanflock"
 
 
-def users_of(*libraries: str) -> set[str]:
-    return {name_of(path) for path in MODULES if any(i.split(".")[0] in libraries for i in imported(path))}
+def direct(*lists: list[str]) -> list[Requirement]:
+    """The requirements of these lists, without the project's references to its own extras."""
+    parsed = [Requirement(line) for requirements in lists for line in requirements]
+    return [requirement for requirement in parsed if requirement.name != PROJECT["name"]]
 
 
 def dotted(node: ast.AST) -> str:

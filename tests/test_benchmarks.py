@@ -1,7 +1,7 @@
 """The benchmark command, its record and its pages; no test judges a measured time."""
 
 import json
-import re
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -76,14 +76,10 @@ def test_a_peer_is_timed_in_a_process_and_a_folder_that_end_with_it() -> None:
         environment.Peer([sys.executable, "-c", "print('hello')"], "peer 1")
 
 
-def test_the_page_on_scaling_can_be_written_from_the_record_beside_it(tmp_path: Path) -> None:
-    page, picture = tmp_path / "scaling.md", tmp_path / "scaling.png"
-    page.write_text(scaling.PAGE.read_text(encoding="utf-8"), encoding="utf-8")
+def test_the_page_on_scaling_is_that_of_the_record_beside_it(tmp_path: Path) -> None:
+    page, picture = Path(shutil.copy(scaling.PAGE, tmp_path)), tmp_path / "scaling.png"
     assert scaling.main(["--page", str(page), "--picture", str(picture)]) == 0
-    text = page.read_text(encoding="utf-8")
-    assert text.split("<!-- fit -->")[0].splitlines()[0] == "# Scaling"
-    for name in ("fit", "bytes", "future"):
-        assert re.search(rf"<!-- {name} -->\n\|.*?\n<!-- end -->", text, flags=re.DOTALL)
+    assert page.read_text(encoding="utf-8") == scaling.PAGE.read_text(encoding="utf-8")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

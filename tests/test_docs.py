@@ -17,9 +17,9 @@ from meanflock.studies import communication, runner
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
 from tests.commands import printed
-from tests.pages import commands, script_of
+from tests.pages import commands, modules_of, script_of
+from tests.sources import MODULES, PROJECT, ROOT
 
-ROOT = Path(__file__).parents[1]
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 EXECUTED = [
     "first-flight",
@@ -34,8 +34,6 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PRIVATE = (
     r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|ledgers?|hearsay|spoken|plain ticks?|by their bytes)\b"
 )
-
-
 VERBS = {" ".join(path): command for path, command in commands().items() if not isinstance(command, click.Group)}
 
 
@@ -47,34 +45,23 @@ def lines(text: str) -> list[str]:
 
 
 def run_of_page(page: Path, folder: Path) -> tuple[str, str]:
-    """Writes the files of a page, runs its commands and its Python; the output, and the output that the page shows.
-
-    A block of Python that begins with a comment `# NAME.py` is a file.
-    """
+    """Writes the files of a page, runs its commands and its script; the output, and the output that the page shows."""
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    script, expected = "", []
-    for language, code in re.findall(
-        r"^```(python|sh|text)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
-    ):
-        if language == "sh":
-            printed("bash", "-ec", code, cwd=folder, env=env)
-        elif language == "text":
-            expected += code.splitlines()
-        elif name := re.match(r"# (\w+\.py)\n\n?", code):
-            (folder / name[1]).write_text(code[name.end() :], encoding="utf-8")
-        else:
-            script += code
-            expected += re.findall(r"^\s*print\(.*\)  # (.*)$", code, flags=re.M)
-    (folder / "page.py").write_text(script, encoding="utf-8")
-    return printed(sys.executable, "page.py", cwd=folder, env=env), "".join(f"{line}\n" for line in expected)
+    for name, code in modules_of(page).items():
+        (folder / name).write_text(code, encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    for code in re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S):
+        printed("bash", "-ec", code, cwd=folder, env=env)
+    shown = re.findall(r"^```text\n(.*?)\n```|^ *print\([^\n]*\)  # ([^\n]*)$", text, flags=re.M | re.S)
+    script = page.name.replace(".", "_") + ".py"
+    return printed(sys.executable, script, cwd=folder, env=env), "".join(f"{box or line}\n" for box, line in shown)
 
 
 def test_every_controller_of_ours_is_described() -> None:
     text = (
         (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8").replace("`-f`, `-hf`", "`mfgfl-f`, `mfgfl-hf`")
     )
-    ours = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
-    assert not [name for name in ours["meanflock.controllers"] if f"`{name}`" not in text]
+    assert not [name for name in PROJECT["entry-points"]["meanflock.controllers"] if f"`{name}`" not in text]
 
 
 @pytest.mark.processes
@@ -136,9 +123,7 @@ def test_every_message_that_troubleshooting_quotes_is_one_that_the_code_has() ->
     quoted = {
         text for cell in re.findall(r"^\| ([^|]*`[^|]*) \|", page, flags=re.M) for text in re.findall("`([^`]+)`", cell)
     }
-    rooms = [path for path in (ROOT / "meanflock").iterdir() if path.is_dir()]
-    sources = [ROOT / "Makefile", *(path for room in rooms for path in room.resolve().rglob("*.py"))]
-    code = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    code = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "Makefile", *MODULES))
     assert len(quoted) > 25
     assert [text for text in quoted if text not in code] == []
 
@@ -177,7 +162,7 @@ def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
     assert sorted(paths) == sorted(str(page.relative_to(ROOT)) for page in website.pages())
 
 
-@pytest.mark.parametrize("name", ["api", "keys", "rooms"])
+@pytest.mark.parametrize("name", ["api", "data", "keys", "rooms"])
 def test_a_written_page_is_that_of_the_code(name: str) -> None:
     script = script_of(name)
     path, expected = (script.PICTURE, script.picture()) if name == "rooms" else (script.PAGE, script.page())

@@ -1,18 +1,22 @@
 """The structure of the code: imports go one way, and each library is imported in its place."""
 
 import ast
+import os
 import re
+import sys
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
-from tests.commands import loaded
+from meanflock.groundstation.cli.completion import VARIABLE
+from tests.commands import loaded, printed
+from tests.groundstation.conftest import QUICK
 from tests.sources import (
     MODULES,
     NAMES,
     ROOMS,
     ROOT,
-    TESTS,
     dotted,
     imported,
     module_of,
@@ -21,11 +25,9 @@ from tests.sources import (
     nodes,
     room_of,
     text,
-    tree,
-    users_of,
 )
 
-MAY_IMPORT = {  # of the other rooms; `kind` is the package meanflock itself
+MAY_IMPORT: dict[str, set[str]] = {  # of the other rooms; `meanflock` is the package itself
     "kernels": set(),
     "swarm": {"kernels"},
     "federation": {"swarm"},
@@ -34,20 +36,8 @@ MAY_IMPORT = {  # of the other rooms; `kind` is the package meanflock itself
     "channel": {"swarm", "kernels", "federation"},
     "worldsim": {"swarm", "kernels", "federation", "channel"},  # world and channel are one emulator process
 }
-MAY_IMPORT["groundstation"] = set(MAY_IMPORT)
-MAY_IMPORT["studies"] = set(MAY_IMPORT)
-MAY_IMPORT["meanflock"] = set(MAY_IMPORT)
-MAY_IMPORT["reproduction"] = set(MAY_IMPORT)
-MAY_IMPORT["cli"] = set(MAY_IMPORT)
-WITHIN = {  # of the other folders of groundstation; what lies beside them may be imported by all
-    "results": set(),
-    "recording": {"results"},
-    "plots": {"results"},
-    "export": {"results"},
-    "launch": {"results", "recording"},
-    "bridge": {"results", "launch"},
-    "cli": {"results", "recording", "plots", "export", "bridge", "launch"},
-}
+for room in ("groundstation", "studies", "meanflock", "reproduction", "cli"):  # each may import all before it
+    MAY_IMPORT[room] = set(MAY_IMPORT)
 
 
 def test_imports_flow_one_way() -> None:
@@ -59,38 +49,9 @@ def test_imports_flow_one_way() -> None:
         assert not bare, f"{name_of(path)}: rooms are imported as meanflock.<room>"
 
 
-def test_imports_within_the_ground_station_flow_one_way() -> None:
-    ground = ROOT / "groundstation"
-    for path in (path for path in MODULES if path.parent.parent == ground):
-        folders = {NAMES[name].parent for name in needed(path)} - {path.parent}
-        assert {folder.name for folder in folders if folder.parent == ground} <= WITHIN[path.parent.name], name_of(path)
-
-
 def test_no_module_imports_itself_by_way_of_others() -> None:
     """Imports for the type checker count, and so do those within a function; packages count as their `__init__`."""
     TopologicalSorter({name: needed(path) for name, path in NAMES.items()}).prepare()  # a CycleError names the circle
-
-
-def test_no_other_room_knows_whether_compiled_kernels_run() -> None:
-    """But whoever compares them, or says so to a person."""
-    asks = {
-        name_of(path)
-        for path in MODULES
-        if {"meanflock.kernels.compiled", "meanflock.kernels.reference", "meanflock.kernels._native"} & imported(path)
-        or "kernels.BACKEND" in text(path)
-    }
-    assert asks == {"kernels/__init__.py", "kernels/compiled.py", "groundstation/doctor.py", "worldsim/summary.py"}
-
-
-def test_only_the_mean_field_methods_read_their_tables_and_call_their_kernels() -> None:
-    """Except that swarm/ defines the tables, kernels/ chooses a form, and the study of the paper reads both."""
-    theirs = ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/")
-    table = re.compile(r"scenario\.(cost|learner|density|offline)$")
-    packages = ("meanflock.kernels.mean_field", "meanflock.swarm.scenario.mean_field")
-    for path in MODULES:
-        reads = {dotted(node) for node in nodes(path) if isinstance(node, ast.Attribute) and table.search(dotted(node))}
-        reads |= {name for name in needed(path) if name.startswith(packages)}
-        assert not reads or name_of(path).startswith(theirs), f"{name_of(path)} reads {reads}"
 
 
 GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
@@ -111,74 +72,123 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),
         (("gymnasium", "pettingzoo"), ("meanflock/env/",)),
+        (("pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve"), ()),
+        (("random",), ("meanflock/testing/error.py",)),  # it seeds the generator to find out who draws from it
     ],
-    ids=lambda names: names[0],
+    ids=lambda names: names[0] if names else "nowhere",
 )
 def test_a_library_is_imported_only_where_it_belongs(libraries: tuple[str, ...], users: tuple[str, ...]) -> None:
-    found = users_of(*libraries)
-    assert found
+    found = {name_of(path) for path in MODULES if any(i.split(".")[0] in libraries for i in imported(path))}
+    assert bool(found) == bool(users)
     assert all(name.startswith(users) for name in found)
 
 
-def test_only_files_of_people_read_the_wall_clock() -> None:
-    """All durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates."""
-    wall = {f"time.{name}" for name in ("time", "time_ns", "ctime", "localtime", "gmtime")}
-    wall |= {f"datetime.{name}" for name in ("now", "utcnow", "today", "datetime.now", "date.today")} | {"date.today"}
-    readers = {
-        name_of(path)
-        for path in MODULES
-        if any(isinstance(node, ast.Attribute) and dotted(node) in wall for node in nodes(path))
-    }
-    assert readers <= {f"groundstation/{name}.py" for name in ("launch/run", "__main__", "certs", "doctor")}
+@pytest.mark.parametrize(
+    ("modules", "users"),
+    [
+        (r"meanflock\.kernels\.(compiled|reference|_native)", ("kernels/", "groundstation/doctor.py")),
+        (
+            r"meanflock\.(kernels\.mean_field|swarm\.scenario\.mean_field).*",
+            ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/"),
+        ),
+    ],
+)
+def test_a_module_of_ours_is_imported_only_where_it_belongs(modules: str, users: tuple[str, ...]) -> None:
+    for path in MODULES:
+        found = [name for name in imported(path) | needed(path) if re.fullmatch(modules, name)]
+        assert not found or name_of(path).startswith(users), f"{name_of(path)}: {found}"
+
+
+# A pattern of what is called or read, and where alone it may be.
+ONLY = [
+    (  # all durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates
+        r"time\.(time|time_ns|ctime|localtime|gmtime)|(datetime\.)?(datetime\.(now|utcnow|today)|date\.today)",
+        tuple(f"groundstation/{name}.py" for name in ("launch/run", "__main__", "certs", "doctor")),
+    ),
+    (r".*default_rng", ("swarm/seeds.py", "studies/", "meanflock/testing/", "reproduction/")),
+    (r"eval|exec", ()),
+    (r"np\.load", ("agent/controllers/policy/network.py",)),  # that it unpickles nothing: tests/door/test_env.py
+    (r"kernels\.BACKEND", ("groundstation/doctor.py", "worldsim/summary.py")),
+    (  # the tables of the mean-field methods
+        r".*scenario\.(cost|learner|density|offline)",
+        ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/"),
+    ),
+]
+
+
+@pytest.mark.parametrize(("pattern", "users"), ONLY)
+def test_a_name_is_used_only_where_it_belongs(pattern: str, users: tuple[str, ...]) -> None:
+    for path in MODULES:
+        used = [node for node in nodes(path) if isinstance(node, ast.Attribute | ast.Name)]
+        found = {dotted(node) for node in used if re.fullmatch(pattern, dotted(node))}
+        assert not found or name_of(path).startswith(users), f"{name_of(path)}: {found}"
 
 
 HEAVY = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis", "matplotlib"]
 HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client", "scipy"]
 SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
+DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
+FLYING = [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh"]
+DRAW_NOTHING = "import random; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
+
+
+def called(*arguments: str) -> str:
+    """Code that calls the command."""
+    return f"from meanflock.groundstation.cli.command import main\nassert main({list(arguments) or None}) == 0"
+
+
+def completed(line: str) -> str:
+    """Code that completes the last word of a line, as Bash has it done."""
+    asked = {VARIABLE: "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    return f"import os\nos.environ.update({asked})\n{called()}"
 
 
 @pytest.mark.parametrize(
-    ("modules", "forbidden"),
+    ("code", "forbidden"),
     [
-        ("meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
-        ("meanflock.worldsim.__main__", HEAVY),
+        ("import meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
+        ("import meanflock.worldsim.__main__", HEAVY),
         (  # statistics take a second of the start of each worker and command
-            "meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
+            "import meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
             ["scipy.stats", "matplotlib", "rerun"],
+        ),
+        (f"{DRAW_NOTHING}assert random.getstate() == before", ["matplotlib", "rich", "rerun", "click"]),
+        (called("--help"), [*FLYING, "meanflock.groundstation.cli.fly"]),
+        (called("run", "--help"), FLYING),
+        (
+            called(*QUICK, "--json"),
+            [*DRAWING, "zenoh", "pyarrow.compute", "cryptography", "prometheus_client", "scipy"],
+        ),
+        *(
+            (completed(f"meanflock {line}"), [*FLYING, "msgspec", "meanflock.agent.controllers"])
+            for line in (
+                "run --method plan",
+                "run --set radio.model=i",
+                "run --set controller.sp",
+                "sweep uavs",
+                "show r",
+            )
         ),
     ],
 )
-def test_a_process_loads_only_what_it_needs(modules: str, forbidden: list[str]) -> None:
-    assert loaded(f"import {modules}", cwd=ROOT) & set(forbidden) == set()
+def test_a_process_loads_only_what_it_needs(code: str, forbidden: list[str], tmp_path: Path) -> None:
+    path = os.environ | {"PYTHONPATH": str(ROOT)}
+    assert loaded(code, cwd=tmp_path, env=path) & set(forbidden) == set()
 
 
-def test_tests_have_docstrings_and_import_no_module_of_tests() -> None:
-    for path in TESTS:
-        assert ast.get_docstring(tree(path)), name_of(path)
-        assert not [name for name in imported(path) if ".test_" in name], name_of(path)
+WATCH = """
+import os, sys
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.pop(name, None)
+threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
+sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
+import meanflock.groundstation.cli.__main__, numpy
+"""
 
 
-def test_nothing_is_pickled_evaluated_or_drawn_from_a_global_generator() -> None:
-    """The linter looks for NumPy's global generator."""
-    for path in MODULES:
-        libraries = {name.split(".")[0] for name in imported(path)}
-        # One seeds the global generators to find out who draws from them, and puts them back.
-        seeds_them = name_of(path) == "meanflock/testing/error.py"
-        forbidden = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "random"}
-        assert not libraries & (forbidden - ({"random"} if seeds_them else set())), name_of(path)
-        for node in nodes(path):
-            where = f"{name_of(path)}:{getattr(node, 'lineno', 0)}"
-            if isinstance(node, ast.Call):
-                assert dotted(node.func) not in {"eval", "exec"}, where
-                assert all(keyword.arg != "allow_pickle" for keyword in node.keywords), where
-
-
-def test_one_file_makes_the_random_generators_of_a_flight() -> None:
-    makers = {
-        name_of(path)
-        for path in MODULES
-        if not name_of(path).startswith(("studies/", "meanflock/testing/", "reproduction/"))
-        for node in nodes(path)
-        if isinstance(node, ast.Call) and dotted(node.func).endswith("default_rng")
-    }
-    assert makers == {"swarm/seeds.py"}
+def test_every_process_limits_blas_to_one_thread_before_it_imports_numpy() -> None:
+    for room in ("groundstation/cli", "agent", "leader", "worldsim", "groundstation"):
+        names = re.findall(r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / room / "__main__.py"), re.MULTILINE)
+        assert names[0] == "meanflock.swarm.one_thread", room
+    assert printed(sys.executable, "-c", WATCH).strip() == "1 1"

@@ -1,4 +1,4 @@
-"""`mf.fly` and `mf.open`: a flight from Python is that of the command; `import meanflock` loads nothing."""
+"""`mf.fly`, `mf.open`, `mf.compare`, `mf.sweep`: flights from Python are those of the command; imports load nothing."""
 
 import csv
 import json
@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock import env
 from meanflock.groundstation.cli.command import main
-from tests.commands import printed
+from meanflock.studies import study
+from tests.commands import loaded, printed
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
@@ -34,15 +36,18 @@ class Still(mf.Controller):
         return mf.Step(memory, np.zeros((len(own), 2)))
 
 
-def commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
-    """The summary the command prints of the same flight."""
-    line = ["run", "--in-process", "--no-record", "--json", "--quiet", "--out", str(tmp_path / "command"), *flags]
-    assert main([*line, "--uavs", "4", "--seed", "3", "--duration", "6"]) == 0
-    return json.loads(capsys.readouterr().out)
+class Clash(Still):
+    """Reports a diagnostic that is called as a column."""
+
+    name = "clash"
+    diagnostics = ("x_m",)
 
 
 def test_a_flight_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    expected = commanded(tmp_path, capsys, "--method", "hjb", "--set", "wind.sigma=0.2")
+    line = ["run", "--in-process", "--no-record", "--json", "--quiet", "--out", str(tmp_path / "command")]
+    line += ["--uavs", "4", "--seed", "3", "--duration", "6", "--method", "hjb", "--set", "wind.sigma=0.2"]
+    assert main(line) == 0
+    expected = json.loads(capsys.readouterr().out)
     run = mf.fly("paper", method="hjb", **SMALL, **{"wind.sigma": 0.2})
     assert run.summary["trajectory_sha256"] == expected["trajectory_sha256"]
     assert run.scenario.wind.sigma == 0.2
@@ -55,17 +60,9 @@ def test_a_flight_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureF
 def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
     handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     here = mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"]
-    found: list[str] = []
-
-    def fly() -> None:
-        found.append(mf.fly(method="mfg", **SMALL).summary["trajectory_sha256"])
-
-    threads = [threading.Thread(target=fly) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [here, here]
+    with ThreadPoolExecutor(2) as pool:
+        runs = list(pool.map(lambda _: mf.fly(method="mfg", **SMALL), range(2)))
+    assert {run.summary["trajectory_sha256"] for run in runs} == {here}
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
 
 
@@ -76,25 +73,13 @@ def test_a_class_is_a_method_and_values_of_numpy_are_values(tmp_path: Path) -> N
     assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
     assert (run.summary["method"], run.summary["arrived"]) == ("still", 0)
     assert run.recording.stat().st_size > 0
-    again = mf.open(run.folder)
-    np.testing.assert_array_equal(again.states, run.states)
-    assert again.recording == run.recording
+    assert mf.open(run.folder).recording == run.recording
 
 
 def test_files_of_plugins_are_one_or_several() -> None:
     settings = {"federation.aggregation": "momentum", "federation.options.beta": 0.9}
     run = mf.fly(method="trim", plugin=[EXAMPLES / "trim.py", str(EXAMPLES / "momentum.py")], **SMALL, **settings)
     assert (run.summary["method"], run.scenario.federation.aggregation) == ("trim", "momentum")
-
-
-def test_a_diagnostic_called_as_a_column_is_refused_before_the_flight(tmp_path: Path) -> None:
-    class Clash(Still):
-        name = "clash"
-        diagnostics = ("x_m",)
-
-    with pytest.raises(mf.BadInput, match="x_m: the time series has columns of that name"):
-        mf.fly(method=Clash, out=tmp_path / "out", **SMALL)
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> None:
@@ -105,22 +90,39 @@ def test_a_scenario_is_a_name_a_file_a_scenario_or_nothing(tmp_path: Path) -> No
     assert len({run.summary["trajectory_sha256"] for run in (*flown, mf.fly(**options))}) == 1
 
 
+FEW: dict[str, Any] = {"uavs": 2, "duration": 3.0, "jobs": 1}
+OUT = {"out": "runs"}
+
+
 @pytest.mark.parametrize(
-    ("scenario", "options", "says"),
+    ("call", "says"),
     [
-        ("paper", {"wind.sgima": 1}, "sgima"),
-        ("paper", {"method": int}, "derive a class from meanflock.Controller"),
-        ("paper", {"method": object()}, "is neither the name nor the class of a controller"),
-        ("paper", {"record": True}, "out="),
-        ("nowhere.toml", {}, "nowhere.toml"),
+        (lambda: mf.fly("paper", **OUT, **{"wind.sgima": 1}), "sgima"),
+        (lambda: mf.fly("paper", method=int, **OUT), "derive a class from meanflock.Controller"),
+        (lambda: mf.fly("paper", method=object(), **OUT), "is neither the name nor the class of a controller"),
+        (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
+        (lambda: mf.fly("paper", record=True), "out="),
+        (lambda: mf.fly("nowhere.toml", **OUT), "nowhere.toml"),
+        (lambda: mf.Stepped("paper", record=True), "record=True"),
+        (lambda: mf.compare([], seeds=2, **FEW), "name a controller"),
+        (lambda: mf.compare(["mfg"], seeds=0, **FEW), "seeds: 0; give how many"),
+        (lambda: mf.sweep("wind.sigma", [], **FEW), "a value or more"),
+        (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **FEW | {"jobs": "2"}), "jobs: '2'; give a number"),
+        (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **FEW), "leave it out"),
+        (lambda: env.vector_env("paper", reward={"speed": 1.0}), "no term 'speed'"),
+        (lambda: env.vector_env("paper", neighbours=0), "neighbours: 0"),
+        (lambda: env.vector_env("paper", message=99), "message: 99"),
+        (lambda: env.vector_env("paper", acceleration=-1.0), "acceleration: -1.0"),
+        (lambda: env.vector_env("paper", **{"wind.sgima": 1}), "sgima"),
+        (lambda: mf.open("."), "no run"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_flies(scenario, options, says, tmp_path, monkeypatch) -> None:
+def test_bad_input_is_one_line_and_nothing_flies(call: Any, says: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("meanflock.flying.Engine", lambda *_, **__: pytest.fail("flown in vain"))
-    out = {} if "record" in options else {"out": "runs"}
+    for engine in ("meanflock.flying.Engine", "meanflock.studies.study.fly_all"):
+        monkeypatch.setattr(engine, lambda *_, **__: pytest.fail("flown in vain"))
     with pytest.raises(mf.BadInput) as caught:
-        mf.fly(scenario, **out, **options)
+        call()
     assert says in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     assert os.listdir(tmp_path) == []
@@ -189,13 +191,10 @@ def test_a_csv_file_that_cannot_be_written_is_bad_input(left: mf.Run, tmp_path: 
         left.to_csv(tmp_path / "nowhere" / "flight.csv")
     with pytest.raises(mf.BadInput, match="per: 'row'; give \"uav\""):
         left.to_csv(tmp_path / "flight.csv", "row")
-    assert main(["plot", str(left.folder), "--per", "tick"]) == 2
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Path) -> None:
-    with pytest.raises(mf.BadInput, match="no run"):
-        mf.open(tmp_path)
     folder = Path(shutil.copytree(left.folder, tmp_path / "run"))
     for name, junk, says in (
         ("events.jsonl", b"junk\n", r"events\.jsonl: damaged"),
@@ -211,53 +210,78 @@ def test_a_folder_without_a_finished_run_is_bad_input(left: mf.Run, tmp_path: Pa
 
 
 LOOK = """
-import json, os, signal, sys
-before = dict(os.environ), signal.getsignal(signal.SIGINT), set(sys.modules)
+import os, signal, sys
+before = dict(os.environ), signal.getsignal(signal.SIGINT)
 import meanflock
-assert dict(os.environ) == before[0]
-assert signal.getsignal(signal.SIGINT) is before[1]
-loaded = set(sys.modules) - before[2]
 names = dir(meanflock)
-assert set(sys.modules) - before[2] == loaded
-print(json.dumps([sorted(name.split(".")[0] for name in loaded), names]))
+assert (dict(os.environ), signal.getsignal(signal.SIGINT)) == before
 """
-FLY = """
-import os
-before = dict(os.environ)
-import meanflock as mf
-run = mf.fly("paper", method="mfgfl-h", uavs=3, seed=3, duration=12, **{"federation.period": 20})
-assert dict(os.environ) == before
-print(run.summary["trajectory_sha256"])
-"""
-HOSTILE = "raise SystemExit('a file of somebody else was taken for ours')\n"
-
-
-def python(code: str, folder: Path) -> str:
-    """Runs code in a folder, which is first on the path, and returns its output."""
-    return printed(sys.executable, "-c", code, cwd=folder)
 
 
 def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
-    loaded, names = json.loads(python(LOOK, tmp_path))
-    assert not set(loaded) & {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click"}
-    assert [name for name in loaded if name == "meanflock"] == ["meanflock"]
-    assert [name for name in names if not name.startswith("__")] == sorted(mf.__all__)
-    assert all(getattr(mf, name) is not None for name in names)
+    libraries = {"numpy", "msgspec", "msgpack", "zenoh", "pyarrow", "rerun", "click"}
+    ours = {name for name in loaded(LOOK, cwd=tmp_path) if name.startswith("meanflock")}
+    assert (ours, loaded(LOOK, cwd=tmp_path) & libraries) == ({"meanflock"}, set())
+    assert [name for name in dir(mf) if not name.startswith("__")] == sorted(mf.__all__)
+    assert all(getattr(mf, name) is not None for name in dir(mf))
     assert not hasattr(mf, "flie")
 
 
-def test_a_comparison_loads_no_plots_and_draws_nothing_from_the_random_numbers_of_others(tmp_path: Path) -> None:
-    code = "import random, sys; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
-    code += "assert random.getstate() == before; print(*({'matplotlib', 'rich', 'rerun', 'click'} & set(sys.modules)))"
-    assert python(code, tmp_path).split() == []
+def test_controllers_are_compared_by_the_means_of_the_same_seeds() -> None:
+    found = mf.compare(["mfg", "hjb"], seeds=3, **FEW)
+    assert [(row["method"], row["n"], row["uavs"]) for row in found] == [("mfg", 3, 2), ("hjb", 3, 2)]
+    for row, ((method,), summaries) in zip(found, found.summaries.items(), strict=True):
+        assert [summary["seed"] for summary in summaries] == [1, 2, 3]
+        alone = mf.fly(method=method, uavs=2, duration=3.0, seed=2)
+        assert summaries[1]["trajectory_sha256"] == alone.summary["trajectory_sha256"]
+        mean = np.mean([summary["energy_mean_J"] for summary in summaries])
+        assert row["energy_mean_J"] == pytest.approx(mean)
+        assert row["energy_mean_J_low"] < mean < row["energy_mean_J_high"]
 
 
-def test_a_hostile_working_folder_harms_nothing(tmp_path: Path) -> None:
-    for name in ("agent.py", "leader.py", "channel.py", "worldsim.py", "kernels.py", "groundstation.py", "state.py"):
-        (tmp_path / name).write_text(HOSTILE)
-    for name in ("swarm", "testing"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text(HOSTILE)
-    clean = tmp_path / "clean"
-    clean.mkdir()
-    assert python(FLY, tmp_path) == python(FLY, clean) != ""
+def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
+    rows = list(mf.sweep("wind.sigma", np.linspace(0.1, 0.2, 2), methods=["mfg", "hjb"], seeds=np.int64(1), **FEW))
+    found = [(row["wind.sigma"], row["method"]) for row in rows]
+    assert found == [(0.1, "mfg"), (0.1, "hjb"), (0.2, "mfg"), (0.2, "hjb")]
+    lists = mf.sweep("wind.mean", [[1.0, -1.0], (0.0, 0.0)], methods="mfg", seeds=1, **FEW)
+    assert [row["wind.mean"] for row in lists] == [(1.0, -1.0), (0.0, 0.0)]
+    assert repr(lists) == "<Comparison of 2 points of wind.mean, method: 2 flights>"
+    disc = {"centre": [30.0, 0.0], "radius": 2.0}
+    tables = mf.sweep("obstacles", [[], [disc]], methods="mfg", seeds=1, **FEW)
+    assert [row["obstacles"] for row in tables] == [(), (str(disc),)]
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(kept: bool, tmp_path, monkeypatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study.Store, "add", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        mf.compare("mfg", seeds=2, out=tmp_path if kept else None, **FEW)
+    assert f"kept in {tmp_path / 'data'}" in str(caught.value) if kept else "nothing is kept: name" in str(caught.value)
+
+
+FORKED = """
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+import meanflock as mf
+
+def flown(jobs=2):
+    return [row["payload_bits"] for row in mf.compare("mfg", seeds=2, uavs=2, duration=1, jobs=jobs)]
+
+if __name__ == "__main__":
+    here, fork = flown(jobs=1), multiprocessing.get_context("fork")
+    with ProcessPoolExecutor(1, mp_context=fork) as pool:
+        assert pool.submit(flown).result() == here
+    with fork.Pool(1) as pool:
+        assert pool.apply(flown) == here
+"""
+
+
+@pytest.mark.processes
+def test_flights_fly_in_a_fork_and_in_a_worker_of_another_pool(tmp_path: Path) -> None:
+    script = tmp_path / "forked.py"
+    script.write_text(FORKED)
+    printed(sys.executable, "-W", "error", script, cwd=tmp_path)

@@ -103,7 +103,7 @@ def test_a_number_that_is_not_finite_loses_that_uav_only() -> None:
         flight.step(command)
 
 
-def test_a_method_that_is_given_is_ignored_with_a_warning(tmp_path: Path) -> None:
+def test_a_method_that_is_given_is_ignored_with_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mf.Stepped("paper", **SMALL)
@@ -111,8 +111,6 @@ def test_a_method_that_is_given_is_ignored_with_a_warning(tmp_path: Path) -> Non
         mf.Stepped("paper", method="lqr", **SMALL)
     with pytest.warns(UserWarning, match="method 'cruise' is ignored"):
         mf.Stepped(mf.Scenario(method="cruise", controller={"speed_m_s": 1.0}), **SMALL)
-    with pytest.raises(mf.BadInput, match="record=True"):
-        mf.Stepped("paper", record=True, **SMALL)
 
 
 def test_a_flight_ended_early_is_a_run_with_a_folder(tmp_path: Path) -> None:

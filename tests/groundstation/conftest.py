@@ -1,6 +1,5 @@
 """What all tests of the ground station may use."""
 
-import os
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -20,18 +19,11 @@ def strict() -> Iterator[None]:
 
 
 @pytest.fixture
-def environment() -> Iterator[None]:
-    """Distributed sets variables of this process, and leaves them, the seed of hashes among them."""
-    before = dict(os.environ)
-    yield
-    os.environ.clear()
-    os.environ.update(before)
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made, and their files are empty: to draw one takes longer than a short flight."""
-    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures that were made, once for each file; no file is written: that takes longer than a short flight."""
+    figures: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    return figures
 
 
 @pytest.fixture

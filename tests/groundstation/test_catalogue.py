@@ -19,6 +19,7 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, B
 from meanflock.swarm.plugins import Plugin, registry
 from meanflock.swarm.scenario import load
 from tests.commands import ended, printed
+from tests.controller_files import controller_file
 from tests.faults.dying import dead
 from tests.testing.good import KINDS, having
 
@@ -46,11 +47,6 @@ class Mine(Controller):
     def step(self, memory, tick, own, received):
         raise NotImplementedError
 '''
-
-
-@pytest.fixture(autouse=True)
-def _nothing_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "registered", {})
 
 
 @pytest.fixture
@@ -168,25 +164,6 @@ def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkey
     assert [(summary["uavs"], summary["lost"]) for summary in flown] == [(4, 0)] * len(names)
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("hjb", "a controller of that name is installed, of meanflock"),
-        ("class", "a keyword of Python"),
-        ("none", "or its class would be"),
-        ("a-b", "letters, digits and underscores"),
-        ("json", "Python has a module of that name"),
-        ("here", "exists already"),
-    ],
-)
-def test_a_name_that_cannot_be_used_is_refused_and_nothing_is_written(name: str, says: str, run, tmp_path) -> None:
-    (tmp_path / "here").mkdir()
-    (tmp_path / "link").symlink_to("nowhere")
-    code, out, err = run("new", "controller", name)
-    assert (code, out, err.count("\n"), says in err) == (EXIT_BAD_INPUT, "", 1, True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "link"]
-
-
 class Odd(BaseException):
     pass
 
@@ -235,30 +212,11 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
 
 
 NOISY = """
-import os
-import threading
-import time
-
-import meanflock as mf
+import os, threading, time
 
 print("imported")
 os.write(1, b"as native code does")
-
-
-class Noisy(mf.Controller):
-    name = "noisy"
-
-    def __init__(self, options, scenario):
-        super().__init__(options, scenario)
-        print("made")
-
-    def init(self, uavs, plan):
-        threading.Thread(target=time.sleep, args=(1e6,)).start()
-        return {}
-
-    def step(self, memory, tick, own, received):
-        print("tick", tick)
-        return mf.Step(memory, -0.02 * own[:, :2])
+threading.Thread(target=time.sleep, args=(1e6,)).start()
 """
 NOISY_FLIGHT = ("run", "--method", "noisy", "--uavs", "2", "--duration", "1", "--no-record", "--quiet")
 
@@ -266,9 +224,8 @@ NOISY_FLIGHT = ("run", "--method", "noisy", "--uavs", "2", "--duration", "1", "-
 @pytest.mark.processes
 @pytest.mark.parametrize("command", [NOISY_FLIGHT, ("plugins",)], ids=["run", "list"])
 def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...]) -> None:
-    (tmp_path / "noisy.py").write_text(NOISY)
-    line = (sys.executable, "-m", "meanflock", *command, "--plugin", "noisy.py", "--json")
-    done = ended(*line, cwd=tmp_path)
+    noisy = controller_file(tmp_path, "noisy", 'print("tick", tick)\nreturn mf.Step(memory, -0.02 * own[:, :2])', NOISY)
+    done = ended(sys.executable, "-m", "meanflock", *command, "--plugin", noisy, "--json", cwd=tmp_path)
     assert (done.returncode, "imported" in done.stderr) == (0, True), done.stderr
     found = json.loads(done.stdout)
     assert found["ticks"] == 10 if command[0] == "run" else "noisy" in {entry["name"] for entry in found}

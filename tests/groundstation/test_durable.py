@@ -1,26 +1,34 @@
-"""Files after crashes and flipped bits: old or new, and never other numbers."""
+"""Files after crashes and flipped bits: old or new, never other numbers; a killed recorder's rows come back."""
 
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pyarrow.parquet as pq
 import pytest
 
-from meanflock.groundstation.results.run_folder import (
-    CHECKPOINT,
-    EVENTS,
-    SCENARIO,
-    SUMMARY,
-)
+from meanflock.groundstation.launch import engine
+from meanflock.groundstation.launch.options import Options
+from meanflock.groundstation.launch.outputs import Outputs
+from meanflock.groundstation.launch.station import Kept
+from meanflock.groundstation.recording import blueprint as look
+from meanflock.groundstation.recording import plots
+from meanflock.groundstation.recording.recorder import Recorder
+from meanflock.groundstation.recording.replay import Continued, complete, recorded, verify
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
 from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
+from meanflock.swarm.wire.messages import Telemetry
 from tests.faults import dying
-from tests.groundstation.recordings import flight
+from tests.faults.conftest import Lab, scenario
+from tests.groundstation.recordings import DIAGNOSTICS, column, flight
+
+pytestmark = pytest.mark.usefixtures("strict")
 
 SETTINGS = ("uavs=3", "seed=7", "duration=30", "stop=duration", "federation.period=40")
 
@@ -72,7 +80,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def complete(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = Path(shutil.copytree(folder, tmp_path_factory.mktemp("complete") / "run"))
     recover(copy)
     return copy
@@ -105,8 +113,8 @@ def test_a_flight_does_not_continue_over_a_damaged_block(folder: Path, tmp_path:
         past(tmp_path, 45)
 
 
-def test_a_flipped_bit_of_the_time_series_is_noticed_or_changes_nothing(complete: Path, tmp_path: Path) -> None:
-    path, whole, true = tmp_path / TIMESERIES, (complete / TIMESERIES).read_bytes(), past(complete)
+def test_a_flipped_bit_of_the_time_series_is_noticed_or_changes_nothing(sealed: Path, tmp_path: Path) -> None:
+    path, whole, true = tmp_path / TIMESERIES, (sealed / TIMESERIES).read_bytes(), past(sealed)
     footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
     assert 0 < footer < len(whole) - 1000
     places = {*range(0, footer, 211), *range(footer - 16, footer + 16), *range(footer, len(whole), 71)}
@@ -125,9 +133,137 @@ def test_a_flipped_bit_of_the_time_series_is_noticed_or_changes_nothing(complete
     assert noticed > 0.9 * len(places)
 
 
-def test_any_reader_of_parquet_reads_a_sealed_file_and_ours_one_without_a_seal(complete: Path, tmp_path: Path) -> None:
-    table = pq.read_table(complete / TIMESERIES)
-    assert table.equals(read_table(complete / TIMESERIES))
-    pq.write_table(past(complete).rows, tmp_path / TIMESERIES, compression="zstd")
-    assert past(tmp_path).rows.equals(past(complete).rows)
-    assert [b"seal" in (each / TIMESERIES).read_bytes() for each in (tmp_path, complete)] == [False, True]
+def test_any_reader_of_parquet_reads_a_sealed_file_and_ours_one_without_a_seal(sealed: Path, tmp_path: Path) -> None:
+    table = pq.read_table(sealed / TIMESERIES)
+    assert table.equals(read_table(sealed / TIMESERIES))
+    pq.write_table(past(sealed).rows, tmp_path / TIMESERIES, compression="zstd")
+    assert past(tmp_path).rows.equals(past(sealed).rows)
+    assert [b"seal" in (each / TIMESERIES).read_bytes() for each in (tmp_path, sealed)] == [False, True]
+
+
+FLOWN = scenario(
+    "duration=30", 'faults=[{kind="kill", tick=101, uavs=[2]}, {kind="pause", tick=150, duration_s=3.0, uavs=[1]}]'
+)
+
+
+@pytest.fixture(scope="module")
+def blocks() -> list[Telemetry]:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(engine, "_BLOCK_ROWS", 20)
+        lab = Lab(FLOWN)
+    lab.fly()
+    return lab.record.blocks
+
+
+def kept(out: Path, blocks: list[Telemetry]) -> Path:
+    """A folder with these blocks, as a kill leaves it."""
+    folder = RunFolder(out, "run", FLOWN)
+    for block in blocks:
+        folder.write(block)
+    folder._background.wait()
+    folder._spool = None
+    folder._events.close()
+    return folder.path
+
+
+def killed(path: Path, blocks: list[Telemetry], sent: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording to which the recorder had sent `sent` blocks when it was killed."""
+    with Recorder(FLOWN, "run", path) as recorder, monkeypatch.context() as patched:
+        for block in blocks[:sent]:
+            recorder.write(block)
+        recorder.flush()
+        patched.setattr(recorder, "flush", lambda: None)
+        for block in blocks[sent:]:
+            recorder.write(block)
+        recorder.close()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200])  # without its footer
+
+
+Contents = dict[tuple[str, str], tuple[list[int], list[Any]]]
+EVERYTHING = (
+    (look.UAVS, "Points2D:positions"),
+    (look.UAVS, "Points2D:colors"),  # of phi_G, and grey if it is lost
+    (look.VELOCITY, "Arrows2D:vectors"),
+    (plots.ENERGY.entity, "Scalars:scalars"),
+    (plots.BITS.entity, "Scalars:scalars"),
+    *((plots.diagnostic(name).entity, "Scalars:scalars") for name in DIAGNOSTICS),
+    (plots.WEIGHTS, "Scalars:scalars"),
+    (plots.SPREAD.entity, "Scalars:scalars"),
+    (look.EVENTS, "TextLog:text"),
+)
+
+
+def contents(path: Path) -> Contents:
+    found = {}
+    for entity, name in EVERYTHING:
+        ticks, rows = column(path, entity, name)
+        found[entity, name] = ticks.tolist(), rows
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> Contents:
+    path = tmp_path_factory.mktemp("whole") / "recording.rrd"
+    with Recorder(FLOWN, "run", path) as recorder:
+        for block in blocks:
+            recorder.write(block)
+    return contents(path)
+
+
+@pytest.mark.parametrize("sent", [0, 6, 15])  # block 5 ends with tick 101, whose event is in block 6
+def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(sent, blocks, whole, tmp_path, monkeypatch) -> None:
+    assert (blocks[6].first_tick, blocks[6].events[0].tick) == (102, 101)
+    folder = kept(tmp_path, blocks)
+    killed(folder / "recording.rrd", blocks, sent, monkeypatch)
+    assert verify(folder / "recording.rrd") is not None
+    complete(folder)
+    assert verify(folder / "recording.rrd") is None
+    assert contents(folder / "recording.rrd") == whole
+    assert not list(folder.glob(".*.rrd"))
+
+
+@pytest.mark.parametrize("sent", [None, 3])
+def test_a_recorder_that_continues_begins_with_rows_not_recorded(sent, blocks, whole, tmp_path, monkeypatch) -> None:
+    folder = kept(tmp_path, blocks[:9])
+    if sent is not None:  # else there was no recorder before
+        killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
+    with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as outputs:
+        for block in blocks[9:]:
+            for sink in outputs.sinks:
+                sink.write(block)
+    assert contents(folder / "recording.rrd") == whole
+    assert verify(folder / "recording.rrd") is None
+
+
+def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(blocks, whole, tmp_path) -> None:
+    path = tmp_path / "recording.rrd"
+    for number in range(3):
+        continued = Continued(path)
+        continued.__enter__()
+        with Recorder(FLOWN, "run", path) as recorder:
+            for block in blocks[5 * number : 5 * number + 5 if number < 2 else None]:
+                recorder.write(block)
+    continued.__exit__()  # the killed ones did not
+    assert verify(path) is None
+    assert [file.name for file in tmp_path.iterdir()] == ["recording.rrd"]
+    assert recorded([path]).ticks.tolist() == whole[EVERYTHING[0]][0]
+
+
+def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_beside_it(blocks, whole, tmp_path) -> None:
+    folder = kept(tmp_path, blocks)
+    recover(folder)  # its rows are now in the time series
+    (folder / "recording.rrd").write_bytes(b"no recording")
+    path = folder / "scenario.toml"  # the controller need not be installed
+    path.write_text(path.read_text().replace('method = "mfgfl-h"', 'method = "nobody-has-it"'))
+    complete(folder)
+    assert contents(folder / "recording.rrd") == whole
+    assert (folder / ".earlier-000.recording.rrd").read_bytes() == b"no recording"
+
+
+@pytest.mark.parametrize(
+    ("uavs", "realtime", "ticks"), [(2, None, 1000), (60, None, 400), (1000, None, 100), (2, 1e3, 100)]
+)
+def test_checkpoints_are_as_frequent_as_a_flight_is_slow(uavs: int, realtime: float | None, ticks: int) -> None:
+    flown = scenarios.load(None, [f"uavs={uavs}", "duration=1"], method="offline")
+    assert engine.Engine(flown, "run", sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks

@@ -11,7 +11,7 @@ import numpy as np
 
 import meanflock as mf
 from meanflock.swarm.net.access import Address
-from tests.commands import COMMAND, ended
+from tests.commands import COMMAND, printed
 
 SCRIPT = Path(__file__).with_name("mavsdk_steers.py")
 JUDGE = "mavsdk"
@@ -34,9 +34,7 @@ def running(*line: object) -> Iterator["subprocess.Popen[str]"]:
 
 
 def judged(python: Path, url: str, steered: int) -> dict[str, Any]:
-    done = ended(python, SCRIPT, url, UAVS, steered)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    return json.loads(printed(python, SCRIPT, url, UAVS, steered).splitlines()[-1])
 
 
 def check(said: dict[str, Any], run: mf.Run) -> None:

@@ -1,14 +1,13 @@
 """rclpy, the client library of ROS 2, reads a bag that meanflock wrote."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
 
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
-from tests.polling import DEADLINE_S
+from tests.commands import printed
 
 SCRIPT = Path(__file__).with_name("rclpy_reads.py")
 JUDGE = "rclpy"
@@ -19,10 +18,7 @@ def test_rclpy_reads_the_states_that_were_flown_as_messages_of_its_own_types(pyt
     run = mf.fly("paper", uavs=5, duration=20, seed=7, faults=[kill], out=tmp_path / "runs")
     assert main(["export", str(run.folder), "--rosbag", str(tmp_path / "bag"), "--quiet"]) == 0
     np.save(tmp_path / "states.npy", run.states)
-    line = [python, SCRIPT, tmp_path / "bag", tmp_path / "states.npy"]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
+    said = json.loads(printed(python, SCRIPT, tmp_path / "bag", tmp_path / "states.npy"))
     assert len(said["hashes"]) == 4
     assert all(written == of_rclpy for written, of_rclpy in said["hashes"])
     ticks = len(run.states)

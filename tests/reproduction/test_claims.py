@@ -42,13 +42,6 @@ def verdict(rows: Rows, measured: dict[str, list[float]] | None = None, **check:
     return str(record(rows, measured, **check)["verdict"])
 
 
-def test_the_file_has_all_53_claims_in_order() -> None:
-    loaded = claims.load()
-    assert [claim.id for claim in loaded] == [f"C{k}" for k in range(1, 54)]
-    assert [claim.id for claim in claims.own()] == [f"O{k}" for k in range(1, 10)]
-    assert all(claim.statement and claim.metric and claim.scenario and claim.figure for claim in loaded)
-
-
 def test_a_claim_without_data_is_not_testable_and_says_why() -> None:
     for found in evaluate(results([row("nothing", HF, 1)])):
         assert found["verdict"] == NOT_TESTABLE

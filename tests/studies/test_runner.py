@@ -1,4 +1,4 @@
-"""Comparisons and sweeps: flights, values, plug-ins, one recording of several; processes that die and their number."""
+"""Comparisons and sweeps: flights, values, plug-ins, tables, one recording of several; processes that die."""
 
 import os
 import signal
@@ -9,11 +9,14 @@ import pytest
 from rerun.chunk import RrdReader
 
 import meanflock as mf
+from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording.replay import verify
 from meanflock.studies import runner, side_by_side, study
+from meanflock.studies.markdown import replaced, table
+from meanflock.studies.means import Means
 from meanflock.studies.store import Store
 from meanflock.studies.swept import Swept
 from meanflock.swarm import plugins, state
@@ -50,6 +53,15 @@ def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags
     assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
 
 
+@pytest.mark.parametrize(
+    ("swept", "label"),
+    [("wind.sigma=0.1,0.2", "wind.sigma (m/s/√s)"), ("radio.fading=amplitude,power", "radio.fading")],
+)
+def test_a_sweep_is_drawn_along_numbers_or_names(run, undrawn, swept: str, label: str) -> None:
+    assert run("sweep", swept, "--methods", "mfg", "--seeds", "1", "--uavs", "2", *QUICK)[0] == EXIT_DONE
+    assert {(len(figure.axes), figure.axes[-1].get_xlabel()) for figure in undrawn} == {(4, label)}
+
+
 def test_values_are_words_numbers_lists_or_tables() -> None:
     assert Swept.parse("radio.fading=amplitude, power").values == ("amplitude", "power")
     assert Swept.parse("federation.period=50,100").values == (50, 100)
@@ -82,15 +94,9 @@ def test_a_changed_plugin_flies_again(tmp_path: Path) -> None:
     assert energy("one", -0.02) == energy("other", -0.02) != first
 
 
-TICKS = np.arange(41)
 SCENARIOS = {name: load(None, method=name, uavs=3, duration=4.0, stop="duration") for name in ("mfgfl-h", "hjb")}
 
 
-def roots(path: Path) -> set[str]:
-    return {chunk.entity_path.split("/")[1] for chunk in RrdReader(path).stream() if chunk.entity_path != "/"}
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tmp_path: Path) -> None:
     flags = ("--seeds", "1", "--uavs", "3", "--duration", "4", "--set", "stop=duration", "--jobs", "1", "--quiet")
     code, out, _ = run("compare", *SCENARIOS, "--record", *flags, "--out", "out")
@@ -98,19 +104,18 @@ def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tm
     path = tmp_path / "out/compare.rrd"
     summaries = {summary["method"]: summary for summary in flown(tmp_path / "out")}
     assert verify(path) is None
-    assert roots(path) - {"__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
+    parts = {chunk.entity_path.partition("/")[2].partition("/")[0] for chunk in RrdReader(path).stream()}
+    assert parts - {"", "__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
     for name, scenario in SCENARIOS.items():
         kept, part = Kept(), side_by_side.part_of(name)
         alone = Engine(scenario, "alone", sinks=[kept]).complete()
         assert summaries[name]["trajectory_sha256"] == alone["trajectory_sha256"]
         states = np.concatenate([block.states for block in kept.blocks])
         ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
-        np.testing.assert_array_equal(ticks, TICKS)
+        np.testing.assert_array_equal(ticks, np.arange(41))
         np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
-        ticks, drawn = scalars(path, f"{part}/{side_by_side.ENERGY}")
-        np.testing.assert_array_equal(ticks, TICKS)
-        energy = np.concatenate([block.energy for block in kept.blocks])
-        np.testing.assert_allclose(drawn[:, 0], energy.mean(axis=1), rtol=1e-6)
+        _, energy = scalars(path, f"{part}/{side_by_side.ENERGY}")
+        assert energy[-1, 0] == pytest.approx(alone["energy_end_mean_J"])
         _, bits = scalars(path, f"{part}/{side_by_side.BITS}")
         assert bits[-1, 0] == pytest.approx(alone["payload_bits"]["total"] / 1e6)
 
@@ -166,3 +171,65 @@ def test_the_cores_of_a_container_bound_the_processes(limit: str, cores: int | N
     (tmp_path / "cpu.max").write_text(limit)
     bound = runner.cores(tmp_path / "nowhere")
     assert runner.cores(tmp_path) == (bound if cores is None else min(cores, bound))
+
+
+def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
+    """The destination is so wide that some UAVs arrive at once and others are on their way at the end."""
+    flags = ("--set", "destination.radius=178", "--set", "start.spacing=4", "--uavs", "3", "--seeds", "2")
+    code, out, _ = run("compare", "mfg", *flags, *QUICK)
+    assert code == EXIT_DONE
+    runs = flown(tmp_path / "out")
+    arrived = sum(one["arrived"] for one in runs) / 2
+    assert 0 < arrived < 3
+    expected = sum((one["t_avg_s"] * one["arrived"] + 3.0 * (3 - one["arrived"])) / 3 for one in runs) / 2
+    (row,) = rows(tmp_path / "out/compare.csv")
+    assert float(row["t_avg_censored_s"]) == pytest.approx(expected)
+    assert (float(row["arrived_uavs"]), row["n"]) == (arrived, "2")
+    for words in (f"{arrived:.4g}/3", f"{expected:.4g}", "counts with the duration"):
+        assert words in " ".join(out.split())
+    for name in ("compare.png", "compare.svg", "compare.csv", "runs.jsonl"):
+        assert f"out/{name}" in out
+
+
+LARGE = {"uavs": 25, "arrived": 25, "t_avg_censored_s": 161.3456, "energy_mean_J": 148.2859, "collisions": 99.875}
+LARGE |= {"phi_A": 1.23456, "phi_C_distinct": 1.234567e-5}
+LARGE["payload_bits"] = {"uplink": 9e8, "relay": 0, "broadcast": 0, "state": 87_654_321, "total": 987_654_321}
+DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
+
+
+@pytest.mark.parametrize("columns", [20, 80])
+@pytest.mark.parametrize(
+    ("key", "values"), [("federation.broadcast_payload", ("float16", "int8")), ("obstacles", ("[]", DISCS))]
+)
+def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, columns, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    points = {(value, method): [LARGE] * 8 for value in values for method in ("mfgfl-hf", "offline")}
+    means = Means((key, "method"), points)
+    by_kind = payload_table(means)
+    console_for(by_kind).print(by_kind)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= max(80, columns)
+    assert "relay" not in shown
+    assert all(word in shown for word in ("uplink", "state", "(Mbit)", "87.65"))
+    table = means_table(means, "sweep: 25 UAVs", [300.0])
+    console_for(table).print(table)
+    shown = capsys.readouterr().out
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= max(80, columns)
+    assert "…" not in shown
+    assert all(sum(method in line.split() for line in lines) == 2 for method in ("mfgfl-hf", "offline"))
+    assert all(word in shown for value in values for word in str(value).split())
+    for word in ("(UAVs)", "(s)", "(J)", "(Mbit)", "(m/s)", "(1)", "(pairs)", "25/25", "1.235e-05", "161.3"):
+        assert word in shown
+
+
+def test_a_cell_breaks_no_table() -> None:
+    assert table(("a", "b"), [("|x|", "two\nlines")]) == ["| a | b |", "|---|---|", "| \\|x\\| | two lines |"]
+
+
+def test_only_the_text_between_its_two_marks_is_replaced() -> None:
+    page = "# A page\n<!-- a -->\nold\n<!-- end -->\n<!-- b -->\nkept\n<!-- end -->\n"
+    assert replaced(page, "<!-- a -->", "<!-- end -->", ["new"]) == page.replace("old", "new")
+    for wrong in ("# A page\n", "<!-- a -->", "<!-- a --><!-- end --><!-- a --><!-- end -->"):
+        with pytest.raises(ValueError, match=r"places for `<!-- a -->`"):
+            replaced(wrong, "<!-- a -->", "<!-- end -->", [])

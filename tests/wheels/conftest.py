@@ -3,19 +3,11 @@
 import shutil
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 from tests.commands import printed
 from tests.sources import ROOT
-
-
-class Distributions(NamedTuple):
-    """What `python -m build` makes; it builds the wheel from the source distribution."""
-
-    source: Path
-    wheel: Path
 
 
 def made_environment(interpreter: Path, folder: Path, *wanted: str) -> Path:
@@ -28,18 +20,17 @@ def made_environment(interpreter: Path, folder: Path, *wanted: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
-    """Both, built from a copy of the checkout without what earlier builds and flights left in it."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with both, built from a copy of the checkout without what earlier builds and flights left in it."""
     folder = tmp_path_factory.mktemp("built")
     left = shutil.ignore_patterns(".*", "__pycache__", "*.so", "*.egg-info", "build", "dist", "out", "runs", "site")
     shutil.copytree(ROOT, folder / "checkout", symlinks=True, ignore=left)
     printed(sys.executable, "-m", "build", "--outdir", folder / "dist", folder / "checkout", cwd=folder)
-    (source,) = (folder / "dist").glob("*.tar.gz")
-    (wheel,) = (folder / "dist").glob("*.whl")
-    return Distributions(source, wheel)
+    return folder / "dist"
 
 
 @pytest.fixture(scope="session")
-def wheel(built: Distributions) -> Path:
-    """The wheel, for this system and this and every later Python."""
-    return built.wheel
+def wheel(built: Path) -> Path:
+    """The wheel, built from the source distribution, for this system and this and every later Python."""
+    (made,) = built.glob("*.whl")
+    return made

@@ -13,10 +13,9 @@ from packaging.requirements import Requirement
 import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.commands import ended, printed
-from tests.packaging.requirements import EXTRAS, PROJECT, direct
 from tests.pages import modules_of
-from tests.sources import ROOMS, ROOT
-from tests.wheels.conftest import Distributions, made_environment
+from tests.sources import EXTRAS, PROJECT, ROOMS, ROOT, direct
+from tests.wheels.conftest import made_environment
 
 pytestmark = pytest.mark.processes
 
@@ -48,27 +47,28 @@ def oldest(requirement: Requirement) -> str:
 
 
 @pytest.fixture(scope="module", params=["newest", "oldest"])
-def python(request: pytest.FixtureRequest, built: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def python(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The interpreter of a fresh environment with the newest or the oldest libraries of all ranges. Rerun is not among
     the oldest: it needs newer NumPy."""
     environment = tmp_path_factory.mktemp(request.param)
     if request.param == "newest":
-        wanted = [f"{built.wheel}[ground]"]
+        wanted = [f"{wheel}[ground]"]
     elif sys.version_info >= (3, 13):
         pytest.skip("the oldest NumPy has no wheel for this Python")
     else:
         libraries = direct(PROJECT["dependencies"], EXTRAS["world"], EXTRAS["fly"], EXTRAS["ground"])
-        wanted = [str(built.wheel), *(oldest(library) for library in libraries if library.name != "rerun-sdk")]
+        wanted = [str(wheel), *(oldest(library) for library in libraries if library.name != "rerun-sdk")]
     return made_environment(Path(sys.executable), environment, *wanted)
 
 
-def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> None:
+def test_both_distributions_have_what_the_checkout_has(built: Path, wheel: Path) -> None:
     """Whatever can be imported or read below meanflock/ in a checkout is in the wheel, and nothing else is."""
-    with tarfile.open(built.source) as archive:
+    (source,) = built.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
         parts = {tuple(name.split("/")[1:]) for name in archive.getnames()}
     assert {part[0] for part in parts if part[1:] == ("__init__.py",)} == {"meanflock", *ROOMS}
     assert not {part[1] for part in parts if part[:1] == ("meanflock",) and part[1:]} & set(ROOMS), "links are followed"
-    packed = {name for name in zipfile.ZipFile(built.wheel).namelist() if ".dist-info/" not in name}
+    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     present = {
         (Path(folder) / file).relative_to(ROOT).as_posix()
         for folder, _, files in os.walk(ROOT / "meanflock", followlinks=True)
@@ -76,14 +76,6 @@ def test_both_distributions_have_what_the_checkout_has(built: Distributions) -> 
         if not file.endswith((".c", ".h", ".so", ".pyc"))
     }
     assert {name for name in packed if not name.endswith(".so")} == present
-
-
-def test_the_paper_command_without_its_folder_says_what_is_missing(python: Path, tmp_path: Path) -> None:
-    working, ran = hostile(tmp_path)
-    done = ended(python.with_name("meanflock"), "paper", "--seeds", "1", cwd=working)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
-    assert done.stderr.startswith("error: paper: the folder `reproduction` is missing")
-    assert not ran.exists(), ran.read_text()
 
 
 def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Path, tmp_path: Path) -> None:
@@ -105,6 +97,9 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
     )
     sweep = ["sweep", "uavs=2,3", "--seeds", "2", "--duration", "3", "--jobs", "2", "--quiet"]
     printed(meanflock, *sweep, "--out", tmp_path / "sweep", cwd=working)
+    said = ended(meanflock, "paper", "--seeds", "1", cwd=working)
+    assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert said.stderr.startswith("error: paper: the folder `reproduction` is missing")
     assert not ran.exists(), ran.read_text()
     assert (each["mode"], alone["mode"]) == ("processes", "in-process")
     assert (each["method"], each["ticks"], each["lost"], each["dropped_messages"]) == ("spring", 100, 0, {})

@@ -1,27 +1,72 @@
-"""The command `frontier`: its record, interruption and repetition, what is never reached, and what is refused."""
+"""The command `frontier`: its record, its page, interruption and repetition, and what is never reached."""
 
 import csv
+import itertools
 import json
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
 
 from meanflock.groundstation import statistics
 from meanflock.groundstation.cli import frontier as command
 from meanflock.studies import study
-from meanflock.studies.frontier import grid, policies, record
+from meanflock.studies.frontier import grid, picture, policies, record
+from meanflock.studies.frontier.__main__ import main
+from meanflock.studies.frontier.grid import Extent, Grid
 from meanflock.studies.frontier.outage import Outages
+from meanflock.studies.frontier.page import page
 from meanflock.studies.leaderboard import flights, missions, rows
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
-from meanflock.swarm.scenario import load
+from meanflock.studies.leaderboard.missions import Mission
+from meanflock.studies.store import Store
+from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
+from meanflock.swarm.scenario import Scenario, load
+from tests.studies.conftest import SMALL
 
 SHORT = ("--jobs", "1", "--quiet", "--out", "out")
 RULED = ("--controllers", "orca", "plan", "--uavs", "2", "--outages", "30", "50")
 RULED += ("--policies", "event", "event-r2", "event-r4", "tick", *SHORT)
 
 
+@pytest.fixture
+def ruled(monkeypatch: pytest.MonkeyPatch) -> list[Scenario]:
+    """Replaces flights: an event that is sent once fails in every third flight, beyond an outage of 40 % one that is
+    sent twice fails, too, and `plan` always does. Returns the scenarios that were asked for.
+    """
+    asked: list[Scenario] = []
+    monkeypatch.setattr(flights, "fly", following(asked))
+    return asked
+
+
+def following(asked: list[Scenario]) -> Callable[[Scenario], dict[str, Any]]:
+    """The rule of `ruled`, which appends each scenario to `asked`."""
+
+    def fly(flown: Scenario) -> dict[str, Any]:
+        asked.append(flown)
+        rule = flown.sharing.rule
+        kbit = 100.0 if rule.broadcast == "tick" else 10.0 * rule.repeats + 20.0 * rule.velocity_delta_m_s
+        weak = rule.broadcast == "event" and rule.repeats <= (2 if flown.radio.target_snr_db > 76.3 else 1)
+        noise = zlib.crc32(json.dumps([flown.method, rule.repeats, flown.seed]).encode()) % 3
+        collides = flown.method == "plan" or (weak and noise == 0)
+        bits = {"total": 3200.0 if flown.method == "plan" else 1e3 * kbit + flown.seed % 7}
+        return {
+            "collisions_all": int(collides),
+            "obstacle_hits": 0,
+            "bits_to_arrival": bits,
+            "arrived": flown.uavs,
+            "uavs": flown.uavs,
+        }
+
+    return fly
+
+
 @pytest.mark.usefixtures("undrawn")
-def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, near, monkeypatch) -> None:
-    flags = ("frontier", "--missions", near, "--controllers", "orca", "cruise", "--seeds", "2", "--outages", "30")
+def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, small, monkeypatch) -> None:
+    flags = ("frontier", "--missions", small[0], "--controllers", "orca", "cruise", "--seeds", "2", "--outages", "30")
     flags += ("--policies", "event", "tick", *SHORT)
     code, out, err = run(*flags)
     assert (code, err) == (EXIT_DONE, "")
@@ -34,7 +79,7 @@ def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, 
     assert [(cell.row, cell.uavs) for cell in found.cells] == [
         (row, uavs) for uavs in (25, 64) for row in ("orca", "cruise")
     ]
-    orca, cruise = found.of(near, 25)
+    orca, cruise = found.of(small[0], 25)
     assert [policy.name for policy in orca.policies] == ["event", "tick"]
     assert [policy.name for policy in cruise.policies] == [policies.SILENT]
     assert cruise.policies[0].search.kbit == [3.2, 3.2]  # the mission plan alone
@@ -45,8 +90,8 @@ def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, 
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, near, ruled) -> None:
-    code, out, _ = run("frontier", "--missions", near, *RULED)
+def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, small, ruled) -> None:
+    code, out, _ = run("frontier", "--missions", small[0], *RULED)
     assert code == EXIT_DONE
     found = record.read(tmp_path / "out/frontier.json")
     orca, more, plan, again = found.cells
@@ -81,9 +126,9 @@ def test_the_fewest_bits_are_named_and_confirmed_on_fresh_seeds(run, tmp_path, n
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, ruled, monkeypatch) -> None:
+def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, small, ruled, monkeypatch) -> None:
     whole = flights.fly
-    assert run("frontier", "--missions", near, *RULED[:-1], "whole")[0] == EXIT_DONE
+    assert run("frontier", "--missions", small[0], *RULED[:-1], "whole")[0] == EXIT_DONE
     number = len(ruled)
     ruled.clear()
 
@@ -93,23 +138,23 @@ def test_an_interrupted_search_goes_on_to_the_same_record(run, tmp_path, near, r
         return whole(flown)
 
     monkeypatch.setattr(flights, "fly", interrupted)
-    code, out, err = run("frontier", "--missions", near, *RULED)
+    code, out, err = run("frontier", "--missions", small[0], *RULED)
     assert (code, out) == (EXIT_RUN_FAILED, "")
     assert "repeat the command" in err
     monkeypatch.setattr(flights, "fly", whole)
-    assert run("frontier", "--missions", near, *RULED)[0] == EXIT_DONE
+    assert run("frontier", "--missions", small[0], *RULED)[0] == EXIT_DONE
     assert len(ruled) == number
     records = [(tmp_path / folder / "frontier.json").read_bytes() for folder in ("whole", "out")]
     assert records[0] == records[1]
 
 
-def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, near, ruled, monkeypatch) -> None:
+def test_a_row_that_cannot_fly_and_a_flight_that_fails_are_named(run, tmp_path, small, ruled, monkeypatch) -> None:
     monkeypatch.setattr(flights, "fly", lambda _: {flights.FAILED: "out of ideas"})
-    flags = ("--missions", near, "--controllers", "plan", "straight", "--uavs", "2", "--outages", "3", "--seeds", "2")
-    code, out, _ = run("frontier", *flags, *SHORT)
+    flags = ("--controllers", "plan", "straight", "--uavs", "2", "--outages", "3", "--seeds", "2")
+    code, out, _ = run("frontier", "--missions", small[0], *flags, *SHORT)
     assert code == EXIT_DONE
     found = record.read(tmp_path / "out/frontier.json")
-    assert found.absent == {f"{near}, 2 UAVs, straight": "flies windmap only"}
+    assert found.absent == {f"{small[0]}, 2 UAVs, straight": "flies windmap only"}
     assert found.cells[0].why == "out of ideas"
     words = " ".join(out.split())
     assert "a flight failed: out of ideas" in words
@@ -125,47 +170,20 @@ def test_the_outage_of_a_threshold_is_that_of_the_closed_form() -> None:
     assert outages.at(outages.snr_db(0.3)) == pytest.approx(0.3, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--missions", "ideal.toml"), "--outages 3: channel 'ideal' gives 0 %, whatever `radio.target_snr_db` is"),
-        (("--missions", "mars"), "--missions mars: no such mission"),
-        (("--outages", "half"), "--outages half: give shares of broadcasts in per cent, between 0 and 100"),
-        (("--outages", "100"), "--outages 100: "),
-        (("--uavs", "few"), "--uavs few: give whole numbers"),
-        (("--policies", "shout"), "--policies shout: no such policy; there are event-1m, "),
-        (("--seeds", "1001"), "--seeds"),
-        (("--controllers", "straight"), "nothing can be flown: flies windmap only"),
-        (("--out", "old"), "old: its flights are of code 0.0.9+abc, this is "),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_flown(run, tmp_path, near, ruled, flags, says) -> None:
-    (tmp_path / "ideal.toml").write_text("uavs = 2\n[radio]\nmodel = 'ideal'\n")
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old/code.txt").write_text("0.0.9+abc\n")
-    code, out, err = run("frontier", "--missions", near, "--seeds", "2", *SHORT, *flags)
-    assert (code, out, err.strip().count("\n"), ruled) == (EXIT_BAD_INPUT, "", 0, [])
-    assert err.startswith("error: ")
-    assert says in err
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_record_of_another_version_is_refused(tmp_path) -> None:
     path = tmp_path / "frontier.json"
-    for text, says in (("{}", "no frontier"), (None, "No such file")):
-        if text is not None:
-            path.write_text(text)
-        with pytest.raises(record.BadInput, match=says):
-            record.read(path if text is not None else tmp_path / "none.json")
+    with pytest.raises(record.BadInput, match="No such file"):
+        record.read(path)
+    path.write_text("{}")
+    with pytest.raises(record.BadInput, match="no frontier"):
+        record.read(path)
     made = record.Record(record.SCHEMA + 1, "", "", 1, 2, 3, 4, [], {}, [])
     made.write(tmp_path)
     with pytest.raises(record.BadInput, match="fly it again"):
         record.read(path)
-    assert json.loads(path.read_text())["cells"] == []
 
 
 def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
-    """Each resolves to a scenario; nothing is flown."""
     assert command._MOST_FLIGHTS == grid.CONFIRMATION
     (mission,) = missions.chosen(["streams"])
     table = mission.table()
@@ -177,3 +195,96 @@ def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
                 policy.of(row).scenario(table, 1, "streams")
     assert [policy.name for policy in policies.of_row(rows.Row("hjb"), table, "streams")] == [policies.OWN]
     assert [policy.name for policy in policies.of_row(rows.Row("orca"), table, "streams", ["tick"])] == ["tick"]
+
+
+@pytest.fixture(scope="module")
+def docs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of pages, with the page of a study of two sizes and two losses."""
+    folder = tmp_path_factory.mktemp("frontier")
+    (folder / "near.toml").write_text(SMALL)
+    (folder / "docs/results").mkdir(parents=True)
+    extent = Extent(
+        [Mission("near.toml")], rows.chosen(["orca", "plan", "vasarhelyi"]), (2, 4), (0.3, 0.5), (0.9, 0.95)
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(flights, "fly", following([]))
+        grid = Grid(extent, 0, None, 94001, ("event", "event-r2", "event-r4", "tick"))
+        grid.fly(1, lambda _done, _total: None, Store(folder / "out")).write(folder / "out")
+        main([str(folder / "out")], folder / "docs")
+    return folder / "docs"
+
+
+def test_every_number_of_the_page_is_that_of_the_flights(docs) -> None:
+    found = record.read(docs / "results/frontier.json")
+    text = (docs / "price-of-safety.md").read_text()
+    orca, more, *_ = found.cells
+    first, last = orca.reached[-1], more.reached[-1]
+    kbit = np.array(orca.policy("event-r2").confirmation.kbit)
+    assert first.kbit == pytest.approx(kbit.mean())
+    ends = f"({first.kbit_low:,.1f}…{first.kbit_high:,.1f})"
+    assert f"| `orca` | 30 | {kbit[:29].mean():,.1f} (" in text
+    assert f"{kbit.mean():,.1f} {ends}, `event-r2` |" in text
+    assert f"30 % lost: `orca` {kbit.mean():,.0f} kbit (`event-r2`)" in text
+    other = next(cell for cell in found.of("near.toml", 2) if (cell.row, cell.outage) == ("vasarhelyi", 0.3))
+    ratio = statistics.ratio(kbit, other.policy("event-r2").confirmation.kbit)
+    assert f" times `vasarhelyi` ({ratio.low:.2f}…{ratio.high:.2f})" in text
+    assert f"`orca`, 2 UAVs: × {last.kbit / first.kbit:.1f}" in text
+    assert "`plan`, 2 UAVs, 30 and 50 % lost: 90 % and 95 % free (best: 0/10 of the first flights, by `silent`)" in text
+    assert "`plan` reaches 0 of 8 targets." in text
+    flights = sum(
+        len(policy.search.free) + len(policy.confirmation.free) for cell in found.cells for policy in cell.policies
+    )
+    assert f"{flights:,} flights of `orca`, `plan` and `vasarhelyi` on `near.toml`, with 2 and 4 UAVs" in text
+    assert f"code {found.code}" in text
+    named = [one.policy for cell in found.cells for one in cell.reached if one]
+    assert f"`event-r2` {named.count('event-r2')}" in text
+    assert "the cheapest safe one nowhere: `event` and `tick`" in text
+    assert "a probability of at most 1 %, for each cell and target" in text
+    tried = [
+        [sum(one.search.free[:10]) for one in cell.policies[:-1] if len(one.search.free) > 2] for cell in found.cells
+    ]
+    falls = [second < first for each in tried for first, second in itertools.pairwise(each)]
+    assert f"of {len(falls)} pairs of policies next to each other" in text
+    assert f"among the first 10 in {sum(falls)}." in text
+    assert "90 %: 29 flights, 0 may fail; 95 %: 59 flights, 0 may fail" in text
+    assert f"a probability of only {100 * 0.99**59:.0f} %" in text
+    assert max(map(len, text.partition("## Fewest bits")[0].splitlines())) < 1000
+    findings = text.partition("\n1. ")[2].partition("![")[0]
+    assert len(findings.split()) < 300  # one screen
+
+
+def test_the_page_is_written_again_from_its_results(docs) -> None:
+    before = (docs / "price-of-safety.md").read_text()
+    (docs / "price-of-safety.md").unlink()
+    main(["--page"], docs)
+    assert (docs / "price-of-safety.md").read_text() == before
+    assert "](pictures/frontier/near.png)" in before
+    assert [path.name for path in (docs / "pictures/frontier").iterdir()] == ["near.png"]
+    with pytest.raises(BadInput, match="or --page"):
+        main([], docs)
+
+
+def test_a_picture_has_a_line_for_each_controller_and_crosses_where_a_target_was_never_reached(docs) -> None:
+    found = record.read(docs / "results/frontier.json")
+    made = picture.draw(found, "near.toml")
+    assert len(made.axes) == 4  # two targets, two sizes
+    for ax in made.axes:
+        lines = [line for line in ax.get_lines() if len(line.get_xdata()) == 2 and line.get_marker() != "x"]
+        assert len(lines) == 3
+        crosses = [line for line in ax.get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
+        assert [list(line.get_xdata()) for line in crosses] == [[30.0, 50.0]]  # plan
+        low, high = ax.get_ylim()
+        assert sum(low <= tick <= high for tick in ax.get_yticks()) >= 2
+    assert [label.get_text() for label in made.axes[-1].get_xticklabels()] == ["30", "50"]
+    (legend,) = made.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["orca", "plan", "vasarhelyi", "never reached"]
+
+
+def test_a_page_of_a_target_that_nothing_reached_says_so(docs) -> None:
+    found = record.read(docs / "results/frontier.json")
+    silent = msgspec.structs.replace(found, cells=[cell for cell in found.cells if cell.row == "plan"])
+    text = page(silent)
+    assert "**Never reached**: `plan`, 2 UAVs" in text
+    assert "fewest bits that show" not in text.partition("![")[0]
+    picture.draw(silent, "near.toml")

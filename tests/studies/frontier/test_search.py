@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from meanflock.groundstation import statistics
 from meanflock.studies.frontier.plan import ALPHA, Plan, chance_of_error, shortest
@@ -19,8 +20,8 @@ def searched(
     arrived: float = 1.0,
     plans: Sequence[Plan] = PLANS,
 ) -> Search:
-    """A search whose policies are free with these probabilities; later ones cost more."""
-    costs = {name: 10.0 * (1 + number) for number, name in enumerate(shares)}
+    """A search whose policies are free with these probabilities; earlier ones cost more."""
+    costs = {name: 100.0 - number for number, name in enumerate(shares)}
     search = Search(list(shares), plans, most, {name: Flown() for name in shares})
     while wanted := search.wanted():
         for one in wanted:
@@ -33,17 +34,12 @@ def searched(
 
 
 def test_the_cheapest_safe_policy_is_named_and_dearer_ones_do_not_go_on() -> None:
-    search = searched({"bad": 0.0, "safe": 1.0, "dear": 1.0}, np.random.default_rng(1))
+    search = searched({"dear": 1.0, "safe": 1.0, "bad": 0.0}, np.random.default_rng(1))
     assert [search.reached(plan) for plan in PLANS] == ["safe", "safe"]
-    assert [search.verdict(PLANS[0], name) for name in search.policies] == ["collisions", "reached", "not needed"]
+    assert [search.verdict(PLANS[0], name) for name in search.policies] == ["not needed", "reached", "collisions"]
     lengths = {name: (len(flown.search), len(flown.confirmation)) for name, flown in search.flown.items()}
-    assert lengths == {"bad": (SURVEY, 0), "safe": (59, 59), "dear": (2, 0)}
+    assert lengths == {"dear": (2, 0), "safe": (59, 59), "bad": (SURVEY, 0)}
     assert search.estimate() == 0
-
-
-def test_the_order_is_that_of_the_bits_and_not_of_the_list() -> None:
-    flown = {name: Flown([Outcome(True, kbit, 1.0)] * 2) for name, kbit in (("a", 9.0), ("b", 3.0), ("c", 5.0))}
-    assert Search("abc", PLANS, 59, flown).order() == ["b", "c", "a"]
 
 
 def test_a_target_that_needs_more_flights_than_there_are_is_never_reached() -> None:
@@ -52,7 +48,7 @@ def test_a_target_that_needs_more_flights_than_there_are_is_never_reached() -> N
     assert {len(flown.search) for flown in search.flown.values()} == {10}
     assert search.verdict(PLANS[0], "one") == "too few flights"
     search = searched({"one": 1.0, "other": 1.0}, np.random.default_rng(1), most=29)
-    assert [search.reached(plan) for plan in PLANS] == ["one", None]
+    assert [search.reached(plan) for plan in PLANS] == ["other", None]
 
 
 def test_a_policy_is_not_named_if_its_uavs_stay_behind_or_its_confirmation_fails() -> None:
@@ -86,15 +82,9 @@ def test_a_plan_is_the_shortest_whose_bound_reaches_the_target(target: float, fa
     assert found.flights == flights
     assert statistics.share_at_least(flights - failures, flights) >= target
     assert statistics.share_at_least(flights - failures - 1, flights - 1) < target
+    for share in (target, 0.97):
+        assert found.acceptance(share) == pytest.approx(stats.binom.cdf(failures, flights, 1.0 - share))
     assert found.acceptance(target) <= ALPHA
-
-
-def test_the_bound_without_failures_has_a_closed_form() -> None:
-    """P(n free flights | share p) = pⁿ, so the bound is the n-th root of α."""
-    for flights in (1, 10, 29, 59):
-        assert statistics.share_at_least(flights, flights) == pytest.approx(ALPHA ** (1 / flights))
-        assert shortest(0.9).acceptance(0.97) == pytest.approx(0.97**29)
-    assert statistics.share_at_least(0, 10) == 0.0
 
 
 def test_an_answer_comes_early_only_when_it_is_certain() -> None:
@@ -104,15 +94,3 @@ def test_an_answer_comes_early_only_when_it_is_certain() -> None:
     assert one.answer([False, True]) == "open"
     assert one.answer([False, True, False]) == "rejected"
     assert one.answer([True] * 46 + [False] * 9) == "accepted"  # later flights belong to another target
-
-
-def test_simulated_flights_at_the_target_are_accepted_as_often_as_the_closed_form_says() -> None:
-    draw = np.random.default_rng(29)
-    trials = 4000
-    for target, failures in ((0.9, 0), (0.9, 2), (0.95, 1)):
-        one = shortest(target, failures)
-        free = draw.random((trials, one.flights)) < target
-        accepted = np.mean([one.answer(flights.tolist()) == "accepted" for flights in free])
-        error = 4.0 * np.sqrt(ALPHA / trials)
-        assert accepted == pytest.approx(one.acceptance(target), abs=error)
-        assert accepted <= ALPHA + error

@@ -1,5 +1,6 @@
-"""The pages, fields and file of a leaderboard."""
+"""The pages, fields, file and pictures of a leaderboard."""
 
+import itertools
 import json
 import re
 from html import unescape
@@ -9,19 +10,23 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from meanflock.groundstation.statistics import Estimate
-from meanflock.studies.leaderboard import board, markdown, missions, rows
+from meanflock.studies.leaderboard import board, maps, markdown, missions, pareto, rows
 from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE
+from meanflock.swarm.scenario import load
 from tests.pages import script_of
-from tests.studies.leaderboard.conftest import QUICK, SMALL
+from tests.studies.conftest import BOARD
 
 
 def test_the_pages_show_the_same_cells_and_the_data_page_every_field(run, tmp_path, small) -> None:
-    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)[0] == EXIT_DONE
+    assert run("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *BOARD)[0] == EXIT_DONE
     text = (tmp_path / "out/leaderboard.md").read_text()
     page = (tmp_path / "out/leaderboard.html").read_text()
     fetched = re.findall(r"""<(?!a\b)[^>]*\b(?:src|href)=["']?([^"'>\s]*)""", page)
@@ -96,8 +101,8 @@ def test_joined_boards_have_the_later_rows_and_name_the_code_of_each() -> None:
             board.joined([first, flown("1+b", row("orca", 4.0), **part)])
 
 
-def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path: Path) -> None:
-    contest = Contest([missions.Mission(str(_file(tmp_path)))], rows.chosen(["cruise"]), 1, 1)
+def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path, small) -> None:
+    contest = Contest([missions.Mission(str(tmp_path / small[0]))], rows.chosen(["cruise"]), 1, 1)
     result = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
     path = result.write(tmp_path)
     assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(result)
@@ -105,11 +110,6 @@ def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_i
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(board.BadInput, match=r"leaderboard\.json: no leaderboard"):
         board.read(path)
-
-
-def _file(folder: Path) -> Path:
-    (folder / "near.toml").write_text(SMALL)
-    return folder / "near.toml"
 
 
 def test_the_published_page_is_that_of_its_results_and_its_verdicts_follow_from_intervals() -> None:
@@ -127,3 +127,54 @@ def test_the_published_page_is_that_of_its_results_and_its_verdicts_follow_from_
     assert {pair: script._verdict(Estimate(0.0, *pair, 9)) for pair in ends} == ends
     gains = {(0.02, 0.03): "refuted", (-0.03, 0.005): "confirmed", (-0.02, 0.02): "undecided"}
     assert {pair: script._no_gain([Estimate(0.0, *pair, 9)]) for pair in gains} == gains
+
+
+COURSES = {course.name: course for course in board.read(script_of("leaderboard").RESULTS).courses}
+
+
+def boxes(figure: Figure, texts: list[Any]) -> list[Bbox]:
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    return [text.get_window_extent(renderer) for text in texts]
+
+
+@pytest.mark.parametrize("name", ["paper", "obstacles", "windmap"])
+def test_every_row_has_its_number_once_and_no_number_hides_another(name: str) -> None:
+    course = COURSES[name]
+    figure = pareto.draw(course)
+    numbers = {str(number): row.name for number, row in enumerate(course.standings, 1) if pareto.drawn(row)}
+    *plots, names = figure.axes
+    for ax in plots:
+        assert sorted(text.get_text() for text in ax.texts) == sorted(numbers)
+        places = boxes(figure, ax.texts)
+        assert not any(one.overlaps(other) for one, other in itertools.combinations(places, 2))
+        frame = ax.get_window_extent()
+        assert all(frame.x0 <= place.x0 and place.x1 <= frame.x1 for place in places)
+        for axis in (ax.xaxis, ax.yaxis):
+            low, high = axis.get_view_interval()
+            marks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+            assert sum(bool(mark.label1.get_text()) and low <= mark.get_loc() <= high for mark in marks) >= 2
+    words = [text.get_text() for text in names.texts]
+    assert {number: words[words.index(number) + 1] for number in numbers} == numbers
+    places = boxes(figure, names.texts)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(places, 2))
+    assert max(place.x1 for place in places) <= figure.bbox.x1
+    assert min(place.y0 for place in places) >= 0.0
+
+
+def test_every_shipped_row_has_a_family_with_a_look_and_others_have_that_of_their_controller() -> None:
+    assert {row.family for row in rows.shipped()} <= set(pareto.LOOKS) - {pareto.OTHERS, pareto.YOURS}
+    assert rows.family("orca-of-old", "orca") == "classics"
+    assert rows.family("mine", "mine") == ""
+
+
+def test_a_map_has_the_ways_the_obstacles_and_the_wind_of_its_mission() -> None:
+    for mission in missions.shipped():
+        flown = load(Path(mission.name))
+        (ax,) = maps.draw(flown).axes
+        ways = next(each for each in ax.collections if isinstance(each, LineCollection))
+        assert len(ways.get_segments()) == flown.uavs
+        discs = next(each for each in ax.collections if isinstance(each, EllipseCollection))
+        assert len(discs.get_offsets()) == len(flown.obstacles) or not flown.obstacles
+        said = [text.get_text() for text in ax.get_figure(root=True).legends[0].get_texts()]  # type: ignore[union-attr]
+        assert ("obstacle" in said, "gusts" in said) == (bool(flown.obstacles), bool(flown.faults))
+        assert ("wind of one seed" in said) == bool(flown.wind.field_rms)

@@ -1,29 +1,33 @@
-"""Flights, means, failed flights and wrong arguments of leaderboards."""
+"""Flights, means, failed flights and the tuned constants of leaderboards."""
 
+import json
+import os
 from html import unescape
-from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from meanflock.groundstation import statistics
 from meanflock.groundstation.cli import leaderboard as command
-from meanflock.studies import study
-from meanflock.studies.leaderboard import board, missions, rows
+from meanflock.studies import study, tuning
+from meanflock.studies.leaderboard import board, flights, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
-from meanflock.swarm.errors import EXIT_DONE
-from tests.studies.leaderboard.conftest import QUICK
+from meanflock.studies.tuning import Arm, Score
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import EXIT_DONE, BadInput
+from tests.sources import ROOT
+from tests.studies.conftest import BOARD
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-ROOT = Path(__file__).parents[3]
 SPRING = str(ROOT / "examples" / "spring.py")
 
 
 def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path, small, monkeypatch) -> None:
-    command = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *QUICK)
+    command = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfg", *BOARD)
     code, out, err = run(*command)
     assert (code, err) == (EXIT_DONE, "")
     assert {"out/leaderboard.json", "out/leaderboard.md", "out/leaderboard.html"} <= set(out.splitlines())
@@ -45,7 +49,7 @@ def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path,
     monkeypatch.setattr(study, "_fly", lambda one, **how: tried.append(one) or fly(one, **how))
     assert run(*command)[0] == EXIT_DONE
     assert (tried, (tmp_path / "out/leaderboard.json").read_bytes()) == ([], first)
-    more = ("leaderboard", "--missions=near.toml", "--controllers", "cruise,lqr", *QUICK)  # commas are allowed too
+    more = ("leaderboard", "--missions=near.toml", "--controllers", "cruise,lqr", *BOARD)  # commas are allowed too
     assert run(*more)[0] == EXIT_DONE
     assert [one.method for one in tried] == ["lqr", "lqr"]
 
@@ -60,7 +64,7 @@ def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
 
 def test_rows_that_share_states_fly_once_under_each_policy_and_all_at_the_limit(run, tmp_path, small) -> None:
     flags = ("--missions", "near.toml", "--controllers", "orca", "cruise", "--policies", "event", "tick")
-    code, out, _ = run("leaderboard", *flags, *QUICK)
+    code, out, _ = run("leaderboard", *flags, *BOARD)
     assert code == EXIT_DONE
     found = board.read(tmp_path / "out/leaderboard.json")
     (course,) = found.courses
@@ -94,18 +98,14 @@ class Stumbles(mf.Controller):
             raise ValueError("no more ideas")
         return mf.Step(memory, -0.1 * own[:, :2])
 
-class NeverBegins(mf.Controller):
+class NeverBegins(Stumbles):
     name = "never-begins"
     def init(self, uavs, plan):
         raise ValueError("not today")
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, 0 * own[:, :2])
 
-class NoSuch(mf.Controller):
+class NoSuch(Stumbles):
     name = "no-such"
     broadcast_numbers = -1
-    def step(self, memory, tick, own, received):
-        return mf.Step(memory, 0 * own[:, :2])
 """
 
 
@@ -113,7 +113,7 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
     (tmp_path / "bad.py").write_text(BAD)
     names = ("stumbles", "never-begins", "no-such", "spring", "cruise")
     flags = ("--plugin", "bad.py", "--plugin", SPRING, "--controllers", *names, "--missions", "near.toml")
-    code, out, _ = run("leaderboard", *flags, *QUICK)
+    code, out, _ = run("leaderboard", *flags, *BOARD)
     assert code == EXIT_DONE
     (course,) = board.read(tmp_path / "out/leaderboard.json").courses
     stumbles, never, spring, cruise = course.standings
@@ -134,11 +134,10 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
 
 
 @pytest.mark.processes
-@pytest.mark.usefixtures("environment")
+@patch.dict(os.environ)  # Distributed sets variables of this process, and leaves them
 def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
     pytest.importorskip("distributed", reason="dask is not installed")
-    flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h")
-    flags += ("--seeds", "2", "--first-seed", "1", "--quiet", "--jobs", "1")
+    flags = ("leaderboard", "--missions", "near.toml", "--controllers", "cruise", "mfgfl-h", *BOARD[:-2])
     assert run(*flags, "--out", "here")[0] == EXIT_DONE
     assert run(*flags, "--out", "there", "--backend", "dask")[0] == EXIT_DONE
     here, remote = ((tmp_path / folder / "leaderboard.json").read_bytes() for folder in ("here", "there"))
@@ -146,7 +145,6 @@ def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
 
 
 def test_every_shipped_row_flies_its_missions() -> None:
-    """Each resolves to a scenario; nothing is flown."""
     assert command._DEFAULT_POLICY == DEFAULT_POLICY
     known = {mission.name for mission in missions.shipped()}
     contest = Contest(missions.shipped(), rows.shipped(), 1, 1)
@@ -154,3 +152,53 @@ def test_every_shipped_row_flies_its_missions() -> None:
         assert set(row.missions) <= known
     for mission, left in contest.absent.items():
         assert all(reason.startswith("flies ") for reason in left.values()), (mission, left)
+
+
+ARM = Arm("cruise", "cruise", "controller", "trip", ({"speed_m_s": 1.0}, {"speed_m_s": 2.0}, {"speed_m_s": 3.0}))
+
+
+def test_every_arm_has_the_same_budget_and_valid_candidates(tmp_path, monkeypatch) -> None:
+    found = tuning.arms()
+    assert {len(arm.candidates) for arm in found} == {8}
+    (mission, *_) = missions.shipped()
+    for arm in found:
+        for candidate, options in enumerate(arm.candidates):
+            assert set(options) == set(arm.candidates[0])
+            arm.scenario(candidate, mission, 1)
+    text = tuning.ARMS.read_text(encoding="utf-8")
+    (tmp_path / "tuning.toml").write_text(text.replace("    { right_bias = 0.0", "#   { right_bias = 0.0", 1))
+    monkeypatch.setattr(tuning, "ARMS", tmp_path / "tuning.toml")
+    with pytest.raises(BadInput, match=r"same number of candidates; they have orca 7, bvc 8"):
+        tuning.arms()
+
+
+def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, small, monkeypatch) -> None:
+    monkeypatch.setattr(tuning.missions, "chosen", lambda names: [missions.Mission(str(tmp_path / small[0]))])
+    monkeypatch.setattr(tuning, "FIRST", range(1, 2))
+    monkeypatch.setattr(tuning, "REST", range(2, 4))
+    out = tmp_path / "out"
+    record = tuning.tuned([ARM], 1, out)["cruise"]
+    assert record["code"] == tuning.version()
+    assert [candidate["flights"] for candidate in record["candidates"]].count(3) == tuning.FINALISTS
+    assert record["acceleration_max_m_s2"] == 6.0
+    assert record["chosen"] in ARM.candidates
+    monkeypatch.setattr(flights, "Engine", None)  # nothing is flown again
+    assert tuning.tuned([ARM], 1, out)["cruise"] == record
+
+
+def test_the_constants_are_those_of_the_record() -> None:
+    shipped = {row.name: row for row in rows.shipped()}
+    records = json.loads(tuning.RECORD.read_text(encoding="utf-8"))
+    assert list(records) == [arm.name for arm in tuning.arms()]
+    for name, record in records.items():
+        kind = "controller" if name in plugins.names("controller") or name in shipped else "filter"
+        finalists = [each for each in record["candidates"] if each["flights"] == 100]
+        best = min(
+            finalists, key=lambda each: tuning.order(record["objective"], Score(each["unsafe"], each["objective"], 100))
+        )
+        assert best["options"] == record["chosen"]
+        plugin = plugins.load(kind, record["method"] if kind == "controller" else name)
+        defaults = plugin.Options()
+        settings = shipped[name].settings if name in shipped else {}
+        for key, value in record["chosen"].items():
+            assert settings.get(f"controller.{key}", getattr(defaults, key)) == value, (name, key)

@@ -1,0 +1,143 @@
+"""Input that commands refuse: one line names it, and nothing is flown or written."""
+
+import shutil
+import socket
+from pathlib import Path
+
+import pytest
+
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.launch import processes
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from tests.groundstation.conftest import QUICK
+
+OF_A_RUN = [
+    (("--set", "wind.sgima=0.1"), "sgima"),
+    (("--uavs", "many"), "--uavs"),
+    (("bad.toml",), "bad.toml"),
+    (("--out", "bad.toml/runs"), "--out"),
+    (("--uavs-per-process", "0"), "--uavs-per-process"),
+    (("--realtime=-2",), "--realtime -2: how many times faster"),
+    (("--no-such-flag",), "--no-such-flag"),
+    (("--set", "controller.sped=2"), "controller: there is no key `sped`"),
+    (("--method", "cruise", "--set", "controller.speed_m_s=-1"), "`meanflock scenario schema --method cruise` lists"),
+    (("--endpoint", "tcp/127.0.0.1:7447"), "leave out --endpoint"),
+    (("--tls", "certs"), "leave out --tls"),
+    (("--steer", "14540"), "only a flight in real time can be steered; add --realtime"),
+    (("--view",), "leave out --no-record"),
+    (("--web",), "--view"),
+    (("--set", "faults=[{kind='kill',tick=1,uavs=[6]}]"), "UAV 6 of 0…2"),
+]
+OF_A_FRONTIER = [
+    (("--missions", "ideal.toml"), "--outages 3: channel 'ideal' gives 0 %, whatever `radio.target_snr_db` is"),
+    (("--outages", "half"), "--outages half: give shares of broadcasts in per cent, between 0 and 100"),
+    (("--uavs", "few"), "--uavs few: give whole numbers"),
+    (("--policies", "shout"), "--policies shout: no such policy; there are event-1m, "),
+    (("--seeds", "1001"), "--seeds"),
+    (("--controllers", "straight"), "nothing can be flown: flies windmap only"),
+    (("--out", "old"), "old: its flights are of code 0.0.9+abc, this is "),
+]
+OF_A_NAME = [
+    ("hjb", "a controller of that name is installed, of meanflock"),
+    ("class", "a keyword of Python"),
+    ("none", "or its class would be"),
+    ("a-b", "letters, digits and underscores"),
+    ("json", "Python has a module of that name"),
+    ("old", "exists already"),
+]
+ADDRESSES = ["127.0.0.1:7556", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"]
+LINES: list[tuple[tuple[str, ...], str]] = [
+    *(((*QUICK, *flags), says) for flags, says in OF_A_RUN),
+    *((("run", "--endpoint", address), f"{address}: write it as tcp/HOST:PORT") for address in ADDRESSES),
+    *((("frontier", "--missions", "near.toml", "--seeds", "2", *flags), says) for flags, says in OF_A_FRONTIER),
+    *((("new", "controller", name), says) for name, says in OF_A_NAME),
+    (("run", "--uavs", "90000"), "MB for 90000 UAVs in "),
+    (("run", "--uavs", "90000", "--in-process", "--method", "hjb"), "MB for 90000 UAVs in "),
+    (("list", "none"), "none: No such file"),
+    (("list", "run"), "use `meanflock show run`"),
+    (("list", "--json", "--html", "page.html"), "give one of them"),
+    (("list", "--html", "none/page.html"), "none/page.html"),
+    (("show", "old"), "old: no run"),
+    (("diff", "old", "none"), "old: no run"),
+    (("plot", "."), "name the folder of a run"),
+    (("plot", "hurt"), "hurt/timeseries.parquet: damaged: "),
+    (("plot", "lacking"), "fly the run again with `meanflock run lacking/scenario.toml`"),
+    (("plot", "run", "--per", "tick"), "--csv"),
+    (("view", "."), "recording"),
+    (("picture", "run"), "-o"),
+    (("picture", "run", "-o", "p.jpg"), ".png"),
+    (("picture", "run", "-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
+    (("picture", "run", "-o", "bad.toml/p.png"), "bad.toml/p.png"),
+    (("export", "run"), "--mcap"),
+    (("export", "nowhere", "--mcap", "r"), "no such run"),
+    (("export", "run", "--mcap", "old"), "there is something already"),
+    (("export", "hurt", "--mcap", "r"), "damaged"),
+    (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+    (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
+    (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
+    (("sweep", "wind.sigma=0.1,0.10"), "there twice"),
+    (("sweep", "wind.sigma=0.1"), "two values or more"),
+    (("sweep", "wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+    (("leaderboard", "--missions", "mars"), "--missions mars: no such mission; there are paper"),
+    (("leaderboard", "--controllers", "magic"), "--controllers magic: no such row or controller; rows are"),
+    (("leaderboard", "--controllers", "cruise", "--missions"), "--missions: name one or more, or all"),
+    (("leaderboard", "--policies", "shout"), "shout: no such policy; there are tick, event, event-4, or all"),
+    (("leaderboard", "--seeds", "0"), "--seeds"),
+    (("leaderboard", "--backend", "ray"), "ray"),
+    (("leaderboard", "--missions", "paper", "--scheduler", "tcp://127.0.0.1:1"), "--backend dask"),
+    (("leaderboard", "--plugin", "nobody.py"), "nobody.py: No such file"),
+    (("leaderboard", "--missions", "paper", "--out", "bad.toml/out"), "--out bad.toml/out"),
+]
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with scenarios and runs, whole and damaged."""
+    folder = tmp_path_factory.mktemp("prepared")
+    (folder / "bad.toml").write_text("uavs = = 3")
+    (folder / "near.toml").write_text("uavs = 2\nduration = 2.0\n")
+    (folder / "ideal.toml").write_text("uavs = 2\n[radio]\nmodel = 'ideal'\n")
+    (folder / "old").mkdir()
+    (folder / "old" / "code.txt").write_text("0.0.9+abc\n")
+    line = ("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2", "--out", str(folder / "runs"))
+    assert main([*line]) == EXIT_DONE
+    (flown,) = (folder / "runs").iterdir()
+    for name in ("run", "hurt", "lacking"):
+        shutil.copytree(flown, folder / name)
+    rows = bytearray((folder / "hurt" / "timeseries.parquet").read_bytes())
+    rows[len(rows) // 3] ^= 1
+    (folder / "hurt" / "timeseries.parquet").write_bytes(rows)
+    (folder / "lacking" / "timeseries.parquet").unlink()
+    return folder
+
+
+@pytest.mark.parametrize(("line", "says"), LINES)
+def test_bad_input_is_one_line_that_names_it_and_nothing_is_written(run, prepared, monkeypatch, line, says) -> None:
+    monkeypatch.chdir(prepared)
+    before = sorted(prepared.rglob("*"))
+    code, out, err = run(*line)
+    assert (code, out, err.strip().count("\n")) == (EXIT_BAD_INPUT, "", 0)
+    assert err.startswith("error: ")
+    assert says in err
+    assert sorted(prepared.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("--endpoint", "tcp/TAKEN"),
+        ("--metrics", "TAKEN"),
+        ("--in-process", "--metrics", "TAKEN"),
+        ("--realtime", "--steer", "TAKEN"),
+        ("--in-process", "--realtime", "--steer", "TAKEN"),
+    ],
+)
+def test_a_port_that_is_taken_is_refused_before_anything_starts(run, tmp_path, monkeypatch, flags) -> None:
+    monkeypatch.setattr(processes, "Swarm", lambda *_: pytest.fail("processes were started"))
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(type=socket.SOCK_DGRAM) as datagrams:
+        datagrams.bind(server.getsockname())
+        taken = f"127.0.0.1:{server.getsockname()[1]}"
+        code, out, err = run("run", "--uavs", "2", "--quiet", *(flag.replace("TAKEN", taken) for flag in flags))
+    assert (code, out, err.count("\n")) == (EXIT_BAD_INPUT, "", 1)
+    assert taken.rpartition(":")[2] in err
+    assert list(tmp_path.iterdir()) == []
