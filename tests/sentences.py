@@ -1,14 +1,13 @@
 """Every number that stands in a hand-written sentence of a page is that of the results.
 
-A row of `SENTENCES` is a page, words of it with `{}` for each number, and the numbers as the page writes them, computed
-from docs/results, from the record of the benchmarks, from a table of the page that a study wrote, or from the code.
+`SENTENCES` has words of each page with `{}` for each number, and the numbers as the page writes them, computed from
+docs/results, from the record of the benchmarks, from a table of the page that a study wrote, or from the code.
 """
 
 import math
 import re
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -74,18 +73,6 @@ from tests.results import (
 )
 
 
-class Sentence(NamedTuple):
-    """Words of a page with `{}` for each number, and the numbers."""
-
-    page: str
-    words: str
-    numbers: Callable[[], Sequence[object]]
-
-    def written(self) -> str:
-        """The words with their numbers."""
-        return self.words.format(*self.numbers())
-
-
 @cache
 def words_of(page: str) -> str:
     return " ".join((ROOT / page).read_text(encoding="utf-8").split())
@@ -99,127 +86,93 @@ SCAFFOLD = "mfgfl-hf-scaffold"
 CALM = ("paper", "windy", "unknown", "gusts", "lossy", "windmap")  # missions of 25 UAVs without obstacles
 CROWDED = ("swap", "streams", "crowd")
 
-SENTENCES = [
-    Sentence(README, "one of [{} controllers](docs/controllers.md)", lambda: [installed("controllers")]),
-    Sentence(
-        README,
-        "arrived │ {} of 25 │ {} lost │ │ travel time, mean │ {} │ s │ │ energy until own arrival, mean │ {} │ J │",
-        lambda: [
+SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
+    README: {
+        "one of [{} controllers](docs/controllers.md)": lambda: [installed("controllers")],
+        "│ {} of 25 │ {} lost │ │ travel time, mean │ {} │ s │ │ energy until own arrival, mean │ {} │ J │": lambda: [
             first_flight()["arrived"],
             first_flight()["lost"],
             f"{first_flight()['t_avg_s']:.1f}",
             f"{first_flight()['energy_mean_J']:.2f}",
         ],
-    ),
-    Sentence(
-        README,
-        "alignment φ_A │ {} │ m/s, lower is better │ │ collisions │ {} │ pairs │ │ uplink payload │ {} │ bits │",
-        lambda: [
+        "φ_A │ {} │ m/s, lower is better │ │ collisions │ {} │ pairs │ │ uplink payload │ {} │ bits │": lambda: [
             f"{first_flight()['phi_A']:.3f}",
             first_flight()["collisions"],
             f"{first_flight()['payload_bits']['uplink']:,}",
         ],
-    ),
-    Sentence(
-        README,
-        "outage rate │ {} │ %, closed form {} % │ │ latency, mean │ {} │ slots, closed form {} │",
-        lambda: [
+        "outage rate │ {} │ %, closed form {} % │ │ latency, mean │ {} │ slots, closed form {} │": lambda: [
             f"{100 * first_flight()['radio']['outage_rate']:.2f}",
             f"{100 * first_flight()['radio']['outage_rate_theory']:.2f}",
             f"{first_flight()['radio']['latency_slots_mean']:.2f}",
             f"{first_flight()['radio']['latency_slots_mean_theory']:.2f}",
         ],
-    ),
-    Sentence(
-        README,
-        "The [published leaderboard](docs/leaderboard.md) has {} rows, ten missions and {} seeds.",
-        lambda: [
+        "The [published leaderboard](docs/leaderboard.md) has {} rows, ten missions and {} seeds.": lambda: [
             len({row.name for course in leaderboard().courses for row in course.standings}),
             len(leaderboard().seeds),
         ],
-    ),
-    Sentence(
-        README,
-        "On two cores 25 processes fly {} times faster than real time. 25 UAVs in one process fly {} to {} times "
-        "faster, and 1000 UAVs in four processes {} times",
-        lambda: [
+        (
+            "On two cores 25 processes fly {} times faster than real time. 25 UAVs in one process fly {} to {} times "
+            "faster, and 1000 UAVs in four processes {} times"
+        ): lambda: [
             two_digits(median("networked", "real-time factor, 25 UAVs")),
             two_digits(median("in_process", "real-time factor, hjb")),
             two_digits(median("in_process", "real-time factor, mfgfl-hf")),
             two_digits(median("scale", "real-time factor, 1000 UAVs in 4 processes")),
         ],
-    ),
-    Sentence(
-        README,
-        "`orca` needs {} kbit if 3 % of the broadcasts are lost, and {} kbit if half of them are",
-        lambda: [f"{fewest_kbit('orca', 64, lost):.0f}" for lost in (0.03, 0.5)],
-    ),
-    Sentence(README, "so we searched {} settings", lambda: [grid.MAP_SETTINGS + len(grid.KNOWN)]),
-    Sentence(
-        FEDERATION,
-        "What {} flights show, {} fresh seeds",
-        lambda: [f"{sum(flight['table'] != 'digits' for flight in flown()):,}", len(federation.SEEDS)],
-    ),
-    Sentence(
-        FEDERATION,
-        "send {} % fewer bits of models than a leader on `paper`, {} % on `unknown`, {} % on `windy` and {} % "
-        "on `lossy`",
-        lambda: [f"{100 * (1 - share('kbit', where)):.0f}" for where in federation.CALM],
-    ),
-    Sentence(
-        FEDERATION,
-        "The tracking cost rises by at most {}; time",
-        lambda: [
+        "`orca` needs {} kbit if 3 % of the broadcasts are lost, and {} kbit if half of them are": lambda: [
+            f"{fewest_kbit('orca', 64, lost):.0f}" for lost in (0.03, 0.5)
+        ],
+        "so we searched {} settings": lambda: [grid.MAP_SETTINGS + len(grid.KNOWN)],
+        (
+            "Of {} claims of the paper {} are reproduced, {} hold by construction, {} are not refuted, {} are not "
+            "reproduced, {} are undecided and {} cannot be tested."
+        ): lambda: verdicts("paper"),
+        "{} claims are reproduced in `paper-slow`, where UAVs steer slowly, and {} in `paper-printed`": lambda: [
+            verdicts(name)[1] for name in ("paper-slow", "paper-printed")
+        ],
+    },
+    FEDERATION: {
+        "What {} flights show, {} fresh seeds": lambda: [
+            f"{sum(flight['table'] != 'digits' for flight in flown()):,}",
+            len(federation.SEEDS),
+        ],
+        (
+            "send {} % fewer bits of models than a leader on `paper`, {} % on `unknown`, {} % on `windy` and {} % "
+            "on `lossy`"
+        ): lambda: [f"{100 * (1 - share('kbit', where)):.0f}" for where in federation.CALM],
+        "The tracking cost rises by at most {}; time": lambda: [
             per_cent(
                 max((tracking("calm", where, QUIET) for where in federation.CALM[:3]), key=lambda found: found.value)
             )
         ],
-    ),
-    Sentence(
-        FEDERATION, "the tracking cost falls to {} of the leader's", lambda: [ends(tracking("calm", "lossy", QUIET))]
-    ),
-    Sentence(
-        FEDERATION,
-        "does not help there**: × {} under a leader",
-        lambda: [ends(tracking("calm", "lossy", "leader, 0.03, int8"))],
-    ),
-    Sentence(
-        FEDERATION,
-        "neighbours are {} times as long on the air as a leader's swarm; with a threshold of 0.03 and 8 bits {} times "
-        "on `paper`, {} on `unknown`, {} on `windy` and {} on `lossy`",
-        lambda: [
+        "the tracking cost falls to {} of the leader's": lambda: [ends(tracking("calm", "lossy", QUIET))],
+        "does not help there**: × {} under a leader": lambda: [ends(tracking("calm", "lossy", "leader, 0.03, int8"))],
+        (
+            "are {} times as long on the air as a leader's swarm; with a threshold of 0.03 and 8 bits {} times "
+            "on `paper`, {} on `unknown`, {} on `windy` and {} on `lossy`"
+        ): lambda: [
             f"{share('airtime_s', 'paper', 'neighbours'):.1f}",
             *(f"{share('airtime_s', where):.1f}" for where in federation.CALM),
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "a leader leaves {} of {} UAVs without arrival and tracks {} times worse",
-        lambda: [
+        "a leader leaves {} of {} UAVs without arrival and tracks {} times worse": lambda: [
             f"{(column('uavs', *NEAR) - column('arrived', *NEAR)).sum():.0f}",
             f"{column('uavs', *NEAR).sum():.0f}",
             f"{1 / tracking(*NEAR[:2], 'neighbours').value:.0f}",
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "the gains are learned by then. Neighbours track {} better",
-        lambda: [per_cent(tracking("trouble", "UAV 0, which leads, is killed at 20 s", "neighbours"))],
-    ),
-    Sentence(
-        FEDERATION,
-        "with a fifth of wrong signs and the mean nobody arrives (under a leader {} of 750). With `median` the "
-        "comparison is undecided: × {}.",
-        lambda: [
+        "the gains are learned by then. Neighbours track {} better": lambda: [
+            per_cent(tracking("trouble", "UAV 0, which leads, is killed at 20 s", "neighbours"))
+        ],
+        (
+            "with a fifth of wrong signs and the mean nobody arrives (under a leader {} of 750). With `median` the "
+            "comparison is undecided: × {}."
+        ): lambda: [
             f"{column('arrived', 'trouble', 'a fifth of the uploads has the wrong sign', 'leader').sum():.0f}",
             ends(tracking("trouble", "the same, with the rule `median`", "neighbours")),
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "On `paper` `federation.fraction=0.4` saves {} s and {} J with {} kbit, a threshold of 0.2 {} s and {} J "
-        "with {} kbit.",
-        lambda: [
+        (
+            "On `paper` `federation.fraction=0.4` saves {} s and {} J with {} kbit, a threshold of 0.2 {} s and {} J "
+            "with {} kbit."
+        ): lambda: [
             f"{sparing('t_avg_censored_s', 'fraction 0.4'):.2g}",
             f"{sparing('energy_mean_J', 'fraction 0.4'):.2g}",
             two_digits(column("kbit", "sparing", "paper", "fraction 0.4").mean()),
@@ -227,255 +180,197 @@ SENTENCES = [
             f"{sparing('energy_mean_J', 'threshold 0.2'):.2g}",
             two_digits(column("kbit", "sparing", "paper", "threshold 0.2").mean()),
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "averaging after 1.5 s lowers the leader's tracking cost to {}, and neighbours with that deadline reach {};",
-        lambda: [ends(tracking("late", "unknown", f"{way}, deadline 1.5 s")) for way in ("leader", "neighbours")],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "`mfgfl-hf` sends {} times fewer bits than with float32. Its outages fall from {} % to below 0.1 %",
-        lambda: [
+        "1.5 s lowers the leader's tracking cost to {}, and neighbours with that deadline reach {};": lambda: [
+            ends(tracking("late", "unknown", f"{way}, deadline 1.5 s")) for way in ("leader", "neighbours")
+        ],
+        "FedAdam tracks × {} worse on `unknown`.": lambda: [ends(tracking("left", "unknown", "FedAdam at the leader"))],
+        "in place of one that is lost: × {} on `unknown`": lambda: [
+            ends(tracking("left", "unknown", "the last upload of everybody"))
+        ],
+        (
+            "multiplies the tracking cost by {}. With ε = 2 flights have collisions: {} of 30 on `unknown`, and {} on "
+            "`lossy`."
+        ): lambda: [
+            ends(tracking("left", "unknown", "private, ε = 9")),
+            *((column("collisions_all", "left", where, "private, ε = 2") > 0).sum() for where in ("unknown", "lossy")),
+        ],
+        "on the slow radio: × {}, no better": lambda: [
+            ends(tracking("left", "slow radio", "the same, late uploads count less", "deadline 1.5 s"))
+        ],
+        "flies {} s longer, and {} of 750 UAVs arrive, without it {}.": lambda: [
+            f"{mixed('t_avg_censored_s', SCAFFOLD).mean() - mixed('t_avg_censored_s').mean():.0f}",
+            *(f"{mixed('arrived', way).sum():.0f}" for way in (SCAFFOLD, "mfgfl-hf")),
+        ],
+        "a model of 10⁵ weights goes in {} fragments of {} slots, and its round takes {} ticks.": lambda: [
+            *long_model()[:2],
+            {4: "four"}[long_model()[2]],
+        ],
+        (
+            "that is {} times the bits of a round with 20 participants, and {} times with 320. "
+            "On the default radio a broadcast of 40 keys is lost by {} % of the receivers."
+        ): lambda: [f"{secure_bits(20):.1f}", f"{secure_bits(320):.0f}", f"{radio_losses(40 * 256 // 32):.0f}"],
+        "246 weights take {} slots of one band, in place of {} for 20 uploads.": lambda: [
+            math.ceil(MODEL_FLOATS / 2 / (load(None).radio.coherence_time_s * load(None).radio.bandwidth_hz)),
+            f"{20 * link.expected(load(None).radio, np.ones(1), 32 * MODEL_FLOATS)[1]:.0f}",
+        ],
+    },
+    COMMUNICATION: {
+        "`mfgfl-hf` sends {} times fewer bits than with float32. Its outages fall from {} % to below 0.1 %": lambda: [
             f"{kbit('mfgfl-hf', 'float32') / kbit('mfgfl-hf', 'int8'):.1f}",
             f"{float(sent('mfgfl-hf', 'float32', OUTAGES).split()[0]):.1f}",
         ],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "so {} % of its messages fail. Its UAVs hardly share models, and it takes {} J where float32 takes {} J",
-        lambda: [
+        "so {} % of its messages fail. Its UAVs hardly share models, and it takes {} J where float32 takes {}": lambda: [
             f"{float(sent('mfgfl-hf', 'float64', OUTAGES).split()[0]):.0f}",
             *(sent("mfgfl-hf", payload, "energy until own arrival, J") for payload in ("float64", "float32")),
         ],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "Feedback makes the error over all rounds {} to {} times smaller.",
-        lambda: [one_digit(min(feedback_gains())), one_digit(max(feedback_gains()))],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "A slot of the default radio carries {} bits.",
-        lambda: [f"{next(bits for bits in range(1, 10**5) if slots_needed(load(None).radio, bits + 1) > 1):,}"],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "Each upload has about {} bytes of envelope",
-        lambda: [one_digit(envelope_bytes())],
-    ),
-    Sentence(
-        ROBUSTNESS,
-        "an outage loses about one upload in {}",
-        lambda: [
+        "Feedback makes the error over all rounds {} to {} times smaller.": lambda: [
+            one_digit(min(feedback_gains())),
+            one_digit(max(feedback_gains())),
+        ],
+        "A slot of the default radio carries {} bits.": lambda: [
+            f"{next(bits for bits in range(1, 10**5) if slots_needed(load(None).radio, bits + 1) > 1):,}"
+        ],
+        "Each upload has about {} bytes of envelope": lambda: [one_digit(envelope_bytes())],
+        "with float32 it stays below {}.": lambda: [
+            f"{max(transmission(method, 'float32', RATIO) for method in communication.METHODS) + 0.005:.2f}"
+        ],
+    },
+    ROBUSTNESS: {
+        "an outage loses about one upload in {}": lambda: [
             {7: "seven", 8: "eight", 9: "nine"}[round(100.0 / float(sent("mfgfl-hf", "float32", OUTAGES).split()[0]))]
         ],
-    ),
-    Sentence(
-        SCALING,
-        "**A process** costs about {} times as much as a UAV.",
-        lambda: [one_digit(of_fit("b, a process") / of_fit("c, a UAV"))],
-    ),
-    Sentence(
-        SCALING,
-        "Bare Zenoh takes about {} of that",
-        lambda: ["half" if 0.4 < zenoh_share() < 0.6 else f"{100.0 * zenoh_share():.0f} %"],
-    ),
-    Sentence(
-        SCALING,
-        "one for each UAV would take {}, and a tick most of a second",
-        lambda: [scaling._bytes(13 * 2**20 * 1e4)],
-    ),
-    Sentence(SCALING, "upload a model of {} floats every 20 s", lambda: [MODEL_FLOATS]),
-    Sentence(
-        SCALING,
-        "{} to {} % more bits, including",
-        lambda: [f"{min(more_bits()):.1f}", f"{max(more_bits()):.1f}"],
-    ),
-    Sentence(
-        SCALING,
-        "with {} to {} % of messages lost, {} to {} % of the models reach the mean instead of {} to {} %",
-        lambda: [
+        "it is three or four of about {} on average": lambda: [
+            f"{20 * (1.0 - float(sent('mfgfl-hf', 'float32', OUTAGES).split()[0]) / 100.0):.0f}"
+        ],
+    },
+    SCALING: {
+        "**A process** costs about {} times as much as a UAV.": lambda: [
+            one_digit(of_fit("b, a process") / of_fit("c, a UAV"))
+        ],
+        "Bare Zenoh takes about {} of that": lambda: [
+            "half" if 0.4 < zenoh_share() < 0.6 else f"{100.0 * zenoh_share():.0f} %"
+        ],
+        "one for each UAV would take {}, and a tick most of a second": lambda: [scaling._bytes(13 * 2**20 * 1e4)],
+        "upload a model of {} floats every 20 s": lambda: [MODEL_FLOATS],
+        "{} to {} % more bits, including": lambda: [f"{min(more_bits()):.1f}", f"{max(more_bits()):.1f}"],
+        "with {} to {} % of messages lost, {} to {} % of the models reach the mean instead of {} to {} %": lambda: [
             f"{bound(clusters(PAPER, name, several=several)):.0f}"
             for name, several in (("lost, %", True), ("in the mean, %", True), ("in the mean, %", False))
             for bound in (min, max)
         ],
-    ),
-    Sentence(
-        SCALING,
-        "of 400 UAVs in 5 clusters {} % of messages are lost instead of {} %",
-        lambda: [f"{clusters('α = 2', 'lost, %', several=several, uavs='400')[0]:.0f}" for several in (True, False)],
-    ),
-    Sentence(
-        SCALING,
-        "the airtime of the busiest receiver falls from {} to {} ms",
-        lambda: [
+        "of 400 UAVs in 5 clusters {} % of messages are lost instead of {} %": lambda: [
+            f"{clusters('α = 2', 'lost, %', several=several, uavs='400')[0]:.0f}" for several in (True, False)
+        ],
+        "the airtime of the busiest receiver falls from {} to {} ms": lambda: [
             f"{bound(clusters(PAPER, 'busiest receiver, ms', several=several, uavs='400')):.0f}"
             for bound, several in ((max, False), (min, True))
         ],
-    ),
-    Sentence(
-        TRAINING,
-        "With 25 UAVs and no obstacles {} of {} flights are free of collisions;",
-        lambda: [free_flights("policy", CALM), 30 * len(CALM)],
-    ),
-    Sentence(
-        TRAINING,
-        "`swap`, `streams` and `crowd`, {} of {} is.",
-        lambda: [{0: "none"}[free_flights("policy", CROWDED)], 30 * len(CROWDED)],
-    ),
-    Sentence(
-        TRAINING,
-        "all flights of {} missions are free of collisions and hits, and {} of 30 on `swap`; on `crowd` {} % of",
-        lambda: [
+        (
+            "up to {} B of `timeseries.parquet`, and in `recording.rrd` up to {} B, or {} B in a swarm of more "
+            "than {} UAVs"
+        ): lambda: [disk._SERIES_ROW + 4 * 3, disk._RECORDED_ROW, disk._RECORDED_ROW_OF_MANY, disk.LARGE_SWARM],
+        "{} kB for a UAV and, if UAVs share states (`hjb`), {} B for a *pair*": lambda: [
+            memory.UAV_KB,
+            memory.PAIR_BYTES,
+        ],
+        "From {} 000 UAVs on the memory of all UAVs exceeds {} MiB": lambda: [
+            MAX_MEMORY_BYTES // (8 * MODEL_FLOATS * 1000),
+            MAX_MEMORY_BYTES >> 20,
+        ],
+        "From {} 000 UAVs on a round does not fit into one message.": lambda: [
+            2**26 // int(0.8 * 4 * MODEL_FLOATS * 1000)
+        ],
+        "with √N clusters {} to {} times fewer than without clusters": lambda: [
+            one_digit(bound(fewer_received())) for bound in (min, max)
+        ],
+    },
+    TRAINING: {
+        "With 25 UAVs and no obstacles {} of {} flights are free of collisions;": lambda: [
+            free_flights("policy", CALM),
+            30 * len(CALM),
+        ],
+        "`swap`, `streams` and `crowd`, {} of {} is.": lambda: [
+            {0: "none"}[free_flights("policy", CROWDED)],
+            30 * len(CROWDED),
+        ],
+        "of {} missions are free of collisions and hits, and {} of 30 on `swap`; on `crowd` {} % of": lambda: [
             {9: "nine"}[sum(free_flights("policy-ecbf", [each.name]) == 30 for each in leaderboard().courses)],
             free_flights("policy-ecbf", ["swap"]),
             f"{100 * standing('crowd', 'policy-ecbf').cells['arrived'].mean:.0f}",
         ],
-    ),
-    Sentence(CONTROLLERS, "the speed of least energy per metre, {} m/s", lambda: [CRUISE_M_S]),
-    Sentence(
-        CONTROLLERS,
-        "a measurement of w at r with standard deviation σ/(c0 √dt), {} m/s",
-        lambda: [f"{load(None).wind.sigma / (load(None).wind.drag * math.sqrt(load(None).dt)):.1f}"],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "the best two fly seeds 2 to 10 as well, {} flights in all",
-        lambda: [f"{sum(each['flights'] for record in records().values() for each in record['candidates']):,}"],
-    ),
-    *(
-        Sentence(CONTROLLERS, f"| {row} | {{}} | {{}}", lambda names=names, shown=shown: tuned(names, shown))
-        for row, names, shown in (
-            ("`orca`", ("orca",), ("right_bias", "radius_m", "horizon_s", "velocity_gain_1_s")),
-            ("`vasarhelyi`", ("vasarhelyi",), ("c_frict", "tau_s")),
-            ("`cruise` behind `braking`", ("braking",), ("distance_m", "rate_1_s")),
-            ("`potential-field`", ("potential-field",), ("rho0_m",)),
-            ("`cruise` behind `ecbf`", ("ecbf",), ("distance_m", "rate_1_s")),
-            ("`bvc`", ("bvc",), ("radius_m", "velocity_gain_1_s", "right_bias")),
-            ("`olfati-saber`", ("olfati-saber",), ()),
-            ("`fed-lspi`, shares gains, data, alone", LSPI, ("gain_factor", "offset_change")),
-            ("`rls`, together, alone", ("rls", "rls-alone"), ()),
-        )
-    ),
-    Sentence(
-        CONTROLLERS,
-        "cost {} times the bits and track worse",
-        lambda: [f"{median_of('paper', 'fed-lspi-data', 'kbit') / median_of('paper', 'fed-lspi', 'kbit'):.0f}"],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "track best, with a median of {} in place of {} under a leader",
-        lambda: [f"{median_of('lossy', row, 'tracking'):.0f}" for row in ("fed-lspi-neighbours", "fed-lspi")],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "learns only drag and wind, tracks `unknown` with {}",
-        lambda: [f"{median_of('unknown', 'rls', 'tracking'):.1f}"],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "and more at κ = 0.02, for {} times the bits",
-        lambda: [f"{median_of('paper', 'mfgfl-h-ecbf', 'kbit') / median_of('paper', 'mfg-ecbf', 'kbit'):.0f}"],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "the mean logarithm of the tracking cost is {} together and {} alone",
-        lambda: [f"{chosen(name)['objective']:.2f}" for name in ("rls", "rls-alone")],
-    ),
-    Sentence(
-        REPRODUCTION,
-        "Verdicts for the default use 30 seeds for each point of a grid and {} for S0. The other scenarios use 10 and "
-        "{} fresh seeds",
-        lambda: [claim("C8")["single_flights"][1], claim("C8")["scenarios"]["paper-slow"]["single_flights"][1]],
-    ),
-    Sentence(
-        REPRODUCTION,
-        "The search has {} settings. Four were named before: the default, two with slow steering, and the printed "
-        "polynomial. The others are a Latin hypercube of {}.",
-        lambda: [grid.MAP_SETTINGS + len(grid.KNOWN), grid.MAP_SETTINGS],
-    ),
-    Sentence(
-        README,
-        "Of {} claims of the paper {} are reproduced, {} hold by construction, {} are not refuted, {} are not "
-        "reproduced, {} are undecided and {} cannot be tested.",
-        lambda: verdicts("paper"),
-    ),
-    Sentence(
-        README,
-        "{} claims are reproduced in `paper-slow`, where UAVs steer slowly, and {} in `paper-printed`",
-        lambda: [verdicts(name)[1] for name in ("paper-slow", "paper-printed")],
-    ),
-    Sentence(
-        FEDERATION,
-        "FedAdam tracks × {} worse on `unknown`.",
-        lambda: [ends(tracking("left", "unknown", "FedAdam at the leader"))],
-    ),
-    Sentence(
-        FEDERATION,
-        "in place of one that is lost: × {} on `unknown`",
-        lambda: [ends(tracking("left", "unknown", "the last upload of everybody"))],
-    ),
-    Sentence(
-        FEDERATION,
-        "multiplies the tracking cost by {}. With ε = 2 flights have collisions: {} of 30 on `unknown`, and {} on "
-        "`lossy`.",
-        lambda: [
-            ends(tracking("left", "unknown", "private, ε = 9")),
-            *((column("collisions_all", "left", where, "private, ε = 2") > 0).sum() for where in ("unknown", "lossy")),
+    },
+    CONTROLLERS: {
+        "the speed of least energy per metre, {} m/s": lambda: [CRUISE_M_S],
+        "a measurement of w at r with standard deviation σ/(c0 √dt), {} m/s": lambda: [
+            f"{load(None).wind.sigma / (load(None).wind.drag * math.sqrt(load(None).dt)):.1f}"
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "on the slow radio: × {}, no better",
-        lambda: [ends(tracking("left", "slow radio", "the same, late uploads count less", "deadline 1.5 s"))],
-    ),
-    Sentence(
-        FEDERATION,
-        "flies {} s longer, and {} of 750 UAVs arrive, without it {}.",
-        lambda: [
-            f"{mixed('t_avg_censored_s', SCAFFOLD).mean() - mixed('t_avg_censored_s').mean():.0f}",
-            *(f"{mixed('arrived', way).sum():.0f}" for way in (SCAFFOLD, "mfgfl-hf")),
+        "the best two fly seeds 2 to 10 as well, {} flights in all": lambda: [
+            f"{sum(each['flights'] for record in records().values() for each in record['candidates']):,}"
         ],
-    ),
-    Sentence(
-        FEDERATION,
-        "On the default radio a model of 10⁵ weights goes in {} fragments of {} slots, and its round takes {} ticks.",
-        lambda: [*long_model()[:2], {4: "four"}[long_model()[2]]],
-    ),
-    Sentence(
-        FEDERATION,
-        "With models of 246 floats that is {} times the bits of a round with 20 participants, and {} times with 320. "
-        "On the default radio a broadcast of 40 keys is lost by {} % of the receivers.",
-        lambda: [f"{secure_bits(20):.1f}", f"{secure_bits(320):.0f}", f"{radio_losses(40 * 256 // 32):.0f}"],
-    ),
-    Sentence(
-        FEDERATION,
-        "246 weights take {} slots of one band, in place of {} for 20 uploads.",
-        lambda: [
-            math.ceil(MODEL_FLOATS / 2 / (load(None).radio.coherence_time_s * load(None).radio.bandwidth_hz)),
-            f"{20 * link.expected(load(None).radio, np.ones(1), 32 * MODEL_FLOATS)[1]:.0f}",
+        **{
+            f"| {row} | {{}} | {{}}": lambda names=names, shown=shown: tuned(names, shown)
+            for row, names, shown in (
+                ("`orca`", ("orca",), ("right_bias", "radius_m", "horizon_s", "velocity_gain_1_s")),
+                ("`vasarhelyi`", ("vasarhelyi",), ("c_frict", "tau_s")),
+                ("`cruise` behind `braking`", ("braking",), ("distance_m", "rate_1_s")),
+                ("`potential-field`", ("potential-field",), ("rho0_m",)),
+                ("`cruise` behind `ecbf`", ("ecbf",), ("distance_m", "rate_1_s")),
+                ("`bvc`", ("bvc",), ("radius_m", "velocity_gain_1_s", "right_bias")),
+                ("`olfati-saber`", ("olfati-saber",), ()),
+                ("`fed-lspi`, shares gains, data, alone", LSPI, ("gain_factor", "offset_change")),
+                ("`rls`, together, alone", ("rls", "rls-alone"), ()),
+            )
+        },
+        "cost {} times the bits and track worse": lambda: [
+            f"{median_of('paper', 'fed-lspi-data', 'kbit') / median_of('paper', 'fed-lspi', 'kbit'):.0f}"
         ],
-    ),
-    Sentence(
-        COMMUNICATION,
-        "with float32 it stays below {}.",
-        lambda: [f"{max(transmission(method, 'float32', RATIO) for method in communication.METHODS) + 0.005:.2f}"],
-    ),
-    Sentence(FLOWER, "A model of 246 floats is {} bits", lambda: [f"{32 * MODEL_FLOATS:,}"]),
-    Sentence(
-        FLOWER,
-        "by more than {} with 64-bit floats, and by {} with 32-bit floats; weighed by their samples, by {} and {}.",
-        lambda: [
+        "track best, with a median of {} in place of {} under a leader": lambda: [
+            f"{median_of('lossy', row, 'tracking'):.0f}" for row in ("fed-lspi-neighbours", "fed-lspi")
+        ],
+        "learns only drag and wind, tracks `unknown` with {}": lambda: [
+            f"{median_of('unknown', 'rls', 'tracking'):.1f}"
+        ],
+        "and more at κ = 0.02, for {} times the bits": lambda: [
+            f"{median_of('paper', 'mfgfl-h-ecbf', 'kbit') / median_of('paper', 'mfg-ecbf', 'kbit'):.0f}"
+        ],
+        "the mean logarithm of the tracking cost is {} together and {} alone": lambda: [
+            f"{chosen(name)['objective']:.2f}" for name in ("rls", "rls-alone")
+        ],
+        "sends less than {} Mbit in all": lambda: [
+            f"{math.ceil(max(flight['kbit'] for flight in flights_of('fed-lspi')) / 100) / 10:g}"
+        ],
+        (
+            "{} % of its UAVs arrive on `crowd`. On `unknown`, where drag and wind are not those that it was told, {} "
+            "% of the UAVs of `cruise` behind `ecbf` arrive, and behind `braking` {} %. On `swap` `orca` flies free of "
+            "collisions in {} of 30 flights there, `cruise` behind `braking` in {}, behind `ecbf` in {}, "
+            "`potential-field` in {} and `olfati-saber` in {}."
+        ): lambda: [
+            arrived("bvc", "crowd"),
+            *(arrived(row, "unknown") for row in ("cruise-ecbf", "cruise-braking")),
+            *(free(row) for row in ("orca", "cruise-braking", "cruise-ecbf", "potential-field", "olfati-saber")),
+        ],
+    },
+    REPRODUCTION: {
+        ("30 seeds for each point of a grid and {} for S0. The other scenarios use 10 and {} fresh seeds"): lambda: [
+            claim("C8")["single_flights"][1],
+            claim("C8")["scenarios"]["paper-slow"]["single_flights"][1],
+        ],
+        (
+            "The search has {} settings. Four were named before: the default, two with slow steering, and the printed "
+            "polynomial. The others are a Latin hypercube of {}."
+        ): lambda: [grid.MAP_SETTINGS + len(grid.KNOWN), grid.MAP_SETTINGS],
+        "{} gives the paper's 175 s": lambda: [
+            load(None).learner.kappa if claim("C18")["verdict"] == "reproduced" else None
+        ],
+    },
+    FLOWER: {
+        "A model of 246 floats is {} bits": lambda: [f"{32 * MODEL_FLOATS:,}"],
+        "than {} with 64-bit floats, and by {} with 32-bit floats; weighed by their samples, by {} and {}.": lambda: [
             scientific(median("classifier", f"difference, {bits} bits{way}"))
             for way in ("", ", by samples")
             for bits in (64, 32)
         ],
-    ),
-    Sentence(
-        FLOWER,
-        "engine takes {} ms, and all of its processes {} MiB of memory; a round of meanflock takes {} ms and {} MiB",
-        lambda: [
+        "takes {} ms, and all of its processes {} MiB of memory; a round of meanflock takes {} ms and {} MiB": lambda: [
             f"{median('classifier', name):,.0f}"
             for name in (
                 "flwr 1.41.0: round",
@@ -484,79 +379,29 @@ SENTENCES = [
                 "our memory",
             )
         ],
-    ),
-    Sentence(
-        SECURITY,
-        "A tick of 25 agents takes {} times as long over TLS",
-        lambda: [f"{median('tls', 'tick over TLS') / median('tls', 'tick over TCP'):.2f}"],
-    ),
-    Sentence(
-        ROBUSTNESS,
-        "it is three or four of about {} on average",
-        lambda: [f"{20 * (1.0 - float(sent('mfgfl-hf', 'float32', OUTAGES).split()[0]) / 100.0):.0f}"],
-    ),
-    Sentence(
-        YOUR_CONTROLLER,
-        "The default radio loses {} % of the messages of 300 floats, and {} % of those of 500 floats. Models of more "
-        "than {} floats go in fragments, of which {} % arrive",
-        lambda: [
+    },
+    SECURITY: {
+        "A tick of 25 agents takes {} times as long over TLS": lambda: [
+            f"{median('tls', 'tick over TLS') / median('tls', 'tick over TCP'):.2f}"
+        ],
+    },
+    YOUR_CONTROLLER: {
+        (
+            "loses {} % of the messages of 300 floats, and {} % of those of 500 floats. Models of more "
+            "than {} floats go in fragments, of which {} % arrive"
+        ): lambda: [
             f"{radio_losses(300):.0f}",
             f"{radio_losses(500):.0f}",
             next(floats for floats in range(10**4) if radio_losses(floats + 1) == 100.0),
             f"{100 * fragments.share_delivered(load(None), 3 * int(load(None).radio.bits_per_slot)):.0f}",
         ],
-    ),
-    Sentence(
-        YOUR_CONTROLLER,
-        "of 25 arrives, and {} pairs collide on the way",
-        lambda: re.findall(r"# 1 (\d+)$", (ROOT / YOUR_CONTROLLER).read_text(encoding="utf-8"), re.M),
-    ),
-    Sentence(
-        SCALING,
-        "tick takes up to {} B of `timeseries.parquet`, and in `recording.rrd` up to {} B, or {} B in a swarm of more "
-        "than {} UAVs",
-        lambda: [disk._SERIES_ROW + 4 * 3, disk._RECORDED_ROW, disk._RECORDED_ROW_OF_MANY, disk.LARGE_SWARM],
-    ),
-    Sentence(
-        SCALING,
-        "{} kB for a UAV and, if UAVs share states (`hjb`), {} B for a *pair*",
-        lambda: [memory.UAV_KB, memory.PAIR_BYTES],
-    ),
-    Sentence(
-        SCALING,
-        "From {} 000 UAVs on the memory of all UAVs exceeds {} MiB",
-        lambda: [MAX_MEMORY_BYTES // (8 * MODEL_FLOATS * 1000), MAX_MEMORY_BYTES >> 20],
-    ),
-    Sentence(
-        SCALING,
-        "From {} 000 UAVs on a round does not fit into one message.",
-        lambda: [2**26 // int(0.8 * 4 * MODEL_FLOATS * 1000)],
-    ),
-    Sentence(
-        SCALING,
-        "with √N clusters {} to {} times fewer than without clusters",
-        lambda: [one_digit(bound(fewer_received())) for bound in (min, max)],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "sends less than {} Mbit in all",
-        lambda: [f"{math.ceil(max(flight['kbit'] for flight in flights_of('fed-lspi')) / 100) / 10:g}"],
-    ),
-    Sentence(
-        CONTROLLERS,
-        "{} % of its UAVs arrive on `crowd`. On `unknown`, where drag and wind are not those that it was told, {} % of "
-        "the UAVs of `cruise` behind `ecbf` arrive, and behind `braking` {} %. On `swap` `orca` flies free of "
-        "collisions in {} of 30 flights there, `cruise` behind `braking` in {}, behind `ecbf` in {}, `potential-field` "
-        "in {} and `olfati-saber` in {}.",
-        lambda: [
-            arrived("bvc", "crowd"),
-            *(arrived(row, "unknown") for row in ("cruise-ecbf", "cruise-braking")),
-            *(free(row) for row in ("orca", "cruise-braking", "cruise-ecbf", "potential-field", "olfati-saber")),
-        ],
-    ),
-    Sentence(
-        REPRODUCTION,
-        "{} gives the paper's 175 s",
-        lambda: [load(None).learner.kappa if claim("C18")["verdict"] == "reproduced" else None],
-    ),
-]
+        "of 25 arrives, and {} pairs collide on the way": lambda: re.findall(
+            r"# 1 (\d+)$", (ROOT / YOUR_CONTROLLER).read_text(encoding="utf-8"), re.M
+        ),
+    },
+}
+
+
+def written(page: str) -> list[str]:
+    """The sentences of a page with their numbers."""
+    return [words.format(*numbers()) for words, numbers in SENTENCES.get(page, {}).items()]

@@ -9,7 +9,7 @@ import re
 import subprocess
 from pathlib import Path
 
-from tests.sentences import SENTENCES
+from tests.sentences import written
 
 ROOT = Path(__file__).parents[2]
 FILE = Path(__file__).with_name("numbers.csv")
@@ -51,8 +51,7 @@ def main() -> None:
     """Writes the file."""
     with FILE.open("w", newline="", encoding="utf-8") as file:
         for page in pages():
-            compared = [each.written() for each in SENTENCES if each.page == page]
-            csv.writer(file, lineterminator="\n").writerow([page, *found(page, compared)])
+            csv.writer(file, lineterminator="\n").writerow([page, *found(page, written(page))])
 
 
 if __name__ == "__main__":
