@@ -219,7 +219,7 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
             f"{kbit('mfgfl-hf', 'float32') / kbit('mfgfl-hf', 'int8'):.1f}",
             f"{float(sent('mfgfl-hf', 'float32', OUTAGES).split()[0]):.1f}",
         ],
-        "so {} % of its messages fail. Its UAVs hardly share models, and it takes {} J where float32 takes {}": lambda: [
+        "{} % of its messages fail. Its UAVs hardly share models, and it takes {} J where float32 takes {}": lambda: [
             f"{float(sent('mfgfl-hf', 'float64', OUTAGES).split()[0]):.0f}",
             *(sent("mfgfl-hf", payload, "energy until own arrival, J") for payload in ("float64", "float32")),
         ],
