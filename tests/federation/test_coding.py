@@ -15,7 +15,7 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from tests.agent.nodes import UAVS, flown, kept, models, sense, welcome
+from tests.agent.nodes import UAVS, flown, kept, sense, welcome
 from tests.methods import FEDERATED, PARTS
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
@@ -136,11 +136,11 @@ def test_a_weight_smaller_than_a_step_gets_through_only_with_feedback() -> None:
 
 def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
     """What an agent learned by each round's tick, and what it sent then."""
-    sent, seen = [], models(agent.act(sense(0)))
+    sent, seen = [], agent.act(sense(0)).models
     for tick in range(1, until):
         act = agent.act(sense(tick))
         sent += [(seen, batch) for batch in act.outbox if batch.kind == FrameKind.UPLOAD]
-        seen = models(act)
+        seen = act.models
     return sent
 
 

@@ -15,7 +15,7 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from tests.agent.nodes import flown, frames, sense_of, welcome
+from tests.agent.nodes import flown, frames, sense, welcome
 from tests.federation.plugins import Rows
 
 
@@ -103,30 +103,20 @@ def upload(source: list[int], number: int = 1) -> Frames:
     return frames(FrameKind.UPLOAD, source, [model(uav) for uav in source], links, number)
 
 
-@pytest.mark.parametrize("rule", ["fedavg", "precision", "krum"])
-def test_a_round_with_no_model_but_the_leader_s_own_is_void_and_changes_nothing(rule: str) -> None:
-    of = flown(*LEADER, f'federation.aggregation="{rule}"')
-    node, fresh = Leader(welcome(of, ())), Leader(welcome(of, ()))
-    act = node.act(sense_of(closing(of, 1), (), upload([3])))
-    assert (act.outbox, act.memory) == ((), b"")
-    request = sense_of(closing(of, 2), (), upload([3, 5], number=2))
-    assert wire.write_act(node.act(request)) == wire.write_act(fresh.act(request))
-
-
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
 def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
     of = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
     node, up = Leader(welcome(of, ())), Coding("int8", of.declared.parts)
     batch = upload([0, 1, 6])
     written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
-    act = node.act(sense_of(closing(of, 1), (), written))
+    act = node.act(sense(closing(of, 1), written, uavs=()))
     (sent,) = act.outbox
     heard = up.decode(written.payload)
     expected = Coding(down, of.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
     assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
     assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
-    assert not node.act(sense_of(closing(of, 1) + 1, (), written)).outbox
+    assert not node.act(sense(closing(of, 1) + 1, written, uavs=())).outbox
 
 
 def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
@@ -134,7 +124,7 @@ def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
     relayed = [np.append(model(uav), count) for uav, count in ((0, 3), (6, 2))]
     batch = frames(FrameKind.RELAY, [0, 6], relayed, [[0, 3], [1, 3]])
     batch.payload[0, 5] = 1e10
-    act = Leader(welcome(of, ())).act(sense_of(closing(of, 1), (), batch))
+    act = Leader(welcome(of, ())).act(sense(closing(of, 1), batch, uavs=()))
     assert act.refused.tolist() == [~0]
     np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))
 
@@ -235,8 +225,8 @@ def test_a_request_with_a_frame_that_does_not_fit_is_rejected_and_nothing_has_ch
     flight = flown("method=mfgfl-h", *settings)
     node, untouched, other = (Agent(welcome(flight, uavs)) if uavs else Leader(welcome(flight, ())) for _ in range(3))
     with pytest.raises(MessageRejected):
-        node.act(wire.read_sense(wire.write_sense(sense_of(tick, uavs, *fitting, misfits[misfit])), uavs=flight.uavs))
-    replies = [wire.write_act(one.act(sense_of(tick, uavs))) for one in (node, untouched)]
+        node.act(wire.read_sense(wire.write_sense(sense(tick, *fitting, misfits[misfit], uavs=uavs)), uavs=flight.uavs))
+    replies = [wire.write_act(one.act(sense(tick, uavs=uavs))) for one in (node, untouched)]
     assert replies[0] == replies[1]
     if fitting:
-        assert wire.write_act(other.act(sense_of(tick, uavs, *fitting))) != replies[0]
+        assert wire.write_act(other.act(sense(tick, *fitting, uavs=uavs))) != replies[0]

@@ -101,23 +101,9 @@ def test_an_error_of_a_filter_names_the_filter_and_not_the_controller(admit: Any
 AIR = Wind(drag=0.3, mean=(3.0, -2.0))
 
 
-class Wishes(Controller):
-    """Commands what its option says."""
-
-    name = "wishes"
-    broadcast_numbers = 0
-
-    def __init__(self, wanted: np.ndarray, scenario: Scenario) -> None:
-        super().__init__(None, scenario)
-        self.wanted = wanted
-
-    def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        return Step(memory, self.wanted)
-
-
 def filtered(scenario: Scenario, kind: type[Barrier] = Ecbf, **options: Any) -> Barrier:
     options = {"distance_m": 0.8, "rate_1_s": 4.0, "acceleration_max_m_s2": 3.0} | options
-    return kind(kind.Options(**options), scenario, Wishes(np.zeros((scenario.uavs, 2)), scenario))
+    return kind(kind.Options(**options), scenario, GoodController(None, scenario))
 
 
 def admit(made: Barrier, own: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

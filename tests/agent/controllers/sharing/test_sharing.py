@@ -6,7 +6,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.base import Broadcast, Received
-from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
+from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import load
 from meanflock.swarm.scenario.tables import POLICIES, Sharing
@@ -110,18 +110,6 @@ def frames(broadcast: Broadcast, rows: int, uavs: np.ndarray = UAVS, number: int
     source = uavs if broadcast.rows is None else uavs[broadcast.rows]
     links = [[sent, row] for sent in range(len(source)) for row in range(rows) if uavs[row] != source[sent]]
     return Received(number, source, broadcast.payload, np.array(links, dtype=np.intp).reshape(-1, 2))
-
-
-def test_with_a_state_every_tick_a_uav_not_received_for_long_is_forgotten() -> None:
-    table = neighbours(Sharing(policy="tick", forget_s=1.0))
-    memory = table.init(UAVS, plan())
-    said, broadcast = table.broadcast_states(memory, 3, plan())
-    memory, _ = table.receive(said, 4, [frames(Broadcast(broadcast.payload[:1], UAVS[:1]), N)])
-    assert (np.abs(table.states(memory, 10)) < 1e3).all()
-    predicted = table.states(memory, 11)
-    assert (predicted[2, [1, 3, 4], :2] == FAR_M).all()
-    assert not predicted[2, [1, 3, 4], 2:].any()
-    assert (np.abs(predicted[2, 0]) < 1e3).all()
 
 
 def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
