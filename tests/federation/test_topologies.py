@@ -1,13 +1,17 @@
-"""A federated flight is the same however it is flown, also in a user's topology; rounds that cannot work fail early."""
+"""Topologies, also a user's: flights are the same however they are flown; averaging without a leader; bad rounds."""
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock.federation.exchange import Exchange
+from meanflock.federation.memory import Trigger
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.federation.plugins import SLOW, Long, Momentum, Ring
 from tests.telemetry import fly
@@ -27,7 +31,7 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
 
 
 SILENT, DEADLINE = "federation.upload_threshold=0.2", "federation.deadline=0.2"
-MOMENTUM = "federation.aggregation=momentum"  # a rule with a state
+MEDIAN, MOMENTUM = "federation.aggregation=median", "federation.aggregation=momentum"  # the second has a state
 LEADER, NEIGHBOURS = "federation.topology=leader", "federation.topology=neighbours"
 CLUSTERS = ("federation.topology=clusters", "federation.clusters=2")
 # A tick transmits one of a dozen fragments and more.
@@ -43,7 +47,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "fragments to heads": ("long", (*FRAGMENTS, *CLUSTERS)),
     "fragments to heads, weighted": ("long", (*FRAGMENTS, *CLUSTERS, "controller.by_samples=true")),
     "fragments to neighbours, some silent": ("long", (*FRAGMENTS, NEIGHBOURS, SILENT)),
-    "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, "federation.aggregation=median")),
+    "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, MEDIAN)),
 }
 STEADY = ("trajectory_sha256", "models_sha256", "payload_bits", "rounds", "rounds_void", "uploads_silent")
 STEADY += ("weight_spread_final", "dropped_messages")
@@ -77,8 +81,93 @@ def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_
     assert traffic["broadcast"]["sent"] == 0
 
 
+# -- averaging without a leader -------------------------------------------------------------------------------------
+
+DOUBLES = "radio.bits_per_float=64"
+
+
+def exchanged(of: Scenario, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Random models (N, L), and what is made of them in a round in which they go over `links` (K, 2): UAV to UAV."""
+    models, everyone = np.random.default_rng(1).normal(size=(of.uavs, of.declared.parameters)), np.arange(of.uavs)
+    exchange = Exchange(of.hops[-1], of, everyone, [])
+    exchange.remember(1, everyone, models)
+    for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
+        source, row = np.unique(batch[:, 0], return_inverse=True)
+        ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
+        exchange.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
+    rows, averages, refused = exchange.average(1, np.ones(of.uavs, dtype=bool))
+    assert refused == []
+    after = models.copy()
+    after[rows] = averages
+    return models, after
+
+
+def test_every_uav_has_the_mean_of_what_it_received_and_its_own_model() -> None:
+    heard = np.random.default_rng(2).random((UAVS, UAVS)) < 0.4
+    np.fill_diagonal(heard, val=True)
+    models, after = exchanged(scenario(NEIGHBOURS, DOUBLES), np.argwhere(heard.T & ~np.eye(UAVS, dtype=bool)))
+    np.testing.assert_allclose(after, heard / heard.sum(axis=1, keepdims=True) @ models, atol=1e-12)
+
+
+def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:
+    of = scenario("uavs=5", NEIGHBOURS, DOUBLES, MEDIAN)
+    models, after = exchanged(of, np.array([[0, 3], [1, 3], [4, 3]]))
+    np.testing.assert_array_equal(after[3], np.median(models[[0, 1, 3, 4]], axis=0))
+    np.testing.assert_array_equal(after[[0, 1, 2, 4]], models[[0, 1, 2, 4]])  # they heard nobody
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        (lambda uploads: np.zeros(len(uploads.models)), "`weights` has 0.0; each must be greater than 0"),
+        (lambda uploads: np.ones(1 + len(uploads.models)), "expected"),
+        (lambda uploads: uploads.models[:, 0] * np.nan, "not finite"),
+    ],
+)
+def test_weights_that_are_none_cost_the_round(weights: Any, expected: str) -> None:
+    wrong = type("Wrong", (Momentum,), {"name": "wrong", "weights": lambda _self, uploads: weights(uploads)})
+    mf.register(wrong)
+    summary, sink = fly(scenario("uavs=4", NEIGHBOURS, "federation.aggregation=wrong", "duration=5"))
+    assert summary["lost"] == 0
+    told = [text for text in sink.texts if "wrong" in text]
+    assert told
+    assert all("aggregator 'wrong' failed in round" in text and expected in text for text in told)
+
+
+def test_the_uav_that_would_lead_may_die() -> None:
+    summary, _ = fly(scenario("uavs=6", NEIGHBOURS, "faults=[{kind='kill', tick=50, uavs=[0]}]"), rows=2)
+    assert (summary["rounds"], summary["rounds_void"], summary["lost"]) == (17, 0, 1)
+
+
+def test_uavs_out_of_range_are_isolated_keep_their_models_and_are_counted() -> None:
+    lonely, _ = fly(scenario("uavs=4", NEIGHBOURS, "start.spacing=20", "federation.range_m=5", "duration=10"))
+    assert (lonely["rounds"], lonely["rounds_void"], lonely["rounds_isolated"]) == (0, 4, 16)
+    assert lonely["radio"]["traffic"]["uplink"]["sent"] == 0
+    near, _ = fly(scenario("uavs=4", NEIGHBOURS, "radio.target_snr_db=60", "duration=10"))
+    assert (near["rounds"], near["rounds_isolated"]) == (4, 0)
+    assert near["weight_spread_final"] < lonely["weight_spread_final"]
+
+
+def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_on() -> None:
+    pause = "faults=[{kind='pause', tick=15, duration_s=5, uavs=[0, 1, 2]}]"
+    summary, _ = fly(scenario("uavs=3", NEIGHBOURS, pause, "duration=10"))
+    assert summary["rounds_void"] >= 2
+    assert summary["lost"] == 0
+
+
+def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
+    """By hand: the norm of the change over that of the model sent last."""
+    trigger, rows = Trigger(0.1, 3, 2), np.arange(3)
+    assert trigger.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
+    moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
+    assert trigger.due(rows, moved).tolist() == [True, False, True]
+    assert trigger.due(rows, np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])).tolist() == [False, True, False]
+
+
+# -- rounds that cannot work ---------------------------------------------------------------------------------------
+
 TWO, RING = "federation.clusters=2", f"federation.topology={Ring.name}"
-MEDIAN, LONG, FRAGMENT = "federation.aggregation=median", "controller.length=100000", "federation.fragment=1"
+LONG, FRAGMENT = "controller.length=100000", "federation.fragment=1"
 BRIEF = ("federation.period=8", "radio.coherence_time_s=0.05")
 QUIET = "federation.upload_threshold=0.1"
 # Method, settings, and parts of the line.
