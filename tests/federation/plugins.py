@@ -59,22 +59,6 @@ class Ring(Topology):
         return upload, relay, model
 
 
-class Rows:
-    """Rows that share no model; `silence` names the UAVs that send nothing."""
-
-    def __init__(self, uavs: tuple[int, ...] | range, floats: int = 108) -> None:
-        self.uavs, self.silence, self._floats = np.array(uavs), np.zeros(0, dtype=int), floats
-
-    def models_to_send(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rows[:0], np.zeros((0, self._floats))
-
-    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
-        raise AssertionError("no model of the leader is delivered here")
-
-    def silent(self) -> np.ndarray:
-        return np.isin(self.uavs, self.silence)
-
-
 class Long(Large):
     """Its model, a part of which pulls the UAV, shrinks from round to round, so that there is something to average."""
 

@@ -1,22 +1,46 @@
-"""A node's part in the rounds: who averages, what is refused or sent once, and frames that do not fit."""
+"""A node's part in the rounds: who averages, what is refused or sent once, frames that do not fit; means and bills."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+import meanflock as mf
 from meanflock.agent.node import Agent
+from meanflock.channel.medium import Medium
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.clusters import Division
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from tests.agent.nodes import flown, frames, sense, welcome
-from tests.federation.plugins import Rows
+from tests.agent.nodes import flown, sense, welcome
+from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH
+from tests.faults.conftest import Lab, scenario
+from tests.federation.plugins import Long
+
+
+class Rows:
+    """Rows that share no model; `silence` names the UAVs that send nothing."""
+
+    def __init__(self, uavs: tuple[int, ...] | range, floats: int = 108) -> None:
+        self.uavs, self.silence, self._floats = np.array(uavs), np.zeros(0, dtype=int), floats
+
+    def models_to_send(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rows[:0], np.zeros((0, self._floats))
+
+    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
+        raise AssertionError("no model of the leader is delivered here")
+
+    def silent(self) -> np.ndarray:
+        return np.isin(self.uavs, self.silence)
 
 
 def clustered(*settings: str) -> Scenario:
@@ -98,16 +122,11 @@ def closing(of: Scenario, number: int) -> int:
     return next(tick for tick in range(1000) if Schedule(of).closes(tick) == number)
 
 
-def upload(source: list[int], number: int = 1) -> Frames:
-    links = [[row, 3] for row in range(len(source))]
-    return frames(FrameKind.UPLOAD, source, [model(uav) for uav in source], links, number)
-
-
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
 def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
     of = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
     node, up = Leader(welcome(of, ())), Coding("int8", of.declared.parts)
-    batch = upload([0, 1, 6])
+    batch = uploads([0, 1, 6], [3, 3, 3])
     written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
     act = node.act(sense(closing(of, 1), written, uavs=()))
     (sent,) = act.outbox
@@ -122,8 +141,9 @@ def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_c
 def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
     of = flown(*LEADER, "federation.clusters=3")
     relayed = [np.append(model(uav), count) for uav, count in ((0, 3), (6, 2))]
-    batch = frames(FrameKind.RELAY, [0, 6], relayed, [[0, 3], [1, 3]])
-    batch.payload[0, 5] = 1e10
+    relayed[0][5] = 1e10
+    links = np.array([[0, 3], [1, 3]], dtype=np.int32)
+    batch = Frames(FrameKind.RELAY, 1, np.array([0, 6], np.int32), np.array(relayed, np.float32), links)
     act = Leader(welcome(of, ())).act(sense(closing(of, 1), batch, uavs=()))
     assert act.refused.tolist() == [~0]
     np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))
@@ -138,12 +158,12 @@ def of(kind: FrameKind, width: int, source: list[int], links: Any, dtype: str = 
     """Models of zeros but for their last number."""
     payload = np.zeros((len(source), width), dtype)
     payload[:, -1] = last
-    batch = frames(kind, source, payload, links)
-    return Frames(kind, int(kind != STATE), batch.source, payload, batch.links)
+    on_wire = None if links is None else np.array(links, dtype=np.int32)
+    return Frames(kind, int(kind != STATE), np.array(source, dtype=np.int32), payload, on_wire)
 
 
-def relay(source: int, count: float, dtype: str = "<f4", width: int = 109) -> Frames:
-    return of(RELAY, width, [source], [[0, 4]], dtype, count)
+def relay(source: int, count: float, width: int = 109) -> Frames:
+    return of(RELAY, width, [source], [[0, 4]], last=count)
 
 
 class Node(NamedTuple):
@@ -172,8 +192,6 @@ MODELS: dict[str, Frames] = {  # of a flat federation of 108 floats, for an agen
 UPLOADS: dict[str, Frames] = {
     "a global model": of(GLOBAL, 108, [0, 1], [[0, 0], [1, 0]]),
     "a state": of(STATE, 108, [0, 1], [[0, 0], [1, 0]]),
-    "too short": of(UPLOAD, 107, [0, 1], [[0, 0], [1, 0]]),
-    "in doubles": of(UPLOAD, 108, [0, 1], [[0, 0], [1, 0]], "<f8"),
     "a relay without heads": relay(3, 2.0),
 }
 RELAYS: dict[str, Frames] = {
@@ -185,16 +203,11 @@ RELAYS: dict[str, Frames] = {
     "of infinitely many": relay(4, np.inf),
     "of a count that is no number": relay(4, np.nan),
     "of no head": relay(5, 2.0),
-    "of a UAV that is nowhere": relay(99, 2.0),
-    "of a UAV below zero": relay(-1, 2.0),
     "without a count": relay(0, 2.0, width=108),
-    "in doubles": relay(0, 2.0, "<f8"),
 }
 TO_HEADS: dict[str, Frames] = {
     "to a UAV that heads nothing": of(UPLOAD, 108, [4], [[0, 5]]),
     "to another cluster": of(UPLOAD, 108, [1], [[0, 4]]),
-    "too short": of(UPLOAD, 107, [1], [[0, 0]]),
-    "in doubles": of(UPLOAD, 108, [1], [[0, 0]], "<f8"),
 }
 BYTES = {  # 108 steps and two scales
     "floats": of(UPLOAD, 108, [1], [[0, 0]]),
@@ -214,7 +227,6 @@ NODES = {
     "leader of heads": Node(HEADS, 7, (), (relay(6, 2.0),), RELAYS),
     "heads": Node(HEADS, 6, (0, 4, 5, 6), (of(UPLOAD, 108, [1, 3, 7], [[0, 0], [1, 4], [2, 6]]),), TO_HEADS),
     "no head": Node(HEADS, 6, (1, 2, 3), (), {"an upload": of(UPLOAD, 108, [1], [[0, 0]])}),
-    "no clusters": Node((), 6, (0, 4), (), {"an upload": of(UPLOAD, 108, [1], [[0, 0]])}),
 }
 CASES = [(name, misfit) for name, node in NODES.items() for misfit in node.misfits]
 
@@ -230,3 +242,109 @@ def test_a_request_with_a_frame_that_does_not_fit_is_rejected_and_nothing_has_ch
     assert replies[0] == replies[1]
     if fitting:
         assert wire.write_act(other.act(sense(tick, *fitting, uavs=uavs))) != replies[0]
+
+
+# -- means and bills of one level and of two ------------------------------------------------------------------------
+
+BY_SAMPLES = ("controller.by_samples=true", f"controller.length={FLOATS}")
+
+
+def one_round(flight: Scenario, models: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray | None, list[int]]:
+    """The mean the leader broadcasts of `models` (N, L), and the UAVs whose model got through all hops.
+
+    `samples`: (N,) what each counts, if the controller declares that.
+    """
+    rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
+    agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(range(flight.uavs)))
+    leader = Leader(welcome(flight, ()))
+    tick, relays = PERIOD, np.zeros((0, 5))
+    source = rounds.participants(1).astype(np.int32)
+    payload = flight.hops[0].coding.pack(models[source], samples[source, None])
+    uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, payload)], states)
+    has_heads = flight.federation.clusters > 1
+    while not rounds.closes(tick):
+        tick += 1
+        due = air.due(tick)
+        for frames in due:
+            if frames.kind == FrameKind.UPLOAD and has_heads:
+                agents.check(frames)
+                agents.receive(frames, tick)
+        sent, refused = agents.act(tick)
+        assert not refused
+        if sent:
+            relays = air.send(tick, sent, states)
+        last = FrameKind.RELAY if has_heads else FrameKind.UPLOAD
+        act = leader.act(sense(tick, *(frames for frames in due if frames.kind == last), uavs=()))
+    lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
+    head_of = Division(flight).head_of if has_heads else np.full(flight.uavs, -1)
+    through = [uav for uav in source.tolist() if uav not in lost and head_of[uav] not in silent]
+    return (act.outbox[0].payload[0] if act.outbox else None), through
+
+
+@st.composite
+def rounds_of(draw: st.DrawFn) -> tuple[list[str], int]:
+    """Settings of a swarm with clusters, and a seed for its models."""
+    uavs = draw(st.integers(1, 40))
+    return [
+        *draw(st.sampled_from([("method=mfgfl-h",), ("method=long", *BY_SAMPLES)])),
+        f"uavs={uavs}",
+        f"federation.clusters={draw(st.integers(1, uavs))}",
+        f"federation.leader={draw(st.integers(0, uavs - 1))}",
+        f"federation.fraction={draw(st.floats(0.01, 1.0))}",
+        f"seed={draw(st.integers(0, 2**62))}",
+        f"federation.period={PERIOD}",
+    ], draw(st.integers(0, 2**32))
+
+
+@pytest.mark.parametrize("radio", [CLEAR, ROUGH], ids=["clear", "rough"])
+def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through(radio: tuple[str, ...]) -> None:
+    mf.register(Long)
+
+    @settings(max_examples=40, deadline=None, database=None)
+    @given(rounds_of())
+    def check(asked: tuple[list[str], int]) -> None:
+        for levels in ((), ("federation.clusters=1",)):
+            of = load(None, [*asked[0], *radio, *levels])
+            draw = np.random.default_rng(asked[1])
+            models, samples = draw.standard_normal((of.uavs, FLOATS)), draw.integers(1, 2**16, of.uavs).astype(float)
+            found, through = one_round(of, models, samples)
+            assert radio is ROUGH or through == Schedule(of).participants(1).tolist()
+            assert (found is None) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
+            if found is not None:
+                expected = mean(models[through], samples[through] if of.declared.weighted else None)
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+    check()
+
+
+@pytest.mark.parametrize(("leader", "bits", "options"), [(0, 32, ()), (5, 64, ()), (7, 16, ()), (0, 64, BY_SAMPLES)])
+def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int, options: tuple[str, ...]) -> None:
+    """8 UAVs, 3 clusters {0 1 2}, {3 4 5}, {6 7}; all upload; five rounds."""
+    mf.register(Long)
+    of = scenario(
+        "uavs=8", "federation.clusters=3", "federation.fraction=1.0", f"federation.leader={leader}",
+        f"radio.bits_per_float={bits}", "radio.target_snr_db=60", *options, method="long" if options else "mfgfl-h",
+    )  # fmt: skip
+    samples = 32 if options else 0
+    lab = Lab(of)
+    summary = lab.fly()
+    traffic = summary["radio"]["traffic"]
+    assert summary["rounds"] == 5
+    assert traffic["uplink"]["transmissions"] == traffic["uplink"]["sent"] == 5 * (8 - 3)  # heads need no radio
+    assert traffic["relay"]["transmissions"] == traffic["relay"]["sent"] == 5 * (3 - 1)  # nor does the leader's own
+    assert summary["payload_bits"] == {
+        "uplink": 25 * (FLOATS * bits + samples),
+        "relay": 10 * ((FLOATS + 1) * bits + samples),
+        "broadcast": 5 * FLOATS * bits,
+        "state": 8 * 4 * bits,
+        "total": (30 * FLOATS + 10 * (FLOATS + 1)) * bits + 35 * samples + 32 * bits,
+    }
+    heads = {0: (0, 3, 6), 5: (0, 5, 6), 7: (0, 3, 7)}[leader]
+    members = ((0, 1, 2), (3, 4, 5), (6, 7))
+    up = {(uav, head) for head, group in zip(heads, members, strict=True) for uav in group if uav != head}
+    relays = {(head, leader) for head in heads if head != leader}
+    links = np.concatenate([block.links for block in lab.record.blocks])
+    for kind, expected, ticks in ((FrameKind.UPLOAD, up, 0), (FrameKind.RELAY, relays, 1), (FrameKind.GLOBAL, None, 2)):
+        of_kind = links[links[:, 3] == kind]
+        assert sorted(set(of_kind[:, 0].tolist())) == [20 + ticks, 40 + ticks, 60 + ticks, 80 + ticks, 100 + ticks]
+        assert expected is None or {(int(s), int(t)) for _, s, t, _, _ in of_kind} == expected
