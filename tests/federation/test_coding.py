@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding
-from meanflock.federation.memory import Feedback
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
@@ -118,20 +117,6 @@ def test_a_payload_is_steps_times_scales_and_is_rejected_if_one_is_beyond_its_bo
 
 
 RESIDUALS = "meanflock.residuals"  # in a checkpoint
-
-
-def test_a_weight_smaller_than_a_step_gets_through_only_with_feedback() -> None:
-    coding = Coding("int8", PARTS["mfgfl-h"])
-    model = np.zeros((1, 108))
-    model[0, :3] = 1.0, 1.1e-3, -0.4e-3  # a step is 1/127
-    for keeps in (True, False):
-        feedback = Feedback(coding, 1, active=keeps)
-        heard = [coding.decode(feedback.encode(np.array([0]), model))[0] for _ in range(1000)]
-        average = np.mean(heard, axis=0)
-        if keeps:
-            np.testing.assert_allclose(average, model[0], atol=1e-5)
-        else:
-            np.testing.assert_allclose(average[:3], [1.0, 0.0, 0.0], atol=1e-7)
 
 
 def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
