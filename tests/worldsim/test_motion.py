@@ -18,9 +18,9 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
 from tests.testing.good import GoodVehicle
-from tests.worldsim.flights import power
 
-ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "wind.json").read_text())
+ORACLES = Path(__file__).parents[1] / "oracle"
+WIND, POWER = (json.loads((ORACLES / f"{name}.json").read_text()) for name in ("wind", "power"))
 ROWS = 4000
 
 
@@ -53,7 +53,7 @@ def test_without_wind_and_drag_a_constant_acceleration_is_integrated_exactly() -
     np.testing.assert_array_equal(end[state.POSITION], expected)
 
 
-@pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['t_s']}s")
+@pytest.mark.parametrize("case", WIND, ids=lambda case: f"{case['t_s']}s")
 def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[str, Any]) -> None:
     dt = {1.0: 0.01, 10.0: 0.02, 50.0: 0.05}[case["t_s"]]
     end = fly(scenario(dt=dt), np.zeros((ROWS, 4)), 0.0, round(case["t_s"] / dt))
@@ -101,6 +101,18 @@ def test_the_field_has_no_divergence() -> None:
     for x, y in np.random.default_rng(3).uniform(-100, 100, (20, 2)).tolist():
         right, left, up, down = wind(at((x + h, y), (x - h, y), (x, y + h), (x, y - h)))
         assert (right[0] - left[0] + up[1] - down[1]) / (2 * h) == pytest.approx(0.0, abs=1e-6)
+
+
+def power(speed: np.ndarray) -> np.ndarray:
+    """In W, of speeds in m/s."""
+    states = np.zeros((len(speed), state.SIZE))
+    states[:, state.VX] = speed
+    return PointMass(PointMass.Options(), load(None)).power(states, {}, np.zeros((len(speed), 2)))
+
+
+def test_power_is_the_oracle_s() -> None:
+    speeds, expected = np.array([(case["speed_m_s"], case["power_W"]) for case in POWER]).T
+    np.testing.assert_allclose(power(speeds), expected, rtol=1e-9)
 
 
 def test_power_by_airspeed_is_that_of_the_speed_through_the_air() -> None:
