@@ -72,64 +72,32 @@ def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_w
     assert barrier.commands[[1, 2, 4], 0].tolist() == [3.0, 2.0, 3.0]
 
 
-class Air:
-    """A `FrameMerger` that notes what it drops and bills."""
-
-    def __init__(self, flown: Scenario) -> None:
-        self.dropped: list[str] = []
-        self.meter = Meter(flown.radio, flown.uavs)
-        self._merger = FrameMerger(Post(flown), lambda error, where: self.dropped.append(where))
-
-    def merge(self, *batches: Frames, silent: tuple[int, ...] = ()) -> list[Frames]:
-        active = np.ones(8, dtype=bool)
-        active[list(silent)] = False
-        return self._merger.merged(TICK, batches, active, self.meter)
-
-    @property
-    def billed(self) -> int:
-        return self.meter.traffic[FrameKind.UPLOAD].wire_bytes
-
-
 def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
     coding = codings.of_uploads(flown, None)
     models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
 
-def test_uploads_are_merged_into_one_batch_and_billed_by_their_bytes() -> None:
-    air, batches = Air(ALL), [upload(ALL, uav) for uav in range(7)]
-    (merged,) = air.merge(*batches)
-    assert merged.source.tolist() == list(range(7))
-    np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload for each in batches]))
-    assert (merged.kind, merged.round, merged.links) == (FrameKind.UPLOAD, 2, None)
-    assert air.billed == sum(wire.bytes_of_batch(each) for each in batches)
-    assert not air.dropped
-
-
-def test_uploads_of_other_rounds_and_of_silent_uavs_are_left_out() -> None:
-    air = Air(ALL)
+def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_rounds_and_silent_uavs() -> None:
+    dropped: list[str] = []
+    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(ALL), lambda error, where: dropped.append(where))
     batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
-    (merged,) = air.merge(*batches, silent=(3, 4))
-    assert (merged.source.tolist(), merged.round) == ([0, 2], 2)  # not that of the first batch
-    assert air.dropped == ["frames of UAV 1", "frames of UAV 5"]
-    assert air.billed == sum(wire.bytes_of_batch(each) for each in (upload(ALL, 0), upload(ALL, 2)))
-    assert Air(MODELS).merge(upload(MODELS, 1, number=7)) == []
-
-
-UAVS = 5
-EACH = np.ones(UAVS, dtype=bool)
-
-
-def numbers() -> np.ndarray:
-    return np.random.default_rng(1).normal(size=(UAVS, 5))
+    (merged,) = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
+    kept = [upload(ALL, 0), upload(ALL, 2, 3)]
+    assert (merged.kind, merged.round, merged.links) == (FrameKind.UPLOAD, 2, None)  # not that of the first batch
+    assert merged.source.tolist() == [0, 2]
+    np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload[:1] for each in kept]))
+    assert dropped == ["frames of UAV 1", "frames of UAV 5"]
+    assert meter.traffic[FrameKind.UPLOAD].wire_bytes == 2 * wire.bytes_of_batch(upload(ALL, 0))
+    assert merger.merged(TICK, batches[:1], np.ones(8, dtype=bool), meter) == []
 
 
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:
-    commands, given = Commands(UAVS, 3), numbers()
+    commands, given, each = Commands(5, 3), np.random.default_rng(1).normal(size=(5, 5)), np.ones(5, dtype=bool)
     given[2, column] = given[4, 0] = size
-    assert commands.store(given, EACH & (np.arange(UAVS) != 4), EACH, EACH).tolist() == [2]  # 4 has not replied
+    assert commands.store(given, np.arange(5) != 4, each, each).tolist() == [2]  # 4 has not replied
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]
     assert commands.largest.max() < BEYOND_SENSE
 
