@@ -124,20 +124,6 @@ def test_a_frame_is_delivered_once_after_its_slots_or_never(dt: float, theta: fl
         assert found == expected.get(tick, set())
 
 
-def test_the_order_of_kinds_leaves_no_trace() -> None:
-    batches = [
-        frames(FrameKind.UPLOAD, [0, 1, 4], 246, 1),
-        frames(FrameKind.GLOBAL, [0], 246, 1),
-        frames(FrameKind.STATE, [0, 2, 5], 4),
-    ]
-    one, other = (Medium(scenario("radio.target_snr_db=76")) for _ in range(2))
-    for tick in range(50):
-        np.testing.assert_array_equal(
-            one.send(tick, batches, line(*range(UAVS))), other.send(tick, batches[::-1], line(*range(UAVS)))
-        )
-    assert one.meter.traffic == other.meter.traffic
-
-
 TICKS = 240
 PERIOD = 50
 

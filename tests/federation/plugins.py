@@ -1,33 +1,18 @@
-"""Plug-ins of users for tests of the federation, and the learner of a node."""
+"""Plug-ins of users for tests of the federation."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 import meanflock as mf
 from meanflock.federation import coding
-from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind
 from tests.agent.large_model import Large
+from tests.pages import script_of
 
-
-class Momentum(Aggregator):
-    """The mean, moved on by half of how it moved last time."""
-
-    name: ClassVar[str] = "momentum"
-
-    def init(self, parameters: int) -> State:
-        return {"last": np.zeros(parameters), "moved": np.zeros(parameters)}
-
-    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
-        moved = mean(uploads.models) - state["last"] + 0.5 * state["moved"]
-        last = state["last"] + moved
-        return {"last": last, "moved": moved}, last
-
-
+Momentum = script_of("momentum", "examples").Momentum  # a rule with a state
 # A radio on which messages need up to five ticks, and many are lost.
 SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=5", "radio.target_snr_db=76")
 

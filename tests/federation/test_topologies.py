@@ -31,7 +31,7 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
 
 
 SILENT, DEADLINE = "federation.upload_threshold=0.2", "federation.deadline=0.2"
-MEDIAN, MOMENTUM = "federation.aggregation=median", "federation.aggregation=momentum"  # the second has a state
+MEDIAN, MOMENTUM = "federation.aggregation=median", "federation.aggregation=momentum"
 LEADER, NEIGHBOURS = "federation.topology=leader", "federation.topology=neighbours"
 CLUSTERS = ("federation.topology=clusters", "federation.clusters=2")
 # A tick transmits one of a dozen fragments and more.

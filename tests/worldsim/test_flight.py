@@ -1,4 +1,4 @@
-"""A flight: arrivals, losses, encounters and prices, by hand and by the oracle; books of whole blocks."""
+"""A flight: arrivals, losses, encounters and prices, by hand and by the oracle; sums of diagnostics."""
 
 import json
 import math
@@ -251,42 +251,6 @@ def test_lost_uavs_compute_nothing() -> None:
     summary = Engine(load(None, settings, method="cruise"), "x").complete()
     assert summary["lost"] == 2
     assert summary["energy_compute_J"] == 2 * 50 + 2 * 20
-
-
-# -- books -----------------------------------------------------------------------------------------------------------
-
-SWARM = ["uavs=5", "wind.sigma=0.2", "vehicle.acceleration_max=2", "destination.radius=180.6"]
-SWARM += ["start.group=2", "start.interval=0.7"]
-TICKS = 130
-
-
-def flown(settings: list[str], read_every: int) -> tuple[Flight, list[bytes]]:
-    """A flight in which UAVs take off, arrive and get lost, and what was read of it every tenth tick."""
-    flight, draw, seen = Flight(load(None, settings)), np.random.default_rng(4), []
-    for tick in range(TICKS):
-        flight.advance(draw.normal(0, 2, (5, 2)))
-        if tick == 70:
-            flight.lose(np.array([1]), "lost", "by the test")
-        if tick == 95:
-            flight.rejoin(np.array([1]), "agent")
-        if read_every and tick % read_every == 0:
-            flight.books.settle()
-        if tick % 10 == 0:
-            seen += [flight.energy.tobytes(), flight.distance.tobytes(), flight.effort.tobytes()]
-            seen += [repr((flight.speed_max, flight.mean_speed, flight.trajectory_sha256)).encode()]
-    return flight, seen
-
-
-@pytest.mark.parametrize("read_every", [1, 7])
-def test_the_books_of_a_block_are_those_of_each_tick(read_every: int) -> None:
-    (flight, seen), (settled, expected) = flown(SWARM, 0), flown(SWARM, read_every)
-    assert seen == expected
-    assert flight_summary(flight) == flight_summary(settled)
-    assert 0 < np.count_nonzero(flight.arrival_tick > 0) < 5
-    assert flight.arrival_energy.tobytes() == settled.arrival_energy.tobytes()
-    energies, single = (np.concatenate(one.books.energies) for one in (flight, settled))
-    assert energies.shape == (TICKS + 1, 5)
-    assert energies.tobytes() == single.tobytes()
 
 
 @pytest.mark.parametrize(("uavs", "columns"), [(1, 1), (1, 3), (9, 1), (40, 1), (40, 2), (200, 1), (200, 4)])
