@@ -1,6 +1,5 @@
 """Pairs of a swarm, and their mean difference of velocities: both forms against plain sums over all pairs."""
 
-import itertools
 import math
 import tracemalloc
 from types import ModuleType
@@ -76,7 +75,7 @@ def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 @both_forms
 @given(
-    st.integers(1, 250),
+    st.integers(0, 400),
     st.sampled_from([0.02, 0.3, 3.0, 100.0]),
     st.sampled_from([0.0, 0.05, 1.0, 40.0]),
     st.sampled_from([0.1, 1.0]),
@@ -84,7 +83,7 @@ def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     st.booleans(),
     st.integers(0, 2**32 - 1),
 )
-def test_pairs_in_motion_are_those_of_all_closest_approaches(
+def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike(
     backend: ModuleType, uavs: int, spread: float, step: float, collision: float, bound: float, grid: bool, seed: int
 ) -> None:
     """Some UAVs have no segment, some are left out; on a grid many have the same x."""
@@ -95,6 +94,7 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     before[draw.random(uavs) < 0.1] = np.nan
     after[draw.random(uavs) < 0.1] = np.nan
     near, touching, nearest = measured(backend, before, after, 0.5, collision, bound)
+    assert (near, touching, nearest) == measured(reference, before, after, 0.5, collision, bound)
     with np.errstate(invalid="ignore"):
         assert near == np.triu(distances(after) <= 0.25, 1).sum()
         found, apart = np.zeros((uavs, uavs), dtype=bool), closest_approaches(before, after)
@@ -104,26 +104,6 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
         assert (found <= np.triu(apart < collision + 1e-12, 1)).all()
     least = np.fmin.reduce(apart[np.triu_indices(uavs, 1)], initial=bound)
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("uavs", "spread"),  # nobody is near, some are, all are
-    [
-        *itertools.product([0, 1, 25, SMALL, SMALL + 1, 333], [300.0, 3.0, 0.03]),
-        (1100, 300.0),
-        (1100, 3.0),
-    ],
-)
-@pytest.mark.parametrize("step", [0.0, 0.4, 100.0])
-def test_both_forms_find_the_same_pairs_to_the_bit(uavs: int, spread: float, step: float) -> None:
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-    draw = np.random.default_rng(uavs)
-    before = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
-    after = before + draw.normal(size=before.shape) * step
-    before[::7], after[::11] = np.nan, np.nan
-    for bound in (math.inf, 0.5, 0.0):
-        expected = measured(reference, before, after, 0.7, 0.1, bound)
-        assert measured(compiled, before, after, 0.7, 0.1, bound) == expected
 
 
 def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) -> None:
@@ -203,18 +183,13 @@ def velocities_of_many(draw: st.DrawFn) -> np.ndarray:
 
 @settings(both_forms, max_examples=60)
 @given(velocities_of_many())
-def test_the_error_is_bounded_for_any_velocities(backend: ModuleType, velocities: np.ndarray) -> None:
+def test_the_error_is_bounded_and_both_forms_alike_for_any_velocities(
+    backend: ModuleType, velocities: np.ndarray
+) -> None:
     """Of velocities far from zero, the differences themselves are known to 2⁻⁵² of the velocities only."""
-    expected = exact(velocities)
-    rounding = 2.0**-50 * float(np.abs(velocities).max())
-    assert backend.alignment(flown(velocities)) == pytest.approx(expected, rel=ALIGNMENT_ERROR, abs=rounding)
-
-
-@settings(deadline=None, max_examples=40)
-@given(velocities_of_many())
-def test_both_forms_give_the_same_difference_to_the_bit(velocities: np.ndarray) -> None:
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-    assert compiled.alignment(flown(velocities)) == reference.alignment(flown(velocities))
+    found, rounding = backend.alignment(flown(velocities)), 2.0**-50 * float(np.abs(velocities).max())
+    assert found == pytest.approx(exact(velocities), rel=ALIGNMENT_ERROR, abs=rounding)
+    assert found == reference.alignment(flown(velocities))
 
 
 @pytest.mark.parametrize("uavs", [0, 1, FEW + 1, MANY + 1])
