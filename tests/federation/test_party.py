@@ -1,5 +1,6 @@
 """A node's part in the rounds: who averages, what is refused or sent once, frames that do not fit; means and bills."""
 
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,15 +10,14 @@ from hypothesis import strategies as st
 
 import meanflock as mf
 from meanflock.agent.node import Agent
-from meanflock.channel.medium import Medium
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
 from meanflock.federation.rules.fedavg import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
@@ -27,39 +27,16 @@ from tests.faults.conftest import Lab, scenario
 from tests.federation.plugins import Long
 
 
-class Rows:
-    """Rows that share no model; `silence` names the UAVs that send nothing."""
-
-    def __init__(self, uavs: tuple[int, ...] | range) -> None:
-        self.uavs, self.silence = np.array(uavs), np.zeros(0, dtype=int)
-
-    def silent(self) -> np.ndarray:
-        return np.isin(self.uavs, self.silence)
-
-
 def clustered(*settings: str) -> Scenario:
     """Clusters {0 1 2}, {3 4 5} and {6 7}; UAV 4 leads, so the heads are 0, 4 and 6."""
     fixed = ["uavs=8", "federation.period=10", "federation.clusters=3", "federation.leader=4"]
     return load(None, [*fixed, *settings], method="mfgfl-h")
 
 
-class Heads:
-    """A party of agents, asked at the ticks of a round's relays."""
-
-    def __init__(self, *uavs: int, flight: Scenario | None = None) -> None:
-        self.rows = Rows(uavs)
-        self.party = Party(flight or clustered(), "agent", np.array(uavs, dtype=np.intp), [], self.rows)
-
-    def collect(self, frames: Frames, number: int = 1) -> None:
-        self.party.receive(frames, 10 * number + 1)
-
-    def relay(self, number: int, *silent: int) -> tuple[list[Frames], list[int]]:
-        self.rows.silence = np.array(silent, dtype=int)
-        return self.party.act(10 * number + 1)
-
-    @property
-    def mail(self) -> int:
-        return sum(len(averager._mails) for averager in self.party._averagers)
+def heads(*uavs: int, flight: Scenario | None = None) -> Party:
+    """A party of agents; the relays of round k are due in tick 10 k + 1."""
+    nobody = np.zeros(len(uavs), dtype=bool)
+    return Party(flight or clustered(), "agent", np.array(uavs), [], SimpleNamespace(silent=lambda: nobody))
 
 
 def model(uav: int, seed: int = 0) -> np.ndarray:
@@ -77,35 +54,33 @@ def average(*uavs: int) -> np.ndarray:
 
 
 def test_a_second_copy_changes_nothing_and_mail_of_a_closed_round_is_dropped() -> None:
-    node = Heads(0)
-    node.collect(uploads([1, 2], [0, 0]))
-    node.collect(uploads([1], [0], seed=9))
-    (sent,), _ = node.relay(1)
+    node = heads(0)
+    node.receive(uploads([1, 2], [0, 0]), 11)
+    node.receive(uploads([1], [0], seed=9), 11)
+    (sent,), _ = node.act(11)
     np.testing.assert_array_equal(sent.payload[0], np.append(average(1, 2), 2))
-    node.collect(uploads([0], [0], number=2), 2)
-    node.collect(uploads([1], [0]), 2)  # too late for its round
-    (sent,), _ = node.relay(2)
+    node.receive(uploads([0], [0], number=2), 21)
+    node.receive(uploads([1], [0]), 21)  # too late for its round
+    (sent,), _ = node.act(21)
     np.testing.assert_array_equal(sent.payload[0], np.append(average(0), 1))
-    assert not node.mail
 
 
 def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() -> None:
-    node = Heads(0, 6)
-    batch = uploads([1, 2, 7], [0, 0, 6])
+    node, batch = heads(0, 6), uploads([1, 2, 7], [0, 0, 6])
     batch.payload[[0, 2], 5] = 1e10
-    node.collect(batch)
-    (sent,), refused = node.relay(1)
+    node.receive(batch, 11)
+    (sent,), refused = node.act(11)
     assert (sent.source.tolist(), refused) == ([0], [1, 7])
     np.testing.assert_array_equal(sent.payload[0], np.append(average(2), 1))
 
 
 def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     flight = clustered("radio.bits_per_float=16", "federation.payload=int8")
-    coding, node = Coding("int8", flight.declared.parts), Heads(0, 6, flight=flight)
+    coding, node = Coding("int8", flight.declared.parts), heads(0, 6, flight=flight)
     written = coding.encode(np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
     links = np.array([[0, 0], [1, 6]], dtype=np.int32)
-    node.collect(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links))
-    (sent,), refused = node.relay(1)
+    node.receive(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links), 11)
+    (sent,), refused = node.act(11)
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
 
 
@@ -230,51 +205,37 @@ def test_a_request_with_a_frame_that_does_not_fit_is_rejected_and_nothing_has_ch
 BY_SAMPLES = ("controller.by_samples=true", f"controller.length={FLOATS}")
 
 
-def one_round(flight: Scenario, models: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray | None, list[int]]:
-    """The mean the leader broadcasts of `models` (N, L), and the UAVs whose model got through all hops.
+def one_round(flight: Scenario) -> tuple[list[np.ndarray], list[int]]:
+    """What the leader broadcasts, and the UAVs whose model got through all hops."""
+    engine, found, records = Engine(flight, "round"), list[np.ndarray](), list[np.ndarray]()
+    send = engine.world.air.send
 
-    `samples`: (N,) what each counts, if the controller declares that.
-    """
-    rounds, air, states = Schedule(flight), Medium(flight), starts(flight)
-    agents = Party(flight, "agent", np.arange(flight.uavs), [], Rows(range(flight.uavs)))
-    leader = Leader(welcome(flight, ()))
-    tick, relays = PERIOD, np.zeros((0, 5))
-    source = rounds.participants(1).astype(np.int32)
-    payload = flight.hops[0].coding.pack(models[source], samples[source, None])
-    uploads = air.send(tick, [Frames(FrameKind.UPLOAD, 1, source, payload)], states)
-    has_heads = flight.federation.clusters > 1
-    while not rounds.closes(tick):
-        tick += 1
-        due = air.due(tick)
-        for frames in due:
-            if frames.kind == FrameKind.UPLOAD and has_heads:
-                agents.check(frames)
-                agents.receive(frames, tick)
-        sent, refused = agents.act(tick)
-        assert not refused
-        if sent:
-            relays = air.send(tick, sent, states)
-        last = FrameKind.RELAY if has_heads else FrameKind.UPLOAD
-        act = leader.act(sense(tick, *(frames for frames in due if frames.kind == last), uavs=()))
-    lost, silent = (set(links[links[:, 4] < 0, 1].tolist()) for links in (uploads, relays))
-    head_of = Division(flight).head_of if has_heads else np.full(flight.uavs, -1)
-    through = [uav for uav in source.tolist() if uav not in lost and head_of[uav] not in silent]
-    return (act.outbox[0].payload[0] if act.outbox else None), through
+    def noted(tick: int, frames: list[Frames], *more: Any) -> np.ndarray:
+        found.extend(batch.payload[0] for batch in frames if batch.kind == GLOBAL)
+        records.append(send(tick, frames, *more).copy())
+        return records[-1]
+
+    engine.world.air.send = noted
+    engine.complete()
+    links = np.concatenate(records)
+    lost, silent = (set(links[(links[:, 3] == kind) & (links[:, 4] < 0), 1].tolist()) for kind in (UPLOAD, RELAY))
+    head_of = Division(flight).head_of if flight.federation.clusters > 1 else np.full(flight.uavs, -1)
+    taking_part = Schedule(flight).participants(1).tolist()
+    return found, [uav for uav in taking_part if uav not in lost and head_of[uav] not in silent]
 
 
 @st.composite
-def rounds_of(draw: st.DrawFn) -> tuple[list[str], int]:
-    """Settings of a swarm with clusters, and a seed for its models."""
+def rounds_of(draw: st.DrawFn) -> list[str]:
+    """Settings of a swarm with clusters that flies one round, without a change of its models before."""
     uavs = draw(st.integers(1, 40))
     return [
-        *draw(st.sampled_from([("method=mfgfl-h",), ("method=long", *BY_SAMPLES)])),
-        f"uavs={uavs}",
+        *("method=long", "controller.decay=1.0", f"controller.length={FLOATS}", f"federation.period={PERIOD}"),
+        *('stop="duration"', "duration=2.8", f"uavs={uavs}", f"seed={draw(st.integers(0, 2**62))}"),
+        f"controller.by_samples={draw(st.sampled_from(['true', 'false']))}",
         f"federation.clusters={draw(st.integers(1, uavs))}",
         f"federation.leader={draw(st.integers(0, uavs - 1))}",
         f"federation.fraction={draw(st.floats(0.01, 1.0))}",
-        f"seed={draw(st.integers(0, 2**62))}",
-        f"federation.period={PERIOD}",
-    ], draw(st.integers(0, 2**32))
+    ]
 
 
 @pytest.mark.parametrize("radio", [CLEAR, ROUGH], ids=["clear", "rough"])
@@ -283,17 +244,16 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
 
     @settings(max_examples=40, deadline=None, database=None)
     @given(rounds_of())
-    def check(asked: tuple[list[str], int]) -> None:
+    def check(asked: list[str]) -> None:
         for levels in ((), ("federation.clusters=1",)):
-            of = load(None, [*asked[0], *radio, *levels])
-            draw = np.random.default_rng(asked[1])
-            models, samples = draw.standard_normal((of.uavs, FLOATS)), draw.integers(1, 2**16, of.uavs).astype(float)
-            found, through = one_round(of, models, samples)
+            of = load(None, [*asked, *radio, *levels])
+            found, through = one_round(of)
             assert radio is ROUGH or through == Schedule(of).participants(1).tolist()
-            assert (found is None) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
-            if found is not None:
-                expected = mean(models[through], samples[through] if of.declared.weighted else None)
-                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+            assert (not found) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
+            if found:
+                before = Long(Long.Options(length=FLOATS), of).init(np.array(through), np.zeros((len(through), 4)))
+                expected = mean(before["model"], before["samples"] if of.declared.weighted else None)
+                np.testing.assert_allclose(found[0], expected, rtol=0, atol=1e-12)
 
     check()
 

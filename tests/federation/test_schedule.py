@@ -5,13 +5,10 @@ import pytest
 
 from meanflock.federation.account import Account, ModelsHash, shares
 from meanflock.federation.schedule import Schedule
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import FrameKind, Frames
+from tests.agent.nodes import flown
 from tests.telemetry import fly
-
-
-def scenario(*settings: str) -> Scenario:
-    return load(None, settings)
 
 
 @pytest.mark.parametrize("slots", [1, 3, 8, 40])
@@ -20,15 +17,8 @@ def scenario(*settings: str) -> Scenario:
 def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
     period: int, coherence: float, slots: int
 ) -> None:
-    rounds = Schedule(
-        scenario(
-            "method=mfgfl-h",
-            f"federation.period={period}",
-            "federation.fragment=0",
-            f"radio.coherence_time_s={coherence}",
-            f"radio.latency_threshold_slots={slots}",
-        )
-    )
+    radio = (f"radio.coherence_time_s={coherence}", f"radio.latency_threshold_slots={slots}")
+    rounds = Schedule(flown(f"federation.period={period}", "federation.fragment=0", *radio, method="mfgfl-h"))
     ticks = range(500)
     opened = [(tick, rounds.opens(tick)) for tick in ticks if rounds.opens(tick)]
     closed = [(tick, rounds.closes(tick)) for tick in ticks if rounds.closes(tick)]
@@ -44,8 +34,8 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
 def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_they_are_needed(
     uavs: int, fraction: float, expected: int, duration: float
 ) -> None:
-    of = scenario("method=mfgfl-h", f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}")
-    of, some = of.replace(**{"federation.period": 20}), np.array([0, 2, 3, 11])
+    keys = (f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}", "federation.period=20")
+    of, some = flown(*keys, method="mfgfl-h"), np.array([0, 2, 3, 11])
     ahead, rows, late = Schedule(of, some), Schedule(of, some), Schedule(of)
     ahead.draw_ahead()
     for number in (1, 10, 11, 128, 129, 130, 2):
@@ -59,7 +49,7 @@ def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_the
 
 
 def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
-    rounds, n = Schedule(scenario("uavs=10", "federation.fraction=0.3")), 2000
+    rounds, n = Schedule(flown("uavs=10", "federation.fraction=0.3")), 2000
     drawn = np.concatenate([rounds.participants(k) for k in range(n)])
     often = np.bincount(drawn, minlength=10) / n
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()

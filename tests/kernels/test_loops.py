@@ -77,13 +77,6 @@ def test_a_message_is_sent_link_by_link(backend: ModuleType, links: int, needed:
         assert slots.tolist() == expected_slots
 
 
-def test_a_bound_that_is_no_number_is_never_reached(backend: ModuleType) -> None:
-    busy, missing, slots = np.arange(2), np.ones(2, np.int64), np.full(2, 9)
-    assert backend.fade(np.ones((2, 2)), 1.0, 1.0, np.array([np.nan, 0.0]), 3, busy, missing, slots) == 1
-    assert busy[0] == 0
-    assert slots.tolist() == [3, 3]
-
-
 @both_forms
 @given(st.integers(0, 6), st.integers(0, 30), st.booleans(), seeds)
 def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: int, late: bool, seed: int) -> None:

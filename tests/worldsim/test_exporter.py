@@ -11,7 +11,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
-from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.scenario import load
 from meanflock.worldsim.exporter import exported
 from meanflock.worldsim.reporting import Outbox
 from meanflock.worldsim.summary import BOUNDS_S
@@ -40,14 +40,11 @@ class Scrape:
         return any(known == f"meanflock_{name}" for known, _ in self._samples)
 
 
-def flown(*faults: dict[str, Any]) -> Scenario:
-    settings = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "radio.target_snr_db=78"]
-    return load(None, settings, method="mfgfl-hf", faults=list(faults))
-
-
 @pytest.fixture
 def engine() -> Engine:
-    return Engine(flown({"kind": "kill", "uavs": [4], "time_s": 3.0}), RUN, uavs_per_node=2, sinks=[Kept()])
+    settings = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "radio.target_snr_db=78"]
+    flown = load(None, settings, method="mfgfl-hf", faults=[{"kind": "kill", "uavs": [4], "time_s": 3.0}])
+    return Engine(flown, RUN, uavs_per_node=2, sinks=[Kept()])
 
 
 @pytest.fixture

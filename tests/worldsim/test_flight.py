@@ -116,14 +116,10 @@ def test_an_absurd_command_loses_the_uav_and_leaves_the_others_as_they_were(comm
 
 
 def segment_distance(first: np.ndarray, last: np.ndarray) -> float:
-    """Distance from the origin to the segment between two points, sampled and then refined about the best sample."""
-    low, high = 0.0, 1.0
-    for _ in range(6):
-        shares = np.linspace(low, high, 201)
-        apart = np.hypot(*(first + shares[:, None] * (last - first)).T)
-        best = int(apart.argmin())
-        low, high = shares[max(best - 1, 0)], shares[min(best + 1, 200)]
-    return float(apart[best])
+    """Distance from the origin to the segment between two points."""
+    moved = last - first
+    share = np.clip(-(first @ moved) / max(moved @ moved, 1e-300), 0.0, 1.0)
+    return float(np.hypot(*(first + share * moved)))
 
 
 def test_encounters_are_the_closest_approaches_of_all_segments() -> None:

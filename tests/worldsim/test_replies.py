@@ -30,8 +30,7 @@ from tests.swarm.examples import same
 NAME, TICK = "replies", 20
 RUN = keys.fingerprint(NAME)
 STATES = load(None, ["uavs=8"], method="hjb")
-MODELS = load(None, ["uavs=8", "federation.period=10"], method="mfgfl-hf")
-ALL = MODELS.replace(**{"federation.fraction": 1.0})
+ALL = load(None, ["uavs=8", "federation.period=10", "federation.fraction=1.0"], method="mfgfl-hf")
 MOST = STATES.declared.broadcast_numbers  # of a UAV in a tick
 INTEGERS = ("i1", "u1", "<i2", "<i4")
 WIDTH = 2 + len(STATES.declared.diagnostics)
