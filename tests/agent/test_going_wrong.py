@@ -88,7 +88,6 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "declares a truth": ({"parameters": True}, r"`parameters` is True"),
     "declares too much": ({"parameters": 10**9}, r"`parameters` is 1000000000; expected 0 … 1000000"),
     "declares parts that do not add up": ({"parts": (1, 1)}, r"`parts` \(1, 1\) do not add up to its 3"),
-    "declares no parts": ({"parts": 3}, r"a declaration cannot be read"),
     "declares no period": ({"period_ticks": 0}, r"`period_ticks` is 0"),
     "declares a text of diagnostics": ({"diagnostics": "speed"}, r"is a text; write \('speed',\)"),
     "declares a diagnostic twice": ({"diagnostics": ("a", "a")}, r"different names"),

@@ -255,14 +255,10 @@ def test_a_summary_has_the_closed_forms_there_are(model: str, unknown: bool) -> 
         assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
 
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "shadowing.py"
-SETTINGS = ["method=vasarhelyi", "uavs=5", "radio.model=shadowing", "radio.options={reach_m=4}", "duration=30"]
-
-
 @pytest.fixture
 def shadowing() -> Any:
     """The class of the example, installed."""
-    (found,) = plugins.load_file(EXAMPLE)
+    (found,) = plugins.load_file(Path(__file__).parents[2] / "examples" / "shadowing.py")
     return plugins.load(found.kind, found.name)
 
 
@@ -297,7 +293,9 @@ def test_both_directions_and_all_fragments_share_a_shadow(shadowing: Any) -> Non
 
 
 def test_a_flight_over_shadows_is_the_same_in_nodes_and_after_a_resume(shadowing: Any, tmp_path: Path) -> None:
-    flown = load(None, SETTINGS)
+    flown = load(
+        None, ["uavs=5", "radio.model=shadowing", "radio.options={reach_m=4}", "duration=30"], method="vasarhelyi"
+    )
     whole = Engine(flown, "whole").complete()
     assert whole["radio"]["outages"] > 0
     assert steady(Engine(flown, "nodes", uavs_per_node=1).complete()) == steady(whole)

@@ -1,5 +1,6 @@
-"""Aggregation rules: by hand, in any order, with states and failures of users' rules, and what false uploads move."""
+"""Aggregation rules: by hand, in any order, with states and failures, under false uploads; those of the examples."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import meanflock as mf
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.federation.rules.fedavg import mean
@@ -21,6 +23,7 @@ from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.agent import nodes
 from tests.faults.conftest import Lab, scenario
 from tests.federation.plugins import Momentum
+from tests.pages import script_of
 from tests.telemetry import fly
 
 
@@ -243,3 +246,100 @@ def test_a_false_upload_changes_the_flight_or_is_refused_and_named(kind: str, wi
     false = ", ".join(map(str, Byzantine(lab.world._scenario).uavs))
     texts = {event.text for event in lab.record.events if event.kind == "refused"}
     assert texts == ({f"uploads of UAV {false} were not averaged"} if refused else set())
+
+
+# -- the examples: they fly, and compute what their papers say --------------------------------------------------------
+
+classifier, fedadam, scaffold = (script_of(name, "examples") for name in ("classifier", "fedadam", "scaffold"))
+
+EXAMPLES = {
+    "fedadam": fedadam.FedAdam,
+    "fedbuff": script_of("fedbuff", "examples").FedBuff,
+    "inverse-probability": script_of("inverse_probability", "examples").InverseProbability,
+    "scaffold": scaffold.ScaffoldRule,
+}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_fly(name: str) -> None:
+    plugins.register(EXAMPLES[name])
+    settings = {"federation.aggregation": name, "federation.fraction": 1.0, "federation.period": 20}
+    method = scaffold.Scaffold if name == "scaffold" else "fed-lspi"
+    run = mf.fly(method=method, uavs=9, seed=3, duration=20, **settings)
+    assert run.summary["rounds"] >= (1 if name == "fedbuff" else 8)
+    assert run.summary["rounds"] + run.summary["rounds_void"] <= 9
+    assert not [event for event in run.events if "failed" in event["text"]]
+    assert run.summary["lost"] == 0
+
+
+def test_fedadam_takes_the_step_that_was_worked_by_hand() -> None:
+    rule = fedadam.FedAdam(fedadam.FedAdam.Options(eta=0.1, beta1=0.5, beta2=0.75, tau=0.2), mf.Scenario())
+    state, model = rule.step(rule.init(2), mf.Uploads.complete(np.array([[1.0, 0.0], [3.0, 0.0]])))
+    assert model.tolist() == [2.0, 0.0]
+    state, model = rule.step(state, mf.Uploads.complete(np.array([[2.0, -0.4], [3.0, -0.4]]), 2))
+    # Δ = [0.5, −0.4]; m = Δ/2; v = 0.75 · 0.04 + 0.25 Δ² = [0.0925, 0.07]; x ← x + 0.1 m / (√v + 0.2)
+    expected = [2.0 + 0.1 * 0.25 / (np.sqrt(0.0925) + 0.2), -0.1 * 0.2 / (np.sqrt(0.07) + 0.2)]
+    np.testing.assert_allclose(model, expected, rtol=1e-15)
+    np.testing.assert_allclose(state["v"], [0.0925, 0.07], rtol=1e-15)
+
+
+def test_the_control_variates_of_scaffold_have_the_leaders_as_their_mean() -> None:
+    """c = Σ c_i / N after every round in which all take part, and s is the mean of the K corrected gradients."""
+    plugins.register(scaffold.ScaffoldRule)
+    settings = {
+        "radio.model": "ideal",
+        "radio.bits_per_float": 64,
+        "federation.fraction": 1.0,
+        "federation.aggregation": "scaffold",
+    }
+    seen: list[Any] = []
+
+    class Watched(scaffold.Scaffold):
+        name = "watched"
+
+        def step(self, memory: Any, tick: int, own: Any, received: Any) -> Any:
+            seen.append((tick, memory))
+            return super().step(memory, tick, own, received)
+
+    Engine(mf.Scenario(method=Watched, uavs=6, stop="duration", duration=20, seed=2, **settings), "flight").complete()
+    flown = dict(seen)
+    for tick in range(29, 200, 20):  # between two rounds
+        models, shared = flown[tick]["model"][:, :2], flown[tick]["global"][:, 2:]
+        assert np.abs(shared).max() > 1e-4
+        np.testing.assert_allclose(flown[tick]["variate"].mean(axis=0), shared[0], atol=1e-15)
+        assert len(np.unique(models, axis=0)) == len(np.unique(shared, axis=0)) == 1
+    steps = [flown[tick]["model"][:, :2] - flown[tick + 1]["model"][:, :2] for tick in range(50, 60)]
+    mean = np.mean(steps, axis=0) / scaffold.RATE
+    np.testing.assert_allclose(flown[60]["model"][:, 2:], mean, atol=1e-12)
+    before = flown[50]["variate"] - flown[50]["global"][:, 2:]
+    np.testing.assert_allclose(flown[61]["variate"], before + mean, atol=1e-12)
+
+
+def test_the_rule_of_scaffold_moves_by_the_share_of_the_uavs_that_took_part() -> None:
+    rule = scaffold.ScaffoldRule(scaffold.ScaffoldRule.Options(), mf.Scenario(uavs=4))
+    uploads = mf.Uploads.complete(np.array([[1.0, 1.0, 0.5, 0.0], [3.0, 1.0, 0.7, 0.4]]))
+    state, model = rule.step({"shared": np.array([0.2, 0.2])}, uploads)
+    np.testing.assert_allclose(model, [2.0, 1.0, 0.2 + 0.5 * (0.6 - 0.2), 0.2], rtol=1e-15)  # |S| = 2 of N = 4
+    assert state["shared"].tolist() == model[2:].tolist()
+
+
+def test_the_program_prints_a_line_for_each_way_and_writes_a_picture(tmp_path, monkeypatch, capsys) -> None:
+    ways = ["--ways", "alone", "neighbours", "--out", str(tmp_path / "classifier")]
+    monkeypatch.setattr("sys.argv", ["classifier.py", "--rounds", "6", "--uavs", "5", *ways])
+    classifier.main()
+    alone, together = re.findall(r"^(.+): ([\d.]+)% of the tests, .* ([\d.]+) Mbit$", capsys.readouterr().out, re.M)
+    assert (alone[0], alone[2], together[0]) == ("alone", "0.0", "neighbours")
+    assert float(alone[1]) < 25.0 < float(together[1])
+    assert (tmp_path / "classifier" / "accuracy.png").stat().st_size > 10_000
+
+
+def test_sharing_makes_a_classifier_of_all_digits_and_pays_for_every_fragment() -> None:
+    """Twenty rounds, the accuracy of the UAV that is worst; over a radio that loses half of the fragments, too."""
+    flown = {way: classifier.fly(way, 10, 20) for way in classifier.WAYS}
+    least = {way: rows[-1][1] for way, rows in flown.items()}
+    assert least["alone"] <= 0.25
+    assert min(least["leader"], least["neighbours"]) >= 0.88
+    assert min(least["lossy, leader"], least["lossy, neighbours"]) >= 0.7
+    bits = [bits for _, _, bits in flown["neighbours"]]
+    assert bits == [bits[1] * number for number in range(21)]
+    assert 10 * 32 * 2410 <= bits[1] < 1.1 * 10 * 32 * 2410

@@ -21,15 +21,11 @@ both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture
 
 
 def measured(
-    backend: ModuleType,
-    before: np.ndarray,
-    after: np.ndarray,
-    hazard: float,
-    collision: float,
-    nearest: float = math.inf,
+    backend: ModuleType, before: np.ndarray, after: np.ndarray, *bounds: float
 ) -> tuple[int, list[Any], float]:
+    """`bounds`: the radii of hazards and of collisions, and the least distance so far."""
     found = np.full((len(after) ** 2 + 1, 2), -7)
-    near, count, nearest = backend.pairs(before, after, hazard, collision, nearest, found)
+    near, count, nearest = backend.pairs(before, after, *bounds, found)
     assert (found[count:] == -7).all()
     return near, found[:count].tolist(), nearest
 
@@ -57,7 +53,7 @@ def test_pairs_at_rest_are_those_of_the_matrix(
     """Coincident UAVs, and pairs exactly on either radius, are common; a large swarm is a small one many times."""
     states = np.tile(states, (1 + SMALL // len(states), 1)) if large else states
     squared = distances(states)
-    near, touching, nearest = measured(backend, states, states, hazard, collision)
+    near, touching, nearest = measured(backend, states, states, hazard, collision, math.inf)
     assert near == np.triu(squared <= hazard * hazard, 1).sum()
     assert touching == np.argwhere(np.triu(squared < collision * collision, 1)).tolist()
     assert nearest == math.sqrt(squared[np.triu_indices(len(states), 1)].min(initial=math.inf))
@@ -110,7 +106,7 @@ def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) 
     states = np.zeros((4, state.SIZE))
     states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
-        assert measured(backend, states, states, 1.0, 1.0) == (0, [], math.inf)
+        assert measured(backend, states, states, 1.0, 1.0, math.inf) == (0, [], math.inf)
 
 
 def test_pairs_beyond_the_room_for_them_are_counted(backend: ModuleType) -> None:

@@ -122,14 +122,6 @@ def test_those_within_the_radius_that_were_asked_for_are_counted(backend: Module
     assert count == within.sum()
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_uav_that_is_nowhere_has_reached_nothing(backend: ModuleType, bad: float) -> None:
-    states, within = np.zeros((2, 4)), np.ones(2, dtype=bool)
-    states[1, 3] = bad
-    assert backend.reached(states, np.zeros((2, 4)), 1.0, within) == 1
-    assert within.tolist() == [True, False]
-
-
 @both_forms
 @given(st.integers(0, 4), st.integers(1, 9), st.integers(1, 5), seeds)
 def test_systems_are_solved_one_by_one(backend: ModuleType, systems: int, size: int, sides: int, seed: int) -> None:

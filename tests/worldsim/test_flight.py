@@ -42,7 +42,7 @@ def kinds(flight: Flight) -> list[tuple[str, tuple[int, ...]]]:
     return [(event.kind, event.uavs) for event in flight.events]
 
 
-def test_an_arrival_is_recorded_once_with_its_time_energy_and_distance() -> None:
+def test_an_arrival_is_recorded_once_with_its_time_energy_distance_and_effort() -> None:
     flight = calm('stop="duration"')
     put(flight, 1, position=(7.5, 0.0), velocity=(-2.0, 0.0))
     idle(flight, 50)  # passes the destination and leaves it again in the end
@@ -59,6 +59,9 @@ def test_an_arrival_is_recorded_once_with_its_time_energy_and_distance() -> None
     assert flight.energy[1] > energy
     assert kinds(flight) == [("arrived", (1,))]
     assert flight.events[0].tick == arrived
+    flight.advance(np.ones((3, 2)), gust=np.ones((3, 2)))
+    assert flight.effort == pytest.approx([2.0, 0.0, 2.0])  # of commands until arrival
+    assert flight_summary(flight)["control_effort"] == pytest.approx(4.0 * 0.1 / 3)
     assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1 * arrived)
 
 
@@ -170,18 +173,6 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
     assert hit
 
 
-def test_control_effort_is_the_integral_of_the_commands_until_arrival() -> None:
-    flight = calm('stop="duration"', uavs=2)
-    command = np.array([[0.3, 0.4], [0.0, 0.0]])
-    put(flight, 0, position=(5.5, 0.0), velocity=(-2.0, 0.0))
-    while flight.arrival_tick[0] < 0:
-        flight.advance(command, gust=np.full((2, 2), -0.5))
-    idle(flight)
-    flight.advance(command)
-    assert flight_summary(flight)["control_effort"] == pytest.approx(0.25 * flight.arrival_tick[0] * 0.1 / 2)
-    assert flight.arrival_tick[0] > 3
-
-
 WAVES = ("uavs=4", "start.formation=waves", "start.group=2", "start.interval=2")
 
 
@@ -228,25 +219,17 @@ def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
     assert near / (n * (n - 1)) == pytest.approx(case["phi_C_distinct_pairs"], rel=1e-9)
 
 
-def test_radio_and_controllers_have_an_energy_that_changes_no_flight() -> None:
-    settings = ["uavs=4", "duration=5", "stop=duration"]
+def test_radio_and_controllers_have_an_energy_that_changes_no_flight_and_lost_uavs_compute_nothing() -> None:
+    settings = ["uavs=4", "duration=5", "stop=duration", "faults=[{kind='kill', time_s=2.0, uavs=[1, 2]}]"]
     priced = ["energy.radio_W=0.5", "energy.step_J=0.001"]
     free, paid = (Engine(load(None, [*settings, *more], method="orca"), "x").complete() for more in ([], priced))
     assert paid["trajectory_sha256"] == free["trajectory_sha256"]
-    motion = 4 * free["energy_end_mean_J"]
-    airtime = free["radio"]["airtime_s"]
+    assert paid["lost"] == 2
+    motion, airtime, steps = 4 * free["energy_end_mean_J"], free["radio"]["airtime_s"], 2 * 50 + 2 * 20
     assert airtime > 0
     assert [free[f"energy_{part}_J"] for part in PARTS] == pytest.approx([0.0, 0.0, motion])
-    expected = [0.5 * airtime, 0.001 * 4 * 50, motion + 0.5 * airtime + 0.2]
+    expected = [0.5 * airtime, 0.001 * steps, motion + 0.5 * airtime + 0.001 * steps]
     assert [paid[f"energy_{part}_J"] for part in PARTS] == pytest.approx(expected)
-
-
-def test_lost_uavs_compute_nothing() -> None:
-    kill = "faults=[{kind='kill', time_s=2.0, uavs=[1, 2]}]"
-    settings = ["uavs=4", "duration=5", "stop=duration", "energy.step_J=1", kill]
-    summary = Engine(load(None, settings, method="cruise"), "x").complete()
-    assert summary["lost"] == 2
-    assert summary["energy_compute_J"] == 2 * 50 + 2 * 20
 
 
 @pytest.mark.parametrize(("uavs", "columns"), [(1, 1), (1, 3), (9, 1), (40, 1), (40, 2), (200, 1), (200, 4)])

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 import meanflock as mf
 from meanflock.agent.controllers.barriers import Barrier, Braking, Ecbf
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm import declared, mission, plugins
 from meanflock.swarm.scenario import Filter, Scenario, Wind, load
@@ -112,13 +112,6 @@ def plan(seed: int = 0) -> np.ndarray:
     return np.concatenate([draw.normal(0, 10, (N, 2)), draw.normal(0, 1, (N, 2))], axis=1)
 
 
-def frames(broadcast: Broadcast, rows: int, uavs: np.ndarray = UAVS, number: int = 0) -> Received:
-    """A broadcast as it reaches all rows but the sender's own."""
-    source = uavs if broadcast.rows is None else uavs[broadcast.rows]
-    links = [[sent, row] for sent in range(len(source)) for row in range(rows) if uavs[row] != source[sent]]
-    return Received(number, source, broadcast.payload, np.array(links, dtype=np.intp).reshape(-1, 2))
-
-
 def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     table = neighbours(EVENT)
     memory = table.init(UAVS, plan())
@@ -131,7 +124,8 @@ def test_a_state_is_sent_when_others_predict_its_position_too_badly() -> None:
     assert broadcast.rows.tolist() == [2]
     assert broadcast.payload.dtype == np.int16
     assert broadcast.payload.shape == (1, 4)
-    predicted = table.states(table.receive(after, 11, [frames(broadcast, N)])[0], 11)
+    heard = Received(0, UAVS[2:3], broadcast.payload, np.array([[0, row] for row in range(N) if row != 2]))
+    predicted = table.states(table.receive(after, 11, [heard])[0], 11)
     expected = now[2].copy()
     expected[:2] += 0.1 * now[2, 2:]
     np.testing.assert_allclose(predicted[:, 2], np.repeat(expected[None], N, axis=0), rtol=0, atol=0.0056)

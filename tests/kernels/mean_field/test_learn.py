@@ -90,10 +90,7 @@ def test_rows_are_those_of_numpy_one_by_one_and_nothing_beyond_the_last_is_touch
     assert (numbers[rows:] == 7.0).all()
 
 
-SPLIT = Tables._fields.index("value_first")
-
-
-@pytest.mark.parametrize("field", Tables._fields[SPLIT:])
+@pytest.mark.parametrize("field", Tables._fields[Tables._fields.index("value_first") :])
 @pytest.mark.parametrize("bad", [-1, 10_000, -(2**31), 2**31 - 1])
 def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
     native = pytest.importorskip("meanflock.kernels._native")
