@@ -1,7 +1,8 @@
 """Late nodes, on a clock of the test: held commands in real time; a node that is always late is warned of and lost."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,6 +136,11 @@ def test_an_invalid_factor_is_bad_input(text: str) -> None:
         factor(text)
 
 
+def test_lockstep_cannot_be_steered() -> None:
+    with pytest.raises(BadInput, match="add --realtime"):
+        World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), RUN, steer=object())
+
+
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
 ANY = "pace.wait_share=1"  # of the wall time: slow replies alone are judged
 SHORT = ["pace.slow_ticks=6", ANY]
@@ -230,20 +236,14 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
     assert summary["ticks"] == (20 if settings is SHORT else 60)
 
 
-class Nobody:
-    """A barrier at which one of three nodes has not answered."""
-
-    asked: ClassVar = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
-    silent = 1
-
-    def __init__(self, late: str) -> None:
-        self.missing = [late]
+AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
 def slow_tick(pace: Pace, late: str) -> list[str]:
+    """Verdicts after a tick in which one of three nodes has not answered in time."""
     pace.begin()
-    pace.look(0.1, Nobody(late))
-    pace.look(3.0, Nobody(late))
+    for waited_s in (0.1, 3.0):
+        pace.look(waited_s, SimpleNamespace(asked=AGENTS, silent=1, missing=[late]))
     return [verdict.node for verdict in pace.overdrawn()]
 
 
