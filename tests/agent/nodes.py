@@ -11,7 +11,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.messages import Frames, Sense, Welcome
 
 RUN = "node-test"
 NUMBER = keys.fingerprint(RUN)
@@ -34,21 +34,8 @@ def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
     return everyone[list(uavs)]
 
 
-def sense_of(tick: int, uavs: tuple[int, ...], *inbox: Frames) -> Sense:
-    return Sense(NUMBER, tick, states_at(tick, uavs), True, False, inbox)
-
-
-def sense(tick: int, *inbox: Frames, states: np.ndarray | None = None, report: bool = True) -> Sense:
-    return Sense(NUMBER, tick, states_at(tick) if states is None else states, report, False, inbox)
-
-
-def frames(kind: FrameKind, source: list[int], payload: Any, links: list[list[int]] | None, number: int = 1) -> Frames:
-    on_wire = None if links is None else np.array(links, dtype=np.int32).reshape(-1, 2)
-    return Frames(kind, number, np.array(source, dtype=np.int32), np.asarray(payload, dtype=np.float32), on_wire)
-
-
-def models(act: Act) -> np.ndarray:
-    return act.models
+def sense(tick: int, *inbox: Frames, uavs: tuple[int, ...] = UAVS, states: np.ndarray | None = None) -> Sense:
+    return Sense(NUMBER, tick, states_at(tick, uavs) if states is None else states, True, False, inbox)
 
 
 def kept(agent: Agent, tick: int) -> dict[str, Any]:

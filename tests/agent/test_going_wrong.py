@@ -1,47 +1,47 @@
-"""Controllers of strangers that go wrong: before take-off, in flight, or with the checkpoint of another."""
+"""Rows of an agent that go wrong: controllers of strangers, their checkpoints, and numbers beyond all bounds."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from meanflock.agent import node
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
+from meanflock.agent.node import Agent
 from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm import plugins
+from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire.messages import Status
+from meanflock.swarm.wire import tick as wire
+from meanflock.swarm.wire.messages import Act, Status
+from tests.agent import nodes
 from tests.telemetry import fly
 from tests.testing.good import GoodController
 
 BAD, WHEN = 2, 7  # the UAV whose controller goes wrong, and the tick it does in
 UAVS = 5
+QUIET = "radio.target_snr_db=60"  # nothing is lost on the way
 
 
 class Honest(GoodController):
-    """Flies to the destination, learns two numbers, and broadcasts its state; the base of the wrong controllers."""
+    """Flies to the destination by what it learns on the way, and remembers more; the base of the wrong controllers."""
 
-    name: ClassVar[str] = "stranger"
-    parameters = 2
-    weights = 3
-    diagnostics = ("speed",)
+    name = "stranger"
+    weights = 4
     period_ticks = 5
 
     def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
         rows = len(uavs)
-        memory = {"uav": uavs.astype(np.int32), "model": np.zeros((rows, 2)), "ticks": np.zeros(rows, np.int64)}
-        return memory | {"aside": np.ones((rows, 2, 3))}
+        return super().init(uavs, plan) | {"ticks": np.zeros(rows, np.int64), "aside": np.ones((rows, 2, 3))}
 
     def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        push = -0.02 * own[:, :2] - 0.3 * own[:, 2:] + 0.01 * memory["model"]
-        for frames in received:
-            np.add.at(push, frames.links[:, 1], 1e-6 * frames.payload[frames.links[:, 0], :2])
-        after = memory | {"ticks": memory["ticks"] + 1, "model": memory["model"] + 1e-3 * own[:, :2]}
-        return Step(after, push, np.abs(own[:, 2:]).sum(axis=1, keepdims=True), (Broadcast(own),))
+        good, model = super().step(memory, tick, own, received), memory["model"]
+        after = good.memory | {"ticks": memory["ticks"] + 1, "model": model + 1e-3 * own[:, :3]}
+        return replace(good, memory=after, acceleration=good.acceleration + 0.01 * model[:, :2])
 
     def report(self, memory: Memory) -> np.ndarray:
         return np.concatenate([memory["model"], memory["ticks"][:, None]], axis=1)
@@ -59,34 +59,19 @@ def wrong(**methods: Any) -> type[Controller]:
     return type("Wrong", (Honest,), methods)
 
 
-def changed(**fields: Any) -> Any:
-    """A step with other fields, of the bad UAV from some tick on."""
+def returns(name: str, spoil: Any) -> dict[str, Any]:
+    """A method whose answer is spoiled in time."""
 
-    def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        good = Honest.step(self, memory, tick, own, received)
-        if not self.is_time(memory):
-            return good
-        parts = {name: getattr(good, name) for name in good.__struct_fields__}
-        return Step(**parts | {name: make(good, memory["uav"] == BAD) for name, make in fields.items()})
-
-    return step
-
-
-def spoiled(array: np.ndarray, bad: np.ndarray, number: float) -> np.ndarray:
-    array = array.copy()
-    array[bad] = number
-    return array
-
-
-def returns(name: str, spoil: Any) -> Any:
     def method(self: Honest, memory: Memory, *more: Any) -> Any:
         good = getattr(Honest, name)(self, memory, *more)
         return spoil(good) if self.is_time(memory) else good
 
-    return method
+    return {name: method}
 
 
-QUIET = ["radio.target_snr_db=60"]  # nothing is lost on the way
+def stepping(**fields: Any) -> dict[str, Any]:
+    """A step with other fields in time; each is a function of the good step and the mask of the bad UAV."""
+    return returns("step", lambda good: replace(good, **{name: make(good) for name, make in fields.items()}))
 
 
 def explodes(*_: Any) -> Any:
@@ -102,15 +87,11 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "remembers large integers": ({"init": lambda *_: {"n": np.zeros(5, np.uint64)}}, r"memory\['n'\] is uint64 "),
     "declares a truth": ({"parameters": True}, r"`parameters` is True"),
     "declares too much": ({"parameters": 10**9}, r"`parameters` is 1000000000; expected 0 … 1000000"),
-    "declares parts that do not add up": ({"parts": (1, 2)}, r"`parts` \(1, 2\) do not add up to its 2"),
-    "declares no parts": ({"parts": 3}, r"a declaration cannot be read"),
+    "declares parts that do not add up": ({"parts": (1, 1)}, r"`parts` \(1, 1\) do not add up to its 3"),
     "declares no period": ({"period_ticks": 0}, r"`period_ticks` is 0"),
     "declares a text of diagnostics": ({"diagnostics": "speed"}, r"is a text; write \('speed',\)"),
     "declares a diagnostic twice": ({"diagnostics": ("a", "a")}, r"different names"),
-    "has a model of another size": (
-        {"get": lambda _, memory: memory["model"][:, :1]},
-        r"`get` returns shape \(1, 1\); expected \(1, 2\)",
-    ),
+    "has a model of another size": ({"get": lambda _, memory: memory["model"][:, :1]}, r"\(1, 1\); expected \(1, 3\)"),
     "has no model": ({"get": Controller.get}, r"declares `parameters` must override `get`"),
     "takes no model": ({"set": Controller.set}, r"declares `parameters` must override `set`"),
     "fails to declare": ({"parameters": property(explodes)}, r"a declaration cannot be read: OSError"),
@@ -126,57 +107,55 @@ def test_a_controller_that_cannot_begin_is_bad_input_of_one_line(mistake: str) -
     assert len(str(caught.value).splitlines()) == 1
 
 
-def fails(*_: Any) -> Any:
-    raise KeyError("weights")
+def spoiled(good: Step, array: np.ndarray, number: float) -> np.ndarray:
+    array = array.copy()
+    array[good.memory["uav"] == BAD] = number
+    return array
 
 
 def said(payload: Any) -> dict[str, Any]:
     """A step with another broadcast; `payload` is a function of the number of rows."""
-    return stepping(broadcasts=lambda _, bad: (Broadcast(payload(len(bad))),))
-
-
-def stepping(**fields: Any) -> dict[str, Any]:
-    return {"step": changed(**fields)}
+    return stepping(broadcasts=lambda good: (Broadcast(payload(len(good.acceleration))),))
 
 
 # What goes wrong: the methods of the controller, and a part of the text of the event.
 GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "raises": ({"step": returns("step", lambda _: 1 / 0)}, "ZeroDivisionError: division by zero"),
-    "exits": ({"step": returns("step", lambda _: exit(3))}, "SystemExit: 3 (test_going_wrong.py, line"),
-    "returns nothing": ({"step": returns("step", lambda _: None)}, "`step` returns a NoneType; expected mf.Step("),
+    "raises": (returns("step", lambda _: 1 / 0), "ZeroDivisionError: division by zero"),
+    "exits": (returns("step", lambda _: exit(3)), "SystemExit: 3 (test_going_wrong.py, line"),
+    "returns nothing": (returns("step", lambda _: None), "`step` returns a NoneType; expected mf.Step("),
     "an acceleration that is no number": (
-        stepping(acceleration=lambda good, bad: spoiled(good.acceleration, bad, np.nan)),
+        stepping(acceleration=lambda good: spoiled(good, good.acceleration, np.nan)),
         "its acceleration along x is nan",
     ),
-    "no diagnostics": (stepping(diagnostics=lambda *_: None), "no diagnostics"),
+    "no diagnostics": (stepping(diagnostics=lambda _: None), "no diagnostics"),
     "an infinite diagnostic": (
-        stepping(diagnostics=lambda good, bad: spoiled(good.diagnostics, bad, np.inf)),
-        "its speed is inf",
+        stepping(diagnostics=lambda good: spoiled(good, good.diagnostics, np.inf)),
+        "its heard is inf",
     ),
-    "a memory without an array": (stepping(memory=lambda good, _: {"uav": good.memory["uav"]}), "memory"),
+    "a memory without an array": (stepping(memory=lambda good: {"uav": good.memory["uav"]}), "memory"),
     "a memory that is not finite": (
-        stepping(memory=lambda good, bad: good.memory | {"aside": spoiled(good.memory["aside"], bad, np.nan)}),
+        stepping(memory=lambda good: good.memory | {"aside": spoiled(good, good.memory["aside"], np.nan)}),
         "ValueError: memory['aside'] has numbers that are not finite",
     ),
     "a broadcast of nothing": (said(lambda rows: np.zeros((rows, 0))), "0)"),
     "a broadcast too wide": (said(lambda rows: np.zeros((rows, 5000))), "5000"),
     "a broadcast of texts": (said(lambda rows: np.full((rows, 1), "x")), "a broadcast of"),
     "a broadcast of lists": (said(lambda rows: [[1.0]] * rows), "a broadcast of a list"),
-    "too many broadcasts": (stepping(broadcasts=lambda good, _: good.broadcasts * 17), "17 broadcasts"),
-    "no tuple of broadcasts": (stepping(broadcasts=lambda good, _: good.broadcasts[0]), "of mf.Broadcast"),
-    "refuses a UAV beyond the last": (stepping(refused=lambda *_: np.array([0, UAVS])), "`refused` names UAVs from 0"),
-    "refuses a table": (stepping(refused=lambda *_: np.zeros((1, 2), int)), "no array of numbers of UAVs"),
-    "get raises": ({"get": returns("get", fails)}, "KeyError: 'weights'"),
-    "get of another shape": ({"get": returns("get", lambda good: good[:, :1])}, "result of `get` has shape"),
-    "set raises": ({"set": returns("set", fails)}, "KeyError: 'weights'"),
-    "report that is no number": ({"report": returns("report", lambda good: good + np.inf)}, "not finite"),
+    "too many broadcasts": (stepping(broadcasts=lambda good: good.broadcasts[:1] * 17), "17 broadcasts"),
+    "no tuple of broadcasts": (stepping(broadcasts=lambda good: good.broadcasts[0]), "of mf.Broadcast"),
+    "refuses a UAV beyond the last": (stepping(refused=lambda _: np.array([0, UAVS])), "`refused` names UAVs from 0"),
+    "refuses a table": (stepping(refused=lambda _: np.zeros((1, 2), int)), "no array of numbers of UAVs"),
+    "get raises": (returns("get", explodes), "OSError: no such table"),
+    "get of another shape": (returns("get", lambda good: good[:, :1]), "result of `get` has shape"),
+    "set raises": (returns("set", explodes), "OSError: no such table"),
+    "report that is no number": (returns("report", lambda good: good + np.inf), "not finite"),
 }
 
 
 @pytest.mark.parametrize("mistake", GOES_WRONG)
 def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_many(mistake: str) -> None:
     methods, text = GOES_WRONG[mistake]
-    of = flown(wrong(**methods), "federation.fraction=1.0", *QUIET)
+    of = flown(wrong(**methods), "federation.fraction=1.0", QUIET)
     together, alone = fly(of), fly(of, rows=1)
     for summary, sink in (together, alone):
         assert summary["ticks"] == 30
@@ -202,15 +181,14 @@ def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_ini
         return memory
 
     def step(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
-        good = Honest.step(self, memory, tick, own, received)
-        return Step(good.memory, good.acceleration, good.diagnostics, good.broadcasts, memory["uav"])
+        return replace(Honest.step(self, memory, tick, own, received), refused=memory["uav"])
 
     hashes = set()
     for rows in (None, 1):
-        summary, _ = fly(flown(wrong(init=init, step=step), *QUIET), rows)
+        summary, _ = fly(flown(wrong(init=init, step=step), QUIET), rows)
         assert (summary["lost"], summary["nodes_lost"], summary["dropped_messages"]) == (0, 0, {})
         hashes.add(summary["trajectory_sha256"])
-    assert hashes == {fly(flown(Honest, *QUIET))[0]["trajectory_sha256"]}
+    assert hashes == {fly(flown(Honest, QUIET))[0]["trajectory_sha256"]}
 
 
 def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_no_uav() -> None:
@@ -252,3 +230,36 @@ def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_o
         summary, sink = fly(flown(large, "duration=1"), rows=rows)
         assert not any(block.checkpoint for block in sink.blocks)
         assert (summary["ticks"], summary["lost"], summary["dropped_messages"]) == (10, 0, {})
+
+
+@pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
+def test_a_row_that_diverges_is_silenced_for_good_and_reported_and_the_others_never_notice(method: str) -> None:
+    of = nodes.flown(method=method)
+    agent, honest, silent = Agent(nodes.welcome(of)), Agent(nodes.welcome(of)), []
+    for tick in range(14):
+        states = nodes.states_at(tick)
+        if 3 <= tick < 12:  # the state returns, the row does not
+            states[1] = [1e8, -1e8, 1e8, 1e8]
+        act, expected = agent.act(nodes.sense(tick, states=states)), honest.act(nodes.sense(tick))
+        assert isinstance(wire.read_act(wire.write_act(act)), Act)  # finite, whatever happens
+        np.testing.assert_array_equal(act.commands[[0, 2]], expected.commands[[0, 2]])
+        np.testing.assert_array_equal(act.models[[0, 2]], expected.models[[0, 2]])
+        if len(act.lost):
+            assert act.lost.tolist() == [3]
+            assert not act.commands[1].any()
+            assert not act.models[1].any()
+            silent.append([batch.source.tolist() for batch in act.outbox])
+    assert act.lost.tolist() == [3], "it never diverged"
+    assert all(3 not in source for said in silent[1:] for source in said)
+
+
+def test_a_state_beyond_the_radio_s_floats_is_not_sent_and_the_others_are() -> None:
+    """A half ends at 65504. The world would drop an Act with a number that is not finite."""
+    agent = Agent(nodes.welcome(nodes.flown("radio.bits_per_float=16", "sharing.policy=tick", method="vasarhelyi")))
+    agent.act(nodes.sense(0))  # the mission plan is in the place of its broadcast
+    states = nodes.states_at(1)
+    states[1, state.X] = 7e4
+    with np.errstate(over="ignore"):
+        act = agent.act(nodes.sense(1, states=states))
+    assert isinstance(wire.read_act(wire.write_act(act)), Act)
+    assert ([batch.source.tolist() for batch in act.outbox], len(act.lost)) == ([[2, 5]], 0)

@@ -1,7 +1,9 @@
-"""One link: tails against SciPy, closed forms against the oracle, and the emulation against the closed forms."""
+"""One link: closed forms, against SciPy, the oracle and the emulation; and the warning of models that will be lost."""
 
 import json
 import math
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,18 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+import meanflock as mf
 from meanflock.channel import link as theory
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice
 from meanflock.channel.link import slots_needed
+from meanflock.channel.outlook import outlooks, remedies
 from meanflock.channel.tails import binomial_at_most, rice_above
+from meanflock.groundstation.cli.command import main
+from meanflock.swarm import toml
 from meanflock.swarm.scenario import Radio, Scenario, load
+from meanflock.testing import check_controller
+from tests.agent.large_model import Large
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "radio.json").read_text())
 RTOL = 1e-9
@@ -33,12 +41,8 @@ SETTINGS: dict[str, tuple[tuple[str, ...], float, int]] = {  # settings, distanc
     "more slots than the threshold allows": (("latency_threshold_slots=3",), 50.0, 246 * 32),
 }
 
-KEYS = {  # of a case of the oracle
-    **{"path_loss_exponent": "path_loss_exponent", "rice_chi": "rice_chi", "rice_xi": "rice_xi"},
-    **{"target_snr_db": "target_snr_dB", "tx_power_dbm": "tx_power_dBm", "noise_psd_dbm_hz": "noise_psd_dBm_Hz"},
-    **{"coherence_time_s": "coherence_time_s", "bandwidth_hz": "bandwidth_Hz"},
-    "latency_threshold_slots": "latency_threshold_slots",
-}
+KEYS = ("path_loss_exponent", "rice_chi", "rice_xi", "target_snr_dB", "tx_power_dBm", "noise_psd_dBm_Hz")
+KEYS += ("coherence_time_s", "bandwidth_Hz", "latency_threshold_slots")  # of a case of the oracle
 
 
 def radio(*settings: str) -> Radio:
@@ -63,7 +67,7 @@ def within_four_standard_errors(sample: np.ndarray, expected: float, variance: f
 
 @pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"{case['target_snr_dB']}dB-{case['bits']}b")
 def test_the_closed_forms_are_the_oracle_s(case: dict[str, Any]) -> None:
-    given = radio(*(f"{key}={case[name]}" for key, name in KEYS.items()))
+    given = radio(*(f"{key.lower()}={case[key]}" for key in KEYS))
     distance, bits = np.array([case["distance_m"]]), case["bits"]
     success = theory.slot_success(given, distance)
     assert success == pytest.approx([case["slot_success_probability"]], rel=RTOL)
@@ -177,16 +181,98 @@ def test_extreme_amplitudes_have_a_probability(xi: float, chi: float) -> None:
     assert (np.diff(found) <= 0.0).all()
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 8, 9, 16, 40, 100])
-def test_counts_of_slots_have_the_tails_of_a_binomial(n: int) -> None:
-    for k in range(n):
-        close(binomial_at_most(k, n, SHARES, 1.0 - SHARES), special.bdtr(float(k), n, SHARES))
-        close(binomial_at_most(n - k - 1, n, 1.0 - SHARES, SHARES), special.bdtrc(float(k), n, SHARES))
-
-
-@pytest.mark.parametrize(("n", "rtol"), [(1000, 1e-11), (16_384, 1e-9), (1_000_000, 1e-7)])
-def test_tails_of_many_slots_keep_fewer_digits(n: int, rtol: float) -> None:
-    for k in (0, 1, n // 4, n // 2, n - 2, n - 1):
+@pytest.mark.parametrize(
+    ("n", "rtol"),
+    [*((n, TAIL_RTOL) for n in (1, 2, 5, 8, 9, 16, 40, 100)), (1000, 1e-11), (16_384, 1e-9), (1_000_000, 1e-7)],
+)
+def test_counts_of_slots_have_the_tails_of_a_binomial_with_fewer_digits_of_many(n: int, rtol: float) -> None:
+    for k in range(n) if n <= 100 else (0, 1, n // 4, n // 2, n - 2, n - 1):
         near = np.clip(k / n + np.array([-3.0, -1.0, 0.0, 0.5, 2.0]) / np.sqrt(n), 0.0, 1.0)
         shares = np.concatenate([SHARES, near])
         close(binomial_at_most(k, n, shares, 1.0 - shares), stats.binom.cdf(k, n, shares), rtol)
+        close(binomial_at_most(n - k - 1, n, 1.0 - shares, shares), stats.binom.sf(k, n, shares), rtol)
+
+
+# -- the warning before take-off ---------------------------------------------------------------------------------
+
+LARGE = str(Path(__file__).parents[1] / "agent" / "large_model.py")
+WARNING = "an upload of 19,200 bits takes 8 slots; the limit is 8: 97.4 % will be lost. Use federation.fragment=3"
+
+
+@pytest.mark.parametrize("settings", [("federation.payload=int8",), ("federation.clusters=4",)])
+def test_the_expected_share_is_the_share_lost(settings: tuple[str, ...]) -> None:
+    fixed = ["federation.fraction=1.0", "duration=2", "federation.period=3", "radio.path_loss_exponent=0.02"]
+    flown = load(None, [*fixed, *settings], method="mfgfl-hf")
+    runs = [mf.fly(flown, seed=seed).summary["radio"]["traffic"] for seed in range(6)]
+    names = {"upload": "uplink", "relay": "relay", "global model": "broadcast"}
+    for one in outlooks(flown):
+        bills = [run[names[one.message]] for run in runs]
+        sent, lost = sum(bill["sent"] for bill in bills), sum(bill["outages"] for bill in bills)
+        assert abs(lost / sent - one.lost) < 4.0 * np.sqrt(one.lost / sent) + 0.01
+
+
+def test_every_remedy_helps_alone() -> None:
+    mf.register(Large)
+    flown = load(None, method="large")
+    for one in outlooks(flown):
+        settings = re.findall(r"(\S+=\S+) \(([\d.]+) % lost\)", remedies(flown, one.message))
+        assert len(settings) == 3
+        for setting, share in settings:
+            changed = next(
+                other for other in outlooks(load(None, [setting], method="large")) if other.message == one.message
+            )
+            assert 100 * changed.lost == pytest.approx(float(share), rel=0.05)
+            assert changed.lost < 0.2 < one.lost
+
+
+def test_where_fragments_get_through_no_longer_wait_is_advised() -> None:
+    mf.register(Large)
+    lossy = toml.FOLDER / "lossy.toml"
+    for one in outlooks(flown := load(lossy, method="large")):
+        assert one.is_bad
+        assert remedies(flown, one.message) == "Use federation.fragment=1 (50 % lost) or fewer parameters"
+    for one in outlooks(load(lossy, ["federation.fragment=1"], method="large")):
+        assert one.fragments == 8
+        assert not one.is_bad
+    short = load(lossy, method="fed-lspi")  # one slot, which nothing cuts
+    assert "radio.latency_threshold_slots=20" in remedies(short, "upload")
+
+
+SHORT = ["--quiet", "--duration", "1", "--plugin", LARGE]
+STUDY = ["--seeds", "1", "--jobs", "1", *SHORT]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "--in-process", "--no-record", "--json", *SHORT, "--method", "large"],
+        ["compare", "large", "cruise", *STUDY],
+        ["sweep", "wind.sigma=0.1,0.2", "--methods", "large", *STUDY],
+        ["doctor", "--plugin", LARGE, "--method", "large"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_every_command_that_flies_warns_before_take_off(command, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)  # to draw takes longer than to fly
+    monkeypatch.setenv("COLUMNS", "1000")
+    main(command)
+    out, err = capsys.readouterr()
+    text = out if command[0] == "doctor" else err
+    assert "12 % lost" in text
+    assert (WARNING if command[0] != "doctor" else "takes 8 slots") in text
+
+
+@pytest.mark.parametrize("fly", [lambda: mf.fly(method=Large, duration=1.0), lambda: check_controller(Large)])
+def test_python_warns_before_take_off(fly: Callable[[], object], capsys: pytest.CaptureFixture[str]) -> None:
+    fly()
+    assert WARNING in capsys.readouterr().err
+
+
+def test_a_flight_that_federated_nothing_says_so(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    flags = ["--in-process", "--no-record", "--quiet", "--duration", "30"]
+    assert main(["run", *flags, "--plugin", LARGE, "--method", "large"]) == 0
+    assert "nothing was federated" in capsys.readouterr().err
+    assert main(["run", *flags, "--method", "mfgfl-h"]) == 0
+    assert "federated" not in capsys.readouterr().err

@@ -1,20 +1,57 @@
-"""The medium: targets of each kind of frame, the tick in which it is delivered, and the bill of frames and links."""
+"""The medium: which links carry a frame, when it is delivered, and its bill; channels of users, and shadows.
+
+Closed forms of one link: test_link.py.
+"""
 
 import math
 import tracemalloc
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from meanflock.channel.base import Channel, Message
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Links, Meter
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm import state
-from meanflock.swarm.wire.messages import FrameKind
-from tests.channel.frames import UAVS, frames, line, links_of, scenario
+from meanflock.swarm import plugins, state
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from tests.faults.dying import dead, resumed
+from tests.golden.flights import steady
 from tests.methods import FEDERATED, METHODS, PARTS
+
+UAVS = 6
+
+
+def scenario(*settings: str, **options: Any) -> Scenario:
+    return load(None, [f"uavs={UAVS}", *settings], **options)
+
+
+def line(*metres: float) -> state.States:
+    """UAVs at rest along x."""
+    states = np.zeros((len(metres), state.SIZE))
+    states[:, state.X] = metres
+    return states
+
+
+def frames(kind: FrameKind, source: list[int], floats: int, number: int = 0) -> Frames:
+    payload = np.arange(len(source) * floats, dtype=np.float32).reshape(len(source), floats)
+    return Frames(kind, number, np.array(source, dtype=np.int32), payload)
+
+
+def links_of(batches: list[Frames]) -> set[tuple[int, int]]:
+    """[source, target] of what was delivered, each once."""
+    found = [
+        (int(batch.source[row]), int(target))
+        for batch in batches
+        if batch.links is not None
+        for row, target in batch.links
+    ]
+    assert len(found) == len(set(found))
+    return set(found)
 
 
 def test_each_kind_of_frame_goes_to_its_targets() -> None:
@@ -79,26 +116,9 @@ def test_a_frame_is_delivered_once_after_its_slots_or_never(dt: float, theta: fl
         expected.setdefault(tick + 1, set()).add((tick, 0, 0))  # on board
     assert outages
     assert bool(several) == (theta > dt / 8)
-    rounds = Schedule(flown)  # a round closes when the slowest upload has arrived
-    opened = flown.period_ticks
-    assert next(t for t in range(opened, 1000) if rounds.closes(t)) == opened + max(1, math.ceil(slots * theta / dt))
     for tick in range(400 + math.ceil(slots * theta / dt) + 2):
         found = {(batch.round, *link) for batch in medium.due(tick) for link in links_of([batch])}
         assert found == expected.get(tick, set())
-
-
-def test_the_order_of_kinds_leaves_no_trace() -> None:
-    batches = [
-        frames(FrameKind.UPLOAD, [0, 1, 4], 246, 1),
-        frames(FrameKind.GLOBAL, [0], 246, 1),
-        frames(FrameKind.STATE, [0, 2, 5], 4),
-    ]
-    one, other = (Medium(scenario("radio.target_snr_db=76")) for _ in range(2))
-    for tick in range(50):
-        np.testing.assert_array_equal(
-            one.send(tick, batches, line(*range(UAVS))), other.send(tick, batches[::-1], line(*range(UAVS)))
-        )
-    assert one.meter.traffic == other.meter.traffic
 
 
 TICKS = 240
@@ -191,3 +211,93 @@ def test_a_large_swarm_takes_memory_for_links_that_are_used_only() -> None:
     again.restore(snapshot)
     again.count(FrameKind.UPLOAD, 1, links, np.ones(5, dtype=int), np.ones(5, dtype=bool), None)
     assert again.links()[0] == [0, leader, 7, 0]
+
+
+# -- channels as plug-ins ------------------------------------------------------------------------------------------
+
+
+class Disk(Channel):
+    """Everything gets through within a radius, in one slot; beyond it nothing does, in two."""
+
+    name = "disk"
+
+    def transmit(self, distance_m: Any, bits: int, rng: np.random.Generator) -> tuple[Any, Any]:
+        near = distance_m <= 2.5
+        return np.where(near, 1, 2), near
+
+
+def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
+    plugins.register(Disk)
+    medium = Medium(scenario("uavs=5", "radio.model=disk"))
+    records = medium.send(3, [frames(FrameKind.STATE, list(range(5)), 4)], line(0, 2, 4, 6, 50))
+    (batch,) = medium.due(4)
+    near = [(0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2)]
+    assert [(int(s), int(t)) for s, t in batch.links] == near
+    assert [(int(s), int(t)) for _, s, t, _, slots in records if slots > 0] == near
+    assert set(np.abs(records[:, 4]).tolist()) == {1, 2}
+    total = medium.meter.traffic[FrameKind.STATE]
+    assert (total.sent, total.delivered, total.slots, total.delivered_slots) == (20, 6, 6 + 2 * 14, 6)
+    assert (total.expected_outages, total.expected_delivered_slots) == (None, None)
+    again = Medium(scenario("uavs=5", "radio.model=disk"))
+    again.restore(medium.snapshot())
+    assert again.meter.traffic == medium.meter.traffic
+
+
+@pytest.mark.parametrize(("model", "unknown"), [("disk", True), ("ideal", False), ("rice", False)])
+def test_a_summary_has_the_closed_forms_there_are(model: str, unknown: bool) -> None:
+    plugins.register(Disk)
+    radio = Engine(scenario(f"radio.model={model}", "duration=2", method="hjb"), "forms").complete()["radio"]
+    assert radio["sent"] > 0
+    for name in ("outage_rate_theory", "latency_slots_mean_theory"):
+        assert (radio[name] is None) == (radio["traffic"]["state"][name] is None) == unknown
+    if model == "ideal":
+        assert (radio["outages"], radio["outage_rate_theory"]) == (0, 0.0)
+        assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
+
+
+@pytest.fixture
+def shadowing() -> Any:
+    """The class of the example, installed."""
+    (found,) = plugins.load_file(Path(__file__).parents[2] / "examples" / "shadowing.py")
+    return plugins.load(found.kind, found.name)
+
+
+def test_shadows_keep_the_correlation_of_their_way_and_their_variance(shadowing: Any) -> None:
+    uavs, way_m = 200, 5.0
+    source, target = np.triu_indices(uavs, 1)
+    channel = shadowing(shadowing.Options(sigma_db=6.0, correlation_m=20.0), Scenario())
+    rng, memory = np.random.default_rng(3), channel.init(uavs)
+    carried = []
+    for tick in range(5):  # all fly 5 m a tick, and in one tick nothing is sent
+        if tick != 2:
+            place = np.full((uavs, 2), [way_m * tick, 0.0])
+            message = Message(tick, 128, source, target, np.full(len(source), 50.0), place)
+            memory, _, arrives = channel.carry(memory, message, rng)
+            carried.append((tick, memory["shadow_db"][source, target], arrives))
+    for tick, shadow_db, arrives in carried:
+        assert shadow_db.std() == pytest.approx(6.0, rel=0.02)
+        assert np.array_equal(arrives, shadow_db > 0.0)  # at the reach the path loss is zero
+        both_m = 2.0 * way_m * tick
+        correlation = np.corrcoef(carried[0][1], shadow_db)[0, 1]
+        assert correlation == pytest.approx(np.exp(-both_m / 20.0), abs=0.02)
+
+
+def test_both_directions_and_all_fragments_share_a_shadow(shadowing: Any) -> None:
+    channel = shadowing(shadowing.Options(), Scenario())
+    ends = np.array([[0, 0, 1, 1], [1, 1, 0, 0]])
+    message = Message(0, 128, *ends, np.full(4, 50.0), np.zeros((2, 2)))
+    for seed in range(20):
+        memory, _, arrives = channel.carry(channel.init(2), message, np.random.default_rng(seed))
+        assert len(set(arrives.tolist())) == 1
+        assert np.count_nonzero(memory["shadow_db"]) == 1
+
+
+def test_a_flight_over_shadows_is_the_same_in_nodes_and_after_a_resume(shadowing: Any, tmp_path: Path) -> None:
+    flown = load(
+        None, ["uavs=5", "radio.model=shadowing", "radio.options={reach_m=4}", "duration=30"], method="vasarhelyi"
+    )
+    whole = Engine(flown, "whole").complete()
+    assert whole["radio"]["outages"] > 0
+    assert steady(Engine(flown, "nodes", uavs_per_node=1).complete()) == steady(whole)
+    folder = dead(tmp_path, flown, 287, rows=2)
+    assert resumed(folder, "--uavs-per-process", "4")["trajectory_sha256"] == whole["trajectory_sha256"]

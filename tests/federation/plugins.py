@@ -1,77 +1,15 @@
-"""Plug-ins of users for tests of the federation, and the learner of a node."""
+"""Plug-ins of users for tests of the federation."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 import meanflock as mf
-from meanflock.federation import coding
-from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
-from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import FrameKind
 from tests.agent.large_model import Large
+from tests.pages import script_of
 
-
-class Momentum(Aggregator):
-    """The mean, moved on by half of how it moved last time."""
-
-    name: ClassVar[str] = "momentum"
-
-    def init(self, parameters: int) -> State:
-        return {"last": np.zeros(parameters), "moved": np.zeros(parameters)}
-
-    def step(self, state: State, uploads: Uploads) -> tuple[State, np.ndarray]:
-        moved = mean(uploads.models) - state["last"] + 0.5 * state["moved"]
-        last = state["last"] + moved
-        return {"last": last, "moved": moved}, last
-
-
-# A radio on which messages need up to five ticks, and many are lost.
-SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=5", "radio.target_snr_db=76")
-
-
-class Ring(Topology):
-    """Participants upload to the next UAV and to themselves; averages go one UAV further and replace models there."""
-
-    name = "test-ring"
-
-    def hops(self) -> tuple[Hop, ...]:
-        scenario, uavs = self.scenario, self.scenario.uavs
-        if uavs < 3:
-            raise ValueError(f"`federation.topology` is {self.name}, but `uavs` is {uavs}; a ring has three or more")
-        everyone = np.arange(uavs)
-        following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
-        counted = coding.Counted(scenario.radio_payload, scenario.declared.parameters, np.full(uavs, 4))
-        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, None))
-        relay = Hop(FrameKind.RELAY, scenario.hop_ticks, "agent", everyone, following, counted, mail=upload)
-        model = Hop(
-            FrameKind.GLOBAL,
-            2 * scenario.hop_ticks,
-            "agent",
-            everyone,
-            everyone[:, None],
-            coding.of_broadcasts(scenario, None),
-            mail=relay,
-            is_last=True,
-        )
-        return upload, relay, model
-
-
-class Rows:
-    """Rows that share no model; `silence` names the UAVs that send nothing."""
-
-    def __init__(self, uavs: tuple[int, ...] | range, floats: int = 108) -> None:
-        self.uavs, self.silence, self._floats = np.array(uavs), np.zeros(0, dtype=int), floats
-
-    def models_to_send(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return rows[:0], np.zeros((0, self._floats))
-
-    def take(self, rows: np.ndarray, models: np.ndarray) -> None:
-        raise AssertionError("no model of the leader is delivered here")
-
-    def silent(self) -> np.ndarray:
-        return np.isin(self.uavs, self.silence)
+Momentum = script_of("momentum", "examples").Momentum  # a rule with a state
 
 
 class Long(Large):

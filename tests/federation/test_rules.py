@@ -1,5 +1,7 @@
-"""Aggregation rules: by hand, in any order, with states and failures of users' rules, and what false uploads move."""
+"""Aggregation rules: by hand, in any order, with states and failures, under false uploads; those of the examples."""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,41 +10,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import meanflock as mf
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
-from meanflock.federation.rules.precision import Precision
 from meanflock.federation.rules.robust import suspects
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.mission import starts
-from meanflock.swarm.net import keys
-from meanflock.swarm.scenario import Scenario, encode, load
-from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
+from tests.agent import nodes
 from tests.faults.conftest import Lab, scenario
 from tests.federation.plugins import Momentum
+from tests.pages import script_of
 from tests.telemetry import fly
 
 
-def models(count: int) -> np.ndarray:
-    """Models whose sum depends on its order: magnitudes from 1e-8 to 1e8."""
-    draw = np.random.default_rng(1)
-    return np.asarray(draw.standard_normal((count, 246)) * 10.0 ** draw.integers(-8, 9, (count, 246)))
-
-
-def test_fedavg_is_the_mean_to_the_last_digits() -> None:
-    arrived = models(7)
-    exact = np.mean(arrived.astype(np.longdouble), axis=0)
-    assert (np.abs(mean(arrived) - exact) <= 1e-15 * np.abs(arrived).max(axis=0)).all()
-    assert mean(arrived.astype(np.float32)).dtype == np.float64
-
-
-def weighted(table: list[list[float]], means: int) -> list[float]:
-    """The model that averaging by precision makes of some models."""
-    rule = Precision(Precision.Options(means=means), Scenario())
-    _, model = rule.step({}, Uploads.complete(np.array(table)))
-    return [float(number) for number in model]
+def average(rule: str, models: np.ndarray, tolerance: float = 0.25, **options: Any) -> np.ndarray:
+    scenario = load(None, [f"federation.tolerance={tolerance}"])
+    instance = plugins.create("aggregator", rule, options, scenario)
+    state, model = instance.step(instance.init(models.shape[1]), Uploads.complete(models.astype(np.float64)))
+    assert not state
+    return np.asarray(model)
 
 
 def test_means_are_weighted_by_their_precisions() -> None:
@@ -51,53 +41,43 @@ def test_means_are_weighted_by_their_precisions() -> None:
         [4.0, 6.0, 40.0, 8.0, 3.0, 0.0],
         [9.0, 7.0, 90.0, 9.0, 0.0, 0.0],
     ]
-    assert weighted(table, 2) == [13 / 4, 6.0, 130 / 4, 8.0, 4 / 3, 0.0]
-    assert weighted([[1.0, 2.0], [100.0, -5.0]], 1) == [1.0, 1.0]  # a precision below zero does not count
-
-
-def test_precision_refuses_a_model_that_its_options_do_not_divide() -> None:
+    assert average("precision", np.array(table), means=2).tolist() == [13 / 4, 6.0, 130 / 4, 8.0, 4 / 3, 0.0]
+    below_zero = np.array([[1.0, 2.0], [100.0, -5.0]])  # such a precision does not count
+    assert average("precision", below_zero, means=1).tolist() == [1.0, 1.0]
     with pytest.raises(ValueError, match="10 numbers is no 3 vectors"):
-        Precision(Precision.Options(means=2), Scenario()).init(10)
+        average("precision", np.ones((1, 10)), means=2)
 
 
-RUN = keys.fingerprint("order")
-UAVS, FLOATS, OPENS, CLOSES = 8, 108, 10, 14
+FLOATS, OPENS, CLOSES = 108, 10, 14
 # Ties, both zeros, and numbers that vanish beside others; sums of the rough numbers below depend on their order.
 NUMBERS = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-40, 1e8, -1e8]), st.floats(-1e6, 1e6, allow_nan=False))
-
-
-def slowly(rule: str) -> Scenario:
-    # Uploads come over four ticks; floats of 64 bits show the last bit of a sum.
-    slow = ["radio.coherence_time_s=0.1", "radio.latency_threshold_slots=4", "radio.bits_per_float=64"]
-    fixed = [f"uavs={UAVS}", f"federation.period={OPENS}", f'federation.aggregation="{rule}"']
-    return load(None, [*fixed, *slow], method="mfgfl-h")
+# Uploads come over four ticks; floats of 64 bits show the last bit of a sum.
+SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=4", "radio.bits_per_float=64")
 
 
 def broadcast(of: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]]) -> bytes:
     """The global model of `models` (N, L) that arrive as (tick after the opening, UAV), each in its own batch."""
-    node = Leader(Welcome(RUN, "leader", (), 0, encode(of), starts(of).astype(np.float32)))
-    said = b""
+    node, said = Leader(nodes.welcome(of, ())), b""
     for tick in range(OPENS + 1, CLOSES + 1):
         batches = [
             Frames(FrameKind.UPLOAD, 1, np.array([uav], np.int32), models[[uav]], np.zeros((1, 2), np.int32))
             for after, uav in arrivals
             if OPENS + after == tick
         ]
-        for frames in node.act(Sense(RUN, tick, np.zeros((0, 4)), inbox=tuple(batches))).outbox:
+        for frames in node.act(nodes.sense(tick, *batches, uavs=())).outbox:
             said += frames.payload.tobytes()
     return said
 
 
 @pytest.mark.parametrize("rule", ["fedavg", "median", "trimmed-mean", "krum"])
 def test_the_order_of_arrival_leaves_no_trace_in_the_global_model(rule: str) -> None:
-    of = slowly(rule)
-    orders = st.permutations(range(UAVS))
-    ticks = st.lists(st.integers(1, 4), min_size=UAVS, max_size=UAVS)
+    of = nodes.flown(*SLOW, f"federation.period={OPENS}", f'federation.aggregation="{rule}"', method="mfgfl-h")
+    orders, ticks = st.permutations(range(of.uavs)), st.lists(st.integers(1, 4), min_size=of.uavs, max_size=of.uavs)
 
     @settings(max_examples=25, deadline=None, database=None)
-    @given(hnp.arrays(np.float64, (UAVS, 3), elements=NUMBERS), orders, ticks, st.integers(1, UAVS))
+    @given(hnp.arrays(np.float64, (of.uavs, 3), elements=NUMBERS), orders, ticks, st.integers(1, of.uavs))
     def check(few: np.ndarray, order: list[int], when: list[int], count: int) -> None:
-        rough = np.random.default_rng(count).normal(size=(UAVS, FLOATS // 2)) * 10.0 ** np.arange(UAVS)[:, None]
+        rough = np.random.default_rng(count).normal(size=(8, FLOATS // 2)) * 10.0 ** np.arange(8)[:, None]
         models = np.concatenate([np.tile(few, FLOATS // 6), rough], axis=-1)
         arriving = sorted(order[:count])
         expected = broadcast(of, models, [(1, uav) for uav in arriving])
@@ -142,8 +122,8 @@ def in_round_two(spoil: Any) -> Any:
 FAILURES: list[tuple[Any, str]] = [
     (fails, "OSError: no such table"),
     (lambda _state, _model: None, "`step` returns a NoneType; expected the state and the model"),
-    (lambda state, model: (state | {"models": model}, model), "state has ['last', 'models',"),
-    (lambda state, model: (state | {"last": model * np.inf}, model), "state['last'] is not finite"),
+    (lambda state, model: (state | {"models": model}, model), "state has ['change', 'model', 'models', 'rounds']"),
+    (lambda state, model: (state | {"change": model * np.inf}, model), "state['change'] is not finite"),
     (lambda state, model: (state, model[:-1]), "the model has shape (107,); expected (108,)"),
     (lambda state, model: (state, model * np.nan), "the model is not finite"),
     (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),
@@ -166,9 +146,8 @@ def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -
     """It averages in every second round: neither a complaint nor a model in the others."""
 
     def step(_self: Momentum, state: State, uploads: Uploads) -> tuple[State, np.ndarray | None]:
-        assert state["last"][0] == uploads.round - 1
-        after = state | {"last": np.full_like(state["last"], float(uploads.round))}
-        return after, mean(uploads.models) if uploads.round % 2 == 0 else None
+        assert state["rounds"][0] == uploads.round - 1
+        return state | {"rounds": state["rounds"] + 1.0}, mean(uploads.models) if uploads.round % 2 == 0 else None
 
     summary, sink = fly(flown(wrong(step=step)))
     assert (summary["rounds"], summary["rounds_void"]) == (2, 0)
@@ -200,25 +179,15 @@ def test_a_rule_that_cannot_begin_is_bad_input_of_one_line(methods: dict[str, An
 ROBUST = ("median", "trimmed-mean", "krum")
 
 
-def average(rule: str, models: np.ndarray, tolerance: float = 0.25) -> np.ndarray:
-    instance = plugins.create("aggregator", rule, {}, load(None, [f"federation.tolerance={tolerance}"]))
-    state, model = instance.step(instance.init(0), Uploads.complete(models.astype(np.float64)))
-    assert not state
-    return np.asarray(model)
-
-
 @pytest.mark.parametrize("rule", ROBUST)
-def test_a_fifth_of_false_uploads_moves_no_weight_out_of_the_honest_range_in_any_order(rule: str) -> None:
+def test_a_fifth_of_false_uploads_moves_no_weight_out_of_the_honest_range(rule: str) -> None:
     @settings(max_examples=60, database=None)
     @given(
         hnp.arrays(np.float64, (8, 3), elements=st.floats(-1, 1)),
         hnp.arrays(np.float64, (2, 3), elements=st.floats(-1e8, 1e8)),
-        st.permutations(range(10)),
     )
-    def check(honest: np.ndarray, false: np.ndarray, order: list[int]) -> None:
-        models = np.concatenate([honest, false])
-        averaged = average(rule, models)
-        assert average(rule, models[order]).tobytes() == averaged.tobytes()
+    def check(honest: np.ndarray, false: np.ndarray) -> None:
+        averaged = average(rule, np.concatenate([honest, false]))
         if rule == "krum":  # one whole model; where a false one is chosen it hides among the honest
             spread = np.abs(honest[:, None] - honest[None]).max()
             assert np.abs(averaged - honest).max() <= 4 * np.sqrt(3) * spread + 1e-12
@@ -277,3 +246,101 @@ def test_a_false_upload_changes_the_flight_or_is_refused_and_named(kind: str, wi
     false = ", ".join(map(str, Byzantine(lab.world._scenario).uavs))
     texts = {event.text for event in lab.record.events if event.kind == "refused"}
     assert texts == ({f"uploads of UAV {false} were not averaged"} if refused else set())
+
+
+# -- the examples: they fly, and compute what their papers say --------------------------------------------------------
+
+classifier, fedadam, scaffold = (script_of(name, "examples") for name in ("classifier", "fedadam", "scaffold"))
+
+EXAMPLES = {
+    "fedadam": fedadam.FedAdam,
+    "fedbuff": script_of("fedbuff", "examples").FedBuff,
+    "inverse-probability": script_of("inverse_probability", "examples").InverseProbability,
+    "scaffold": scaffold.ScaffoldRule,
+}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_fly(name: str) -> None:
+    plugins.register(EXAMPLES[name])
+    settings = {"federation.aggregation": name, "federation.fraction": 1.0, "federation.period": 20}
+    method = scaffold.Scaffold if name == "scaffold" else "fed-lspi"
+    run = mf.fly(method=method, uavs=9, seed=3, duration=20, **settings)
+    assert run.summary["rounds"] >= (1 if name == "fedbuff" else 8)
+    assert run.summary["rounds"] + run.summary["rounds_void"] <= 9
+    assert not [event for event in run.events if "failed" in event["text"]]
+    assert run.summary["lost"] == 0
+
+
+def test_fedadam_takes_the_step_that_was_worked_by_hand() -> None:
+    rule = fedadam.FedAdam(fedadam.FedAdam.Options(eta=0.1, beta1=0.5, beta2=0.75, tau=0.2), mf.Scenario())
+    state, model = rule.step(rule.init(2), mf.Uploads.complete(np.array([[1.0, 0.0], [3.0, 0.0]])))
+    assert model.tolist() == [2.0, 0.0]
+    state, model = rule.step(state, mf.Uploads.complete(np.array([[2.0, -0.4], [3.0, -0.4]]), 2))
+    # Δ = [0.5, −0.4]; m = Δ/2; v = 0.75 · 0.04 + 0.25 Δ² = [0.0925, 0.07]; x ← x + 0.1 m / (√v + 0.2)
+    expected = [2.0 + 0.1 * 0.25 / (np.sqrt(0.0925) + 0.2), -0.1 * 0.2 / (np.sqrt(0.07) + 0.2)]
+    np.testing.assert_allclose(model, expected, rtol=1e-15)
+    np.testing.assert_allclose(state["v"], [0.0925, 0.07], rtol=1e-15)
+
+
+def test_the_control_variates_of_scaffold_have_the_leaders_as_their_mean() -> None:
+    """c = Σ c_i / N after every round in which all take part, and s is the mean of the K corrected gradients."""
+    plugins.register(scaffold.ScaffoldRule)
+    settings = {
+        "radio.model": "ideal",
+        "radio.bits_per_float": 64,
+        "federation.fraction": 1.0,
+        "federation.aggregation": "scaffold",
+    }
+    seen: list[Any] = []
+
+    class Watched(scaffold.Scaffold):
+        name = "watched"
+
+        def step(self, memory: Any, tick: int, own: Any, received: Any) -> Any:
+            seen.append((tick, memory))
+            return super().step(memory, tick, own, received)
+
+    Engine(mf.Scenario(method=Watched, uavs=6, stop="duration", duration=20, seed=2, **settings), "flight").complete()
+    flown = dict(seen)
+    for tick in range(29, 200, 20):  # between two rounds
+        models, shared = flown[tick]["model"][:, :2], flown[tick]["global"][:, 2:]
+        assert np.abs(shared).max() > 1e-4
+        np.testing.assert_allclose(flown[tick]["variate"].mean(axis=0), shared[0], atol=1e-15)
+        assert len(np.unique(models, axis=0)) == len(np.unique(shared, axis=0)) == 1
+    steps = [flown[tick]["model"][:, :2] - flown[tick + 1]["model"][:, :2] for tick in range(50, 60)]
+    mean = np.mean(steps, axis=0) / scaffold.RATE
+    np.testing.assert_allclose(flown[60]["model"][:, 2:], mean, atol=1e-12)
+    before = flown[50]["variate"] - flown[50]["global"][:, 2:]
+    np.testing.assert_allclose(flown[61]["variate"], before + mean, atol=1e-12)
+
+
+def test_the_rule_of_scaffold_moves_by_the_share_of_the_uavs_that_took_part() -> None:
+    rule = scaffold.ScaffoldRule(scaffold.ScaffoldRule.Options(), mf.Scenario(uavs=4))
+    uploads = mf.Uploads.complete(np.array([[1.0, 1.0, 0.5, 0.0], [3.0, 1.0, 0.7, 0.4]]))
+    state, model = rule.step({"shared": np.array([0.2, 0.2])}, uploads)
+    np.testing.assert_allclose(model, [2.0, 1.0, 0.2 + 0.5 * (0.6 - 0.2), 0.2], rtol=1e-15)  # |S| = 2 of N = 4
+    assert state["shared"].tolist() == model[2:].tolist()
+
+
+def test_the_program_prints_a_line_for_each_way_and_writes_a_picture(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("sys.argv", ["classifier.py", "--rounds", "6", "--uavs", "5"])
+    monkeypatch.chdir(tmp_path)
+    classifier.main()
+    lines = re.findall(r"^(.+): ([\d.]+)% of the tests, .* ([\d.]+) Mbit$", capsys.readouterr().out, re.M)
+    assert [way for way, _, _ in lines] == list(classifier.WAYS)
+    assert lines[0][2] == "0.0"
+    assert float(lines[0][1]) < 25.0 < float(lines[2][1])
+    assert Path("out/classifier/accuracy.png").stat().st_size > 10_000
+
+
+def test_sharing_makes_a_classifier_of_all_digits_and_pays_for_every_fragment() -> None:
+    """Twenty rounds, the accuracy of the UAV that is worst; over a radio that loses half of the fragments, too."""
+    flown = {way: classifier.fly(way, 10, 20) for way in classifier.WAYS}
+    least = {way: rows[-1][1] for way, rows in flown.items()}
+    assert least["alone"] <= 0.25
+    assert min(least["leader"], least["neighbours"]) >= 0.88
+    assert min(least["lossy, leader"], least["lossy, neighbours"]) >= 0.7
+    bits = [bits for _, _, bits in flown["neighbours"]]
+    assert bits == [bits[1] * number for number in range(21)]
+    assert 10 * 32 * 2410 <= bits[1] < 1.1 * 10 * 32 * 2410

@@ -1,16 +1,48 @@
-"""A federated flight is the same however it is flown, also in a user's topology; rounds that cannot work fail early."""
+"""Rounds in any topology, also a user's: their ticks and participants, their account in words, and bad settings."""
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock.federation import coding
+from meanflock.federation.account import Account, ModelsHash, shares
+from meanflock.federation.exchange import Exchange
+from meanflock.federation.memory import Trigger
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.base import Hop, Topology
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import EVERY_TICKS
-from tests.federation.plugins import SLOW, Long, Momentum, Ring
+from tests.agent import nodes
+from tests.federation.plugins import Long, Momentum
 from tests.telemetry import fly
+
+# A radio on which messages need up to five ticks, and many are lost.
+SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=5", "radio.target_snr_db=76")
+
+
+class Ring(Topology):
+    """Participants upload to the next UAV and to themselves; averages go one UAV further and replace models there."""
+
+    name = "test-ring"
+
+    def hops(self) -> tuple[Hop, ...]:
+        scenario, uavs = self.scenario, self.scenario.uavs
+        if uavs < 3:
+            raise ValueError(f"`federation.topology` is {self.name}, but `uavs` is {uavs}; a ring has three or more")
+        everyone = np.arange(uavs)
+        following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
+        counted = coding.Counted(scenario.radio_payload, scenario.declared.parameters, np.full(uavs, 4))
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, None))
+        relay = Hop(FrameKind.RELAY, scenario.hop_ticks, "agent", everyone, following, counted, mail=upload)
+        after, down = 2 * scenario.hop_ticks, coding.of_broadcasts(scenario, None)
+        model = Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], down, mail=relay, is_last=True)
+        return upload, relay, model
+
 
 UAVS = 9
 
@@ -27,8 +59,9 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
 
 
 SILENT, DEADLINE = "federation.upload_threshold=0.2", "federation.deadline=0.2"
-MOMENTUM = "federation.aggregation=momentum"  # a rule with a state
+MEDIAN, MOMENTUM = "federation.aggregation=median", "federation.aggregation=momentum"
 LEADER, NEIGHBOURS = "federation.topology=leader", "federation.topology=neighbours"
+CLEAR = "radio.target_snr_db=60"  # nothing is lost
 CLUSTERS = ("federation.topology=clusters", "federation.clusters=2")
 # A tick transmits one of a dozen fragments and more.
 FRAGMENTS = ("radio.coherence_time_s=0.0125", "radio.bandwidth_hz=800", "radio.target_snr_db=109", "uavs=6")
@@ -43,7 +76,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "fragments to heads": ("long", (*FRAGMENTS, *CLUSTERS)),
     "fragments to heads, weighted": ("long", (*FRAGMENTS, *CLUSTERS, "controller.by_samples=true")),
     "fragments to neighbours, some silent": ("long", (*FRAGMENTS, NEIGHBOURS, SILENT)),
-    "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, "federation.aggregation=median")),
+    "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, MEDIAN)),
 }
 STEADY = ("trajectory_sha256", "models_sha256", "payload_bits", "rounds", "rounds_void", "uploads_silent")
 STEADY += ("weight_spread_final", "dropped_messages")
@@ -68,7 +101,7 @@ def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(
 
 
 def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_a_leader() -> None:
-    engine = Engine(scenario("federation.fraction=1.0", "radio.target_snr_db=60"), "ring", uavs_per_node=4)
+    engine = Engine(scenario("federation.fraction=1.0", CLEAR), "ring", uavs_per_node=4)
     assert all(member.role == "agent" for member in engine.world.members.present)
     summary = engine.complete()
     traffic: dict[str, Any] = summary["radio"]["traffic"]
@@ -77,8 +110,209 @@ def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_
     assert traffic["broadcast"]["sent"] == 0
 
 
+# -- averaging without a leader -------------------------------------------------------------------------------------
+
+DOUBLES = "radio.bits_per_float=64"
+
+
+def exchanged(of: Scenario, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Random models (N, L), and what is made of them in a round in which they go over `links` (K, 2): UAV to UAV."""
+    models, everyone = np.random.default_rng(1).normal(size=(of.uavs, of.declared.parameters)), np.arange(of.uavs)
+    exchange = Exchange(of.hops[-1], of, everyone, [])
+    exchange.remember(1, everyone, models)
+    for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
+        source, row = np.unique(batch[:, 0], return_inverse=True)
+        ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
+        exchange.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
+    rows, averages, refused = exchange.average(1, np.ones(of.uavs, dtype=bool))
+    assert refused == []
+    after = models.copy()
+    after[rows] = averages
+    return models, after
+
+
+def test_every_uav_has_the_mean_of_what_it_received_and_its_own_model() -> None:
+    heard = np.random.default_rng(2).random((UAVS, UAVS)) < 0.4
+    np.fill_diagonal(heard, val=True)
+    models, after = exchanged(scenario(NEIGHBOURS, DOUBLES), np.argwhere(heard.T & ~np.eye(UAVS, dtype=bool)))
+    np.testing.assert_allclose(after, heard / heard.sum(axis=1, keepdims=True) @ models, atol=1e-12)
+
+
+def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:
+    of = scenario("uavs=5", NEIGHBOURS, DOUBLES, MEDIAN)
+    models, after = exchanged(of, np.array([[0, 3], [1, 3], [4, 3]]))
+    np.testing.assert_array_equal(after[3], np.median(models[[0, 1, 3, 4]], axis=0))
+    np.testing.assert_array_equal(after[[0, 1, 2, 4]], models[[0, 1, 2, 4]])  # they heard nobody
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        (lambda uploads: np.zeros(len(uploads.models)), "`weights` has 0.0; each must be greater than 0"),
+        (lambda uploads: np.ones(1 + len(uploads.models)), "expected"),
+        (lambda uploads: uploads.models[:, 0] * np.nan, "not finite"),
+    ],
+)
+def test_weights_that_are_none_cost_the_round(weights: Any, expected: str) -> None:
+    wrong = type("Wrong", (Momentum,), {"name": "wrong", "weights": lambda _self, uploads: weights(uploads)})
+    mf.register(wrong)
+    summary, sink = fly(scenario("uavs=4", NEIGHBOURS, "federation.aggregation=wrong", "duration=5"))
+    assert summary["lost"] == 0
+    told = [text for text in sink.texts if "wrong" in text]
+    assert told
+    assert all("aggregator 'wrong' failed in round" in text and expected in text for text in told)
+
+
+def test_the_uav_that_would_lead_may_die() -> None:
+    summary, _ = fly(scenario("uavs=6", NEIGHBOURS, "faults=[{kind='kill', tick=50, uavs=[0]}]"), rows=2)
+    assert (summary["rounds"], summary["rounds_void"], summary["lost"]) == (17, 0, 1)
+
+
+def test_uavs_out_of_range_are_isolated_keep_their_models_and_are_counted() -> None:
+    lonely, _ = fly(scenario("uavs=4", NEIGHBOURS, "start.spacing=20", "federation.range_m=5", "duration=10"))
+    assert (lonely["rounds"], lonely["rounds_void"], lonely["rounds_isolated"]) == (0, 4, 16)
+    assert lonely["radio"]["traffic"]["uplink"]["sent"] == 0
+    near, _ = fly(scenario("uavs=4", NEIGHBOURS, CLEAR, "duration=10"))
+    assert (near["rounds"], near["rounds_isolated"]) == (4, 0)
+    assert near["weight_spread_final"] < lonely["weight_spread_final"]
+
+
+def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_on() -> None:
+    pause = "faults=[{kind='pause', tick=15, duration_s=5, uavs=[0, 1, 2]}]"
+    summary, _ = fly(scenario("uavs=3", NEIGHBOURS, pause, "duration=10"))
+    assert summary["rounds_void"] >= 2
+    assert summary["lost"] == 0
+
+
+def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
+    """By hand: the norm of the change over that of the model sent last."""
+    trigger, rows = Trigger(0.1, 3, 2), np.arange(3)
+    assert trigger.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
+    moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
+    assert trigger.due(rows, moved).tolist() == [True, False, True]
+    assert trigger.due(rows, np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])).tolist() == [False, True, False]
+
+
+# -- ticks, participants and accounts ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slots", [1, 3, 8, 40])
+@pytest.mark.parametrize("coherence", [5e-5, 0.025, 0.1, 0.125])
+@pytest.mark.parametrize("period", [1, 7, 50])
+def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
+    period: int, coherence: float, slots: int
+) -> None:
+    radio = (f"radio.coherence_time_s={coherence}", f"radio.latency_threshold_slots={slots}")
+    rounds = Schedule(nodes.flown(f"federation.period={period}", "federation.fragment=0", *radio, method="mfgfl-h"))
+    ticks = range(500)
+    opened = [(tick, rounds.opens(tick)) for tick in ticks if rounds.opens(tick)]
+    closed = [(tick, rounds.closes(tick)) for tick in ticks if rounds.closes(tick)]
+    assert [number for _, number in closed] == list(range(1, len(closed) + 1))
+    waits = {end - begin for (begin, _), (end, _) in zip(opened, closed, strict=False)}
+    assert waits == {max(1, int(np.ceil(np.round(slots * coherence / 0.1, 9))))}
+    wanted = {tick for (begin, _), (end, _) in zip(opened, closed, strict=False) for tick in range(begin + 1, end + 1)}
+    assert {tick for tick in range(max(wanted) + 1) if rounds.is_open(tick)} == wanted
+
+
+@pytest.mark.parametrize(("uavs", "fraction", "expected"), [(25, 0.8, 20), (1, 0.8, 1), (7, 1.0, 7), (10, 0.01, 1)])
+@pytest.mark.parametrize("duration", [2.0, 900.0])
+def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_they_are_needed(
+    uavs: int, fraction: float, expected: int, duration: float
+) -> None:
+    keys = (f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}", "federation.period=20")
+    of, some = nodes.flown(*keys, method="mfgfl-h"), np.array([0, 2, 3, 11])
+    ahead, rows, late = Schedule(of, some), Schedule(of, some), Schedule(of)
+    ahead.draw_ahead()
+    for number in (1, 10, 11, 128, 129, 130, 2):
+        drawn = late.participants(number)
+        assert len(drawn) == expected
+        assert (np.diff(drawn, prepend=-1, append=uavs) > 0).all()
+        for other in (ahead, rows):
+            np.testing.assert_array_equal(drawn, other.participants(number))
+            assert some[other.rows(number)].tolist() == sorted(set(some) & set(drawn))
+    assert len(late.rows(1)) == 0
+
+
+def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
+    rounds, n = Schedule(nodes.flown("uavs=10", "federation.fraction=0.3")), 2000
+    drawn = np.concatenate([rounds.participants(k) for k in range(n)])
+    often = np.bincount(drawn, minlength=10) / n
+    assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
+
+
+FIVE = ("uavs=5", "duration=12", 'stop="duration"', "federation.period=50", "federation.fraction=1.0")
+LIARS = ("federation.byzantine_fraction=0.3", "federation.byzantine_kind=huge")
+
+
+def test_words_name_all_outcomes_and_the_shares_are_read_back() -> None:
+    account = Account(participants=10, absent=1, sent=[0, 2, 3, 4, 5, 6])
+    links = np.array([[20, uav, 1, 0, slots] for uav, slots in ((0, 2), (2, 2), (3, -8), (4, 7))], dtype=np.int32)
+    account.transmit(links, np.array([3, 3, 3, 3]), links[:, 4] > 5)
+    account.receive([0, 2], 5)
+    account.refused, account.earlier = {2}, 1
+    account = Account.restored(account.snapshot())
+    words = account.words(" by UAV 1", "fragments")
+    assert words == (
+        "6 of 10 participants sent, 3 silent, 1 absent, 2 received by UAV 1, 3 lost, 1 late (UAV 4), 1 refused "
+        "(UAV 2), 5 of 12 fragments arrived, 1 late from the round before averaged, too"
+    )
+    assert shares(f"round 7: {words}; averaged by 3 UAVs, 2 isolated") == (7, 5 / 12, 0.3, 1 / 6, 2)
+    assert shares("round 7 goes on without the cluster of UAV 3: its head is silent") is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (
+            (CLEAR, 'faults=[{kind="kill", tick=10, uavs=[3]}]'),
+            "round 1: 4 of 5 participants sent, 1 absent, 4 received by UAV 0; averaged and broadcast, received "
+            "by 4 UAVs",
+        ),
+        (
+            (CLEAR, NEIGHBOURS, *LIARS),
+            "round 1: 5 of 5 participants sent, 5 received, 2 refused (UAVs 2, 4), 20 of 20 copies arrived; "
+            "averaged by 5 UAVs",
+        ),
+        (
+            ("start.spacing=20", "federation.range_m=5", NEIGHBOURS),
+            "round 1 is void: no model of another UAV was averaged; 5 of 5 participants sent, 0 received, 5 lost, "
+            "5 isolated",
+        ),
+    ],
+)
+def test_the_event_of_a_round_is_its_account(settings: tuple[str, ...], expected: str) -> None:
+    _, sink = fly(load(None, [*FIVE, *settings], method="mfgfl-h", seed=5))
+    event = next(event for event in sink.events if event.kind in ("round", "void"))
+    assert event.text == expected
+    assert len(event.uavs) == int(expected.split(" of 5")[0].split()[-1])
+
+
+def test_every_bit_of_the_models_counts_in_their_hash_but_uploads_do_not_where_a_leader_broadcasts() -> None:
+    assert fly(load(None, FIVE, method="plan"))[0]["models_sha256"] is None
+
+    def hashed(label: FrameKind, *models: float, number: int = 1) -> str | None:
+        hashes = ModelsHash(load(None, FIVE, method="mfgfl-h"))
+        for model in models:
+            hashes.add([Frames(label, number, np.array([0], np.int32), np.array([[model]], np.float32))])
+        return hashes.hexdigest
+
+    two = hashed(FrameKind.GLOBAL, 1.0, 2.0)
+    assert two == hashed(FrameKind.GLOBAL, 1.0, 2.0)
+    assert two is not None
+    others = [
+        hashed(FrameKind.GLOBAL, 2.0, 1.0),
+        hashed(FrameKind.GLOBAL, 1.0, float(np.nextafter(np.float32(2.0), np.float32(3.0)))),
+        hashed(FrameKind.GLOBAL, 1.0, 2.0, number=2),
+        hashed(FrameKind.GLOBAL, 1.0),
+    ]
+    assert len({two, *others}) == 5
+    assert hashed(FrameKind.UPLOAD, 1.0) is None
+
+
+# -- rounds that cannot work ---------------------------------------------------------------------------------------
+
 TWO, RING = "federation.clusters=2", f"federation.topology={Ring.name}"
-MEDIAN, LONG, FRAGMENT = "federation.aggregation=median", "controller.length=100000", "federation.fragment=1"
+LONG, FRAGMENT = "controller.length=100000", "federation.fragment=1"
 BRIEF = ("federation.period=8", "radio.coherence_time_s=0.05")
 QUIET = "federation.upload_threshold=0.1"
 # Method, settings, and parts of the line.

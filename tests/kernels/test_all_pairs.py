@@ -1,6 +1,5 @@
-"""Pairs of a swarm: both forms against a plain comparison of all pairs."""
+"""Pairs of a swarm, and their mean difference of velocities: both forms against plain sums over all pairs."""
 
-import itertools
 import math
 import tracemalloc
 from types import ModuleType
@@ -11,24 +10,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.polynomial import Polynomial
 
-from meanflock.kernels import reference
-from meanflock.kernels.all_pairs import FEW
+from meanflock.kernels import mesh, reference
+from meanflock.kernels.all_pairs import FEW as SMALL
+from meanflock.kernels.differences import ALIGNMENT_ERROR, FEW, MANY
 from meanflock.swarm import state
 
 both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 
 def measured(
-    backend: ModuleType,
-    before: np.ndarray,
-    after: np.ndarray,
-    hazard: float,
-    collision: float,
-    nearest: float = math.inf,
+    backend: ModuleType, before: np.ndarray, after: np.ndarray, *bounds: float
 ) -> tuple[int, list[Any], float]:
+    """`bounds`: the radii of hazards and of collisions, and the least distance so far."""
     found = np.full((len(after) ** 2 + 1, 2), -7)
-    near, count, nearest = backend.pairs(before, after, hazard, collision, nearest, found)
+    near, count, nearest = backend.pairs(before, after, *bounds, found)
     assert (found[count:] == -7).all()
     return near, found[:count].tolist(), nearest
 
@@ -54,9 +51,9 @@ def test_pairs_at_rest_are_those_of_the_matrix(
     backend: ModuleType, states: np.ndarray, hazard: float, collision: float, large: bool
 ) -> None:
     """Coincident UAVs, and pairs exactly on either radius, are common; a large swarm is a small one many times."""
-    states = np.tile(states, (1 + FEW // len(states), 1)) if large else states
+    states = np.tile(states, (1 + SMALL // len(states), 1)) if large else states
     squared = distances(states)
-    near, touching, nearest = measured(backend, states, states, hazard, collision)
+    near, touching, nearest = measured(backend, states, states, hazard, collision, math.inf)
     assert near == np.triu(squared <= hazard * hazard, 1).sum()
     assert touching == np.argwhere(np.triu(squared < collision * collision, 1)).tolist()
     assert nearest == math.sqrt(squared[np.triu_indices(len(states), 1)].min(initial=math.inf))
@@ -74,7 +71,7 @@ def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 @both_forms
 @given(
-    st.integers(1, 250),
+    st.integers(0, 400),
     st.sampled_from([0.02, 0.3, 3.0, 100.0]),
     st.sampled_from([0.0, 0.05, 1.0, 40.0]),
     st.sampled_from([0.1, 1.0]),
@@ -82,7 +79,7 @@ def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     st.booleans(),
     st.integers(0, 2**32 - 1),
 )
-def test_pairs_in_motion_are_those_of_all_closest_approaches(
+def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike(
     backend: ModuleType, uavs: int, spread: float, step: float, collision: float, bound: float, grid: bool, seed: int
 ) -> None:
     """Some UAVs have no segment, some are left out; on a grid many have the same x."""
@@ -93,6 +90,7 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     before[draw.random(uavs) < 0.1] = np.nan
     after[draw.random(uavs) < 0.1] = np.nan
     near, touching, nearest = measured(backend, before, after, 0.5, collision, bound)
+    assert (near, touching, nearest) == measured(reference, before, after, 0.5, collision, bound)
     with np.errstate(invalid="ignore"):
         assert near == np.triu(distances(after) <= 0.25, 1).sum()
         found, apart = np.zeros((uavs, uavs), dtype=bool), closest_approaches(before, after)
@@ -104,27 +102,11 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches(
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("uavs", "spread"),  # nobody is near, some are, all are
-    [*itertools.product([0, 1, 25, FEW, FEW + 1, 333], [300.0, 3.0, 0.03]), (1100, 300.0), (1100, 3.0)],
-)
-@pytest.mark.parametrize("step", [0.0, 0.4, 100.0])
-def test_both_forms_give_the_same_bits(uavs: int, spread: float, step: float) -> None:
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-    draw = np.random.default_rng(uavs)
-    before = draw.normal(size=(uavs, state.SIZE)) * [spread, spread, 1.0, 1e-9] + [150.0, 100.0, 12.0, -7.0]
-    after = before + draw.normal(size=before.shape) * step
-    before[::7], after[::11] = np.nan, np.nan
-    for bound in (math.inf, 0.5, 0.0):
-        expected = measured(reference, before, after, 0.7, 0.1, bound)
-        assert measured(compiled, before, after, 0.7, 0.1, bound) == expected
-
-
 def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) -> None:
     states = np.zeros((4, state.SIZE))
     states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
-        assert measured(backend, states, states, 1.0, 1.0) == (0, [], math.inf)
+        assert measured(backend, states, states, 1.0, 1.0, math.inf) == (0, [], math.inf)
 
 
 def test_pairs_beyond_the_room_for_them_are_counted(backend: ModuleType) -> None:
@@ -146,3 +128,102 @@ def test_a_large_swarm_needs_no_room_for_all_its_pairs(backend: ModuleType) -> N
     finally:
         tracemalloc.stop()
     assert peak < 4 * 2**20 < 8 * 2000**2
+
+
+# -- the mean difference of velocities -------------------------------------------------------------------------------
+
+
+def exact(velocities: np.ndarray) -> float:
+    total = 0.0
+    for i, velocity in enumerate(velocities):
+        apart = velocities[i + 1 :] - velocity
+        total += float(np.hypot(apart[:, 0], apart[:, 1]).sum())
+    return 2.0 * total / len(velocities) ** 2
+
+
+def flown(velocities: np.ndarray) -> np.ndarray:
+    states = np.zeros((len(velocities), state.SIZE))
+    states[:, state.VELOCITY] = velocities
+    return states
+
+
+@both_forms
+@given(st.integers(1, FEW), st.integers(0, 2**32 - 1))
+def test_few_uavs_are_one_sum_in_double_precision(backend: ModuleType, uavs: int, seed: int) -> None:
+    velocities = np.random.default_rng(seed).choice([0.0, 0.1, -0.3, 1.0, 1e-160, 1e6 + 0.25], (uavs, state.AXES))
+    apart = velocities[:, None] - velocities
+    speeds = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2)
+    assert backend.alignment(flown(velocities)) == speeds.ravel().sum() / uavs**2
+
+
+@st.composite
+def velocities_of_many(draw: st.DrawFn) -> np.ndarray:
+    """Velocities of more than FEW UAVs: clusters of any widths, on a line or not, some UAVs far away, some alike."""
+    uavs = draw(st.sampled_from([FEW + 1, 800, MANY + 1, MANY + 500]))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    clusters = draw(st.integers(1, 5))
+    widths = np.array(
+        draw(st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 1.0]), min_size=clusters, max_size=clusters))
+    )
+    cluster = random.integers(clusters, size=uavs)
+    velocities = random.normal(size=(clusters, 2))[cluster] + widths[cluster, None] * random.normal(size=(uavs, 2))
+    far = random.integers(uavs, size=draw(st.sampled_from([0, 1, 7, uavs // 4])))
+    velocities[far] *= draw(st.sampled_from([30.0, 1e4, 1e9]))
+    velocities[:, 1] *= draw(st.sampled_from([0.0, 1e-6, 1.0]))
+    if draw(st.booleans()):
+        velocities = np.round(velocities, 1)  # many alike, and on the borders of cells
+    angle = draw(st.sampled_from([0.0, 0.7]))
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    return velocities @ turn * draw(st.sampled_from([1e-9, 1.0, 1e6])) + draw(st.sampled_from([0.0, 12.0]))
+
+
+@settings(both_forms, max_examples=60)
+@given(velocities_of_many())
+def test_the_error_is_bounded_and_both_forms_alike_for_any_velocities(
+    backend: ModuleType, velocities: np.ndarray
+) -> None:
+    """Of velocities far from zero, the differences themselves are known to 2⁻⁵² of the velocities only."""
+    found, rounding = backend.alignment(flown(velocities)), 2.0**-50 * float(np.abs(velocities).max())
+    assert found == pytest.approx(exact(velocities), rel=ALIGNMENT_ERROR, abs=rounding)
+    assert found == reference.alignment(flown(velocities))
+
+
+@pytest.mark.parametrize("uavs", [0, 1, FEW + 1, MANY + 1])
+def test_equal_velocities_have_no_difference(backend: ModuleType, uavs: int) -> None:
+    assert backend.alignment(flown(np.full((uavs, state.AXES), 0.5))) == 0.0
+
+
+@pytest.mark.parametrize("uavs", [2, FEW + 1, MANY + 1])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e200])
+def test_a_velocity_beyond_all_bounds_gives_no_finite_number(backend: ModuleType, uavs: int, bad: float) -> None:
+    velocities = np.random.default_rng(1).normal(size=(uavs, state.AXES))
+    velocities[1, 0] = bad
+    with np.errstate(all="ignore"):
+        assert not math.isfinite(backend.alignment(flown(velocities)))
+
+
+def test_the_bound_is_that_of_the_interpolation() -> None:
+    """The bound that mesh.py and differences.py derive, from the functions themselves."""
+    part = np.linspace(0.0, 1.0, 501)
+    weights = mesh._weights(part)
+    nodes = np.arange(-3, 5)
+    for power in range(8):  # a polynomial of degree 7 is interpolated exactly
+        np.testing.assert_allclose((weights * nodes**power).sum(axis=-1), part**power, atol=1e-12)
+    remainder = np.abs(np.prod(part[:, None] - nodes, axis=-1)).max() / math.factorial(8)
+    amplification = np.abs(weights).sum(axis=-1).max()
+    taylor = Polynomial(mesh._TAYLOR[::-1])(Polynomial([-1.0, 1.0]))
+    steepest = 0.0  # |∂⁸L/∂x⁸|, R = 1; beyond R it is that of ‖(x, y)‖, largest on the circle: 1575
+    for y in np.linspace(0.0, 1.0, 201):
+        along = taylor(Polynomial([y * y, 0.0, 1.0])).deriv(8)
+        steepest = max(steepest, np.abs(along(np.linspace(0.0, math.sqrt(1.0 - y * y), 201))).max())
+    assert steepest == pytest.approx(135135.0)
+    smooth = remainder * steepest / mesh.RADIUS**7 * (1 + amplification + amplification**2 + amplification**3)
+    near = mesh.RADIUS * (1.5 * 2.0**-20 + 6 * 2.0**-24)
+    assert (smooth + near) * 3.0 / mesh.EXTENT + 2 * 2.0**-24 < ALIGNMENT_ERROR
+
+
+def test_pairs_beyond_the_reach_of_cells_are_not_near() -> None:
+    rows, unit = np.arange(6), mesh.RADIUS / 2  # cells of two spacings
+    gap = np.hypot(np.array(mesh._REACH), np.maximum(rows - 1, 0))  # to the first column that is left out
+    least = np.append(gap, 5.0) / unit
+    np.testing.assert_array_less((mesh._taylor(least**2) - least) * mesh._UNIT, 1.5)

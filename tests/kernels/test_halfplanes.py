@@ -12,7 +12,6 @@ from scipy.optimize import linprog
 from meanflock.kernels import reference
 
 Floats = NDArray[np.float64]
-Case = tuple[Floats, Floats, Floats]
 
 LIMIT = 3.0
 TOLERANCE = 1e-6
@@ -28,7 +27,7 @@ def solve(backend: ModuleType, wanted: Any, normals: Any, bounds: Any, limit: fl
     return found, missing
 
 
-def cases(rows: int, count: int, seed: int) -> Case:
+def cases(rows: int, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
     """Random cases, half of them degenerate: twice the same half-plane, back to back, no direction."""
     draw = np.random.default_rng(seed)
     wanted, normals = 2.0 * draw.normal(size=(rows, 2)), draw.normal(size=(rows, count, 2))
@@ -41,22 +40,18 @@ def cases(rows: int, count: int, seed: int) -> Case:
     return wanted, normals, bounds
 
 
-def units(normals: Floats, bounds: Floats) -> tuple[Floats, Floats]:
-    """Half-planes of one row with unit normals, without those that ask for nothing."""
-    length = np.linalg.norm(normals, axis=1)
-    return normals[length > 0] / length[length > 0, None], bounds[length > 0] / length[length > 0]
-
-
 def by_quadratic_program(wanted: Floats, normals: Floats, bounds: Floats) -> Floats:
     """The nearest point; the disc by its tangents at what was found without them, as many as it takes."""
-    rows, least = normals, bounds
+    length = np.linalg.norm(normals, axis=1)
+    asks = length > 0.0
+    rows, least = normals[asks] / length[asks, None], bounds[asks] / length[asks]
     for _ in range(60):
         upper = np.full(len(rows), 1e30)
         point, _, status, _ = daqp.solve(np.eye(2), -wanted, np.ascontiguousarray(rows), upper, least, primal_tol=1e-12)
         assert status == 1
-        if (length := np.linalg.norm(point)) <= LIMIT + 1e-10:
+        if (far := np.linalg.norm(point)) <= LIMIT + 1e-10:
             return np.array(point)
-        rows, least = np.vstack([rows, -point / length]), np.append(least, -LIMIT)
+        rows, least = np.vstack([rows, -point / far]), np.append(least, -LIMIT)
     raise AssertionError("tangents do not converge")
 
 
@@ -89,7 +84,7 @@ def test_a_row_is_solved_as_by_an_exact_solver(count: int, rows: int) -> None:
     can = missing <= 0.0
     assert 0 < can.sum() < rows or count == 1
     for row in np.flatnonzero(can):
-        exact = by_quadratic_program(wanted[row], *units(normals[row], bounds[row]))
+        exact = by_quadratic_program(wanted[row], normals[row], bounds[row])
         # The distance is what is least; near a corner of almost parallel edges the place is less well determined.
         distances = [np.linalg.norm(one - wanted[row]) for one in (found[row], exact)]
         assert distances[0] == pytest.approx(distances[1], abs=TOLERANCE)

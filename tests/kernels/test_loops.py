@@ -1,4 +1,4 @@
-"""Short loops in C: columns side by side, a slot of Rice fading, a tick of motion; both forms against NumPy."""
+"""Short loops in C: columns, fading, motion, linear systems, products, the nearest few; both forms against NumPy."""
 
 from types import ModuleType
 
@@ -7,11 +7,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from meanflock.kernels import reference
+
 both_forms = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+seeds = st.integers(0, 2**32 - 1)
 
 
 @both_forms
-@given(st.integers(0, 5), st.integers(0, 4), st.integers(0, 4), st.booleans(), st.integers(0, 2**32 - 1))
+@given(st.integers(0, 5), st.integers(0, 4), st.integers(0, 4), st.booleans(), seeds)
 def test_columns_of_any_strides_are_side_by_side(
     backend: ModuleType, rows: int, first: int, second: int, turned: bool, seed: int
 ) -> None:
@@ -53,7 +56,7 @@ def test_tables_that_do_not_fit_are_refused_and_nothing_is_written(
 
 
 @both_forms
-@given(st.integers(1, 40), st.integers(1, 3), st.booleans(), st.integers(0, 2**32 - 1))
+@given(st.integers(1, 40), st.integers(1, 3), st.booleans(), seeds)
 def test_a_message_is_sent_link_by_link(backend: ModuleType, links: int, needed: int, alike: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)
     xi, chi = draw.uniform(0, 3), draw.uniform(0.1, 2)
@@ -74,15 +77,8 @@ def test_a_message_is_sent_link_by_link(backend: ModuleType, links: int, needed:
         assert slots.tolist() == expected_slots
 
 
-def test_a_bound_that_is_no_number_is_never_reached(backend: ModuleType) -> None:
-    busy, missing, slots = np.arange(2), np.ones(2, np.int64), np.full(2, 9)
-    assert backend.fade(np.ones((2, 2)), 1.0, 1.0, np.array([np.nan, 0.0]), 3, busy, missing, slots) == 1
-    assert busy[0] == 0
-    assert slots.tolist() == [3, 3]
-
-
 @both_forms
-@given(st.integers(0, 6), st.integers(0, 30), st.booleans(), st.integers(0, 2**32 - 1))
+@given(st.integers(0, 6), st.integers(0, 30), st.booleans(), seeds)
 def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: int, late: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)
     rate, reached = draw.uniform(0, 20, rates), draw.uniform(0, 1, 12)
@@ -98,7 +94,7 @@ def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: i
 
 
 @both_forms
-@given(st.integers(0, 20), st.booleans(), st.integers(0, 2**32 - 1))
+@given(st.integers(0, 20), st.booleans(), seeds)
 def test_a_point_mass_is_pushed_dragged_and_shaken(backend: ModuleType, uavs: int, alike: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)
     states, push, noise = draw.normal(0, 9, (uavs, 4)), draw.normal(0, 3, (uavs, 2)), draw.normal(size=(uavs, 2))
@@ -112,7 +108,7 @@ def test_a_point_mass_is_pushed_dragged_and_shaken(backend: ModuleType, uavs: in
 
 
 @both_forms
-@given(st.integers(0, 30), st.integers(0, 2**32 - 1))
+@given(st.integers(0, 30), seeds)
 def test_those_within_the_radius_that_were_asked_for_are_counted(backend: ModuleType, uavs: int, seed: int) -> None:
     draw = np.random.default_rng(seed)
     states, goals = draw.normal(0, 1, (2, uavs, 4))
@@ -126,9 +122,61 @@ def test_those_within_the_radius_that_were_asked_for_are_counted(backend: Module
     assert count == within.sum()
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_uav_that_is_nowhere_has_reached_nothing(backend: ModuleType, bad: float) -> None:
-    states, within = np.zeros((2, 4)), np.ones(2, dtype=bool)
-    states[1, 3] = bad
-    assert backend.reached(states, np.zeros((2, 4)), 1.0, within) == 1
-    assert within.tolist() == [True, False]
+@both_forms
+@given(st.integers(0, 4), st.integers(1, 9), st.integers(1, 5), seeds)
+def test_systems_are_solved_one_by_one(backend: ModuleType, systems: int, size: int, sides: int, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    matrices, rights = draw.normal(size=(systems, size, size)), draw.normal(size=(systems, size, sides))
+    matrices[::2, 0, 0] = 0.0  # the first pivot is another row
+    found, defined = np.empty_like(rights), np.empty_like(rights)
+    backend.solve(matrices, rights, found)
+    reference.solve(matrices, rights, defined)
+    np.testing.assert_array_equal(found, defined)
+    regular = np.abs(np.linalg.det(matrices)) > 1e-3
+    np.testing.assert_allclose(matrices[regular] @ found[regular], rights[regular], atol=1e-6)
+    if systems:
+        alone = np.empty_like(rights[:1])
+        backend.solve(matrices[-1:].copy(), rights[-1:].copy(), alone)
+        np.testing.assert_array_equal(alone, found[-1:])
+
+
+@pytest.mark.parametrize("entry", [0.0, np.nan, np.inf])
+def test_a_singular_system_has_no_finite_solution(backend: ModuleType, entry: float) -> None:
+    matrices = np.stack([np.eye(3), np.eye(3)])
+    matrices[1, 1, 1] = entry
+    found = np.empty((2, 3, 1))
+    backend.solve(matrices, np.ones((2, 3, 1)), found)
+    np.testing.assert_array_equal(found[0], 1.0)
+    assert entry == np.inf or not np.isfinite(found[1]).all()
+
+
+@both_forms
+@given(st.sampled_from([(3, 3), (1, 3), (3, 1), (1, 1)]), st.tuples(*[st.integers(1, 7)] * 3), seeds)
+def test_products_are_sums_in_the_order_of_their_terms(
+    backend: ModuleType, systems: tuple[int, int], sizes: tuple[int, int, int], seed: int
+) -> None:
+    draw, (n, m, k) = np.random.default_rng(seed), sizes
+    left, right = draw.normal(size=(systems[0], n, m)), draw.normal(size=(systems[1], m, k))
+    found = np.empty((max(systems), n, k))
+    backend.multiply(left, right, found)
+    terms = left[:, :, :, None] * right[:, None]
+    total = terms[:, :, 0]
+    for term in range(1, m):
+        total = total + terms[:, :, term]
+    np.testing.assert_array_equal(found, total)
+
+
+@both_forms
+@given(st.integers(0, 4), st.integers(0, 12), st.integers(0, 6), seeds)
+def test_the_nearest_few_come_first_and_ties_in_their_order(
+    backend: ModuleType, rows: int, objects: int, most: int, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    distance = draw.integers(0, 6, size=(rows, objects)).astype(float)
+    distance[draw.random(distance.shape) < 0.1] = np.nan
+    found = np.full((rows, most), 7, dtype=np.intp)
+    largest = backend.closest(distance, 4.0, found)
+    for row, numbers in zip(distance, found, strict=True):
+        expected = sorted((apart, number) for number, apart in enumerate(row) if apart <= 4.0)[:most]
+        assert numbers.tolist() == [number for _, number in expected] + [-1] * (most - len(expected))
+    assert largest == (found >= 0).sum(axis=1).max(initial=0)

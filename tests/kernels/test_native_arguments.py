@@ -21,14 +21,9 @@ def arguments(name: str) -> dict[str, Any]:
     """Good arguments of a function; those that it writes to are full of sevens."""
     draw = np.random.default_rng(1)
     if name == "learn":
-        return {
-            "tables": native.tables(*packed(tables(load(None, ["uavs=9"], method="mfg")))),
-            "states": draw.normal(size=(2, 4)),
-            "weights": np.zeros((2, 246)),
-            "around": np.zeros((2, 9, 4)),
-            "weights_out": np.full((2, 246), 7.0),
-            "numbers": np.full((2, 5), 7.0),
-        }
+        prepared = native.tables(*packed(tables(load(None, ["uavs=9"], method="mfg"))))
+        read = {"states": draw.normal(size=(2, 4)), "weights": np.zeros((2, 246)), "around": np.zeros((2, 9, 4))}
+        return {"tables": prepared, **read, "weights_out": np.full((2, 246), 7.0), "numbers": np.full((2, 5), 7.0)}
     if name == "repel":
         known, pushed = draw.normal(size=(2, 9, 4)), np.full((2, 2), 7.0)
         return {"states": np.zeros((2, 4)), "known": known, "weight": 5.0, "range_m": 0.5, "pushed": pushed}
@@ -42,14 +37,8 @@ def arguments(name: str) -> dict[str, Any]:
         return {"rates": np.ones(2), "first": np.ones(2), "terms": 3, "reached": np.ones(4), "sums": np.full(2, 7.0)}
     if name == "move":
         pushes = {"acceleration": np.ones((2, 2)), "noise": np.ones((2, 2)), "wind": np.zeros((2, 2))}
-        return {
-            "states": np.ones((2, 4)),
-            **pushes,
-            "drag": 0.1,
-            "shake": 0.2,
-            "dt": 0.1,
-            "moved": np.full((2, 4), 7.0),
-        }
+        constants = {"drag": 0.1, "shake": 0.2, "dt": 0.1}
+        return {"states": np.ones((2, 4)), **pushes, **constants, "moved": np.full((2, 4), 7.0)}
     if name == "reached":
         return {"states": np.full((2, 4), 7.0), "goals": np.ones((2, 4)), "radius": 1.0, "within": np.ones(2, bool)}
     if name == "closest":

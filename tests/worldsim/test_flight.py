@@ -1,37 +1,67 @@
-"""A flight: arrivals and losses are counted once and in time; blocks of its books have the bits of single ticks."""
+"""A flight: arrivals, losses, encounters and prices, by hand and by the oracle; sums of diagnostics."""
 
-import hashlib
+import json
+import math
+from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from meanflock import kernels
 from meanflock.federation.post import Post
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.barrier import Commands
-from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.flight import Flight, pairs
 from meanflock.worldsim.summary import Counters, flight_summary, protocol_summary
-from tests.worldsim.flights import calm, idle, kinds, power, put
+
+ORACLES = Path(__file__).parents[1] / "oracle"
 
 
-def test_an_arrival_is_recorded_once_with_its_time_energy_and_distance() -> None:
+def calm(*settings: str, uavs: int = 3) -> Flight:
+    """A flight in which only commands move anyone; the UAVs stand 10 m apart."""
+    return Flight(load(None, [f"uavs={uavs}", "wind.sigma=0", "wind.drag=0", "start.spacing=10", *settings]))
+
+
+def put(flight: Flight, uav: int, *, position: Any, velocity: Any = (0.0, 0.0)) -> None:
+    states = flight.states.copy()
+    states[uav, state.POSITION], states[uav, state.VELOCITY] = position, velocity
+    flight.states = states
+
+
+def idle(flight: Flight, ticks: int = 1) -> None:
+    for _ in range(ticks):
+        flight.advance(np.zeros((flight.scenario.uavs, 2)))
+
+
+def kinds(flight: Flight) -> list[tuple[str, tuple[int, ...]]]:
+    return [(event.kind, event.uavs) for event in flight.events]
+
+
+def test_an_arrival_is_recorded_once_with_its_time_energy_distance_and_effort() -> None:
     flight = calm('stop="duration"')
-    put(flight, 1, position=(7.5, 0.0), velocity=(-1.0, 0.0))
-    idle(flight, 60)  # passes the destination and leaves it again in the end
+    put(flight, 1, position=(7.5, 0.0), velocity=(-2.0, 0.0))
+    idle(flight, 50)  # passes the destination and leaves it again in the end
     arrived = int(flight.arrival_tick[1])
-    # ‖s‖ ≤ 5 mixes metres and m/s: √(x² + 1) ≤ 5 first holds at x = 4.8.
-    assert arrived == pytest.approx(27, abs=1)
+    # ‖s‖ ≤ 5 mixes metres and m/s: √(x² + 4) ≤ 5 first holds at x = 4.58.
+    assert arrived == pytest.approx(14.6, abs=1)
     assert flight.status.tolist() == [Status.FLYING, Status.ARRIVED, Status.FLYING]
     energy, distance = flight.arrival_energy[1], flight.distance[1]
-    assert energy == pytest.approx(arrived * 0.1 * power(np.ones(1))[0])
-    assert distance == pytest.approx(0.1 * arrived)
+    assert energy == pytest.approx(arrived * 0.1 * 0.10419266955518902)  # W at 2 m/s, by the oracle
+    assert distance == pytest.approx(0.2 * arrived)
     idle(flight, 100)
     assert not (state.norm(flight.states)[1] <= 5.0)
     assert (flight.arrival_tick[1], flight.arrival_energy[1], flight.distance[1]) == (arrived, energy, distance)
     assert flight.energy[1] > energy
     assert kinds(flight) == [("arrived", (1,))]
     assert flight.events[0].tick == arrived
+    flight.advance(np.ones((3, 2)), gust=np.ones((3, 2)))
+    assert flight.effort == pytest.approx([2.0, 0.0, 2.0])  # of commands until arrival
+    assert flight_summary(flight)["control_effort"] == pytest.approx(4.0 * 0.1 / 3)
     assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1 * arrived)
 
 
@@ -85,56 +115,121 @@ def test_an_absurd_command_loses_the_uav_and_leaves_the_others_as_they_were(comm
         assert not isinstance(value, float) or np.isfinite(value)
 
 
-def test_the_hash_is_of_all_states_from_take_off_as_little_endian_doubles() -> None:
-    flight, draw, expected = Flight(load(None, ["uavs=3"])), np.random.default_rng(6), hashlib.sha256()
-    expected.update(flight.states.astype("<f8").tobytes())
-    hashes = {flight.trajectory_sha256}
-    for _ in range(10):
-        flight.advance(draw.standard_normal((3, 2)))
-        expected.update(flight.states.astype("<f8").tobytes())
-        assert flight.trajectory_sha256 == expected.hexdigest()
-        hashes.add(flight.trajectory_sha256)
-    assert len(hashes) == 11
+# -- encounters, and UAVs on the ground ------------------------------------------------------------------------------
 
 
-SWARM = [
-    "uavs=5",
-    "wind.sigma=0.2",
-    "vehicle.acceleration_max=2",
-    "destination.radius=180.6",
-    "start.group=2",
-    "start.interval=0.7",
-]
-TICKS = 130
+def segment_distance(first: np.ndarray, last: np.ndarray) -> float:
+    """Distance from the origin to the segment between two points."""
+    moved = last - first
+    share = np.clip(-(first @ moved) / max(moved @ moved, 1e-300), 0.0, 1.0)
+    return float(np.hypot(*(first + share * moved)))
 
 
-def flown(settings: list[str], read_every: int) -> tuple[Flight, list[bytes]]:
-    """A flight in which UAVs take off, arrive and get lost, and what was read of it every tenth tick."""
-    flight, draw, seen = Flight(load(None, settings)), np.random.default_rng(4), []
-    for tick in range(TICKS):
-        flight.advance(draw.normal(0, 2, (5, 2)))
-        if tick == 70:
-            flight.lose(np.array([1]), "lost", "by the test")
-        if tick == 95:
-            flight.rejoin(np.array([1]), "agent")
-        if read_every and tick % read_every == 0:
-            flight.books.settle()
-        if tick % 10 == 0:
-            seen += [flight.energy.tobytes(), flight.distance.tobytes(), flight.effort.tobytes()]
-            seen += [repr((flight.speed_max, flight.mean_speed, flight.trajectory_sha256)).encode()]
-    return flight, seen
+def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
+    """A dense swarm in waves with arrived, lost and diverged UAVs, resumed on the way."""
+    discs = "obstacles=[{centre=[92.3, 2.6], radius=0.4}, {centre=[94.1, 0.3], radius=0.2}]"
+    keys = ["uavs=12", "start.formation=waves", "start.group=4", "start.interval=0.5", "start.spacing=0.6"]
+    keys += ["start.centre=[90.0, 0.0]", "wind.sigma=0.3", "destination.radius=1", discs]
+    flight, draw = Flight(load(None, keys)), np.random.default_rng(4)
+    put(flight, 0, position=(0.0, 0.0))
+    history, events = [flight.states], list(flight.events)
+    touched, collided, hit, nearest = set(), set(), set(), math.inf
+    for tick in range(80):
+        if tick == 40:
+            events, snapshot = flight.events, flight.snapshot()
+            flight = Flight(flight.scenario)
+            flight.restore(snapshot, np.array(history))
+        before, flying = flight.states, flight.on_way.copy()
+        aloft = flight.launch_tick <= tick
+        wanted = draw.normal(size=(12, 2)) * 12.0 - 0.5 * (before[:, state.POSITION] - [93.0, 1.5])
+        if tick == 12:
+            wanted[3, 0] = np.inf
+        if tick == 20:
+            flight.lose(np.array([5, 6]), "lost", "a test")
+            flying[[5, 6]] = False
+        flight.advance(wanted)
+        history.append(flight.states)
+        aloft[3] &= tick != 12  # put back
+        first, last = before[:, state.POSITION], flight.states[:, state.POSITION]
+        for i, j in combinations(np.flatnonzero(aloft).tolist(), 2):
+            apart = segment_distance(first[i] - first[j], last[i] - last[j])
+            nearest = min(nearest, apart)
+            if apart < 0.1:
+                touched.add((i, j))
+                collided |= {(i, j)} if flying[i] and flying[j] else set()
+        for uav in np.flatnonzero(aloft).tolist():
+            for number, disc in enumerate(flight.scenario.obstacles):
+                if segment_distance(first[uav] - disc.centre, last[uav] - disc.centre) < disc.radius:
+                    hit.add((uav, number))
+    found = flight.encounters
+    assert (found.collided, found.touched) == (collided, touched)
+    assert {(uav, disc) for uav, disc in np.argwhere(found.hit).tolist()} == hit
+    assert found.closest_approach_m == pytest.approx(nearest, abs=1e-9)
+    named = sorted(event.uavs for event in events + flight.events if event.kind == "collision")
+    assert named == sorted(collided)
+    hits = sorted(event.uavs for event in events + flight.events if event.kind == "hit")
+    assert hits == sorted((uav,) for uav, _ in hit)
+    assert len(touched) > len(collided) > 3
+    assert hit
 
 
-@pytest.mark.parametrize("read_every", [1, 7])
-def test_the_books_of_a_block_are_those_of_each_tick(read_every: int) -> None:
-    (flight, seen), (settled, expected) = flown(SWARM, 0), flown(SWARM, read_every)
-    assert seen == expected
-    assert flight_summary(flight) == flight_summary(settled)
-    assert 0 < np.count_nonzero(flight.arrival_tick > 0) < 5
-    assert flight.arrival_energy.tobytes() == settled.arrival_energy.tobytes()
-    energies, single = (np.concatenate(one.books.energies) for one in (flight, settled))
-    assert energies.shape == (TICKS + 1, 5)
-    assert energies.tobytes() == single.tobytes()
+WAVES = ("uavs=4", "start.formation=waves", "start.group=2", "start.interval=2")
+
+
+def test_a_uav_before_its_launch_is_at_rest_and_counts_for_nothing() -> None:
+    flight = Flight(load(None, [*WAVES, "start.spacing=0.05", "start.centre=[100.0, 0.0]"]))
+    start, push = flight.states.copy(), np.full((4, 2), 0.5)
+    gust = np.full((4, 2), 2.0)
+    for _ in range(19):
+        flight.advance(push, gust)
+    np.testing.assert_array_equal(flight.states[2:], start[2:])
+    assert not flight.energy[2:].any()
+    assert flight.effort.tolist() == [pytest.approx(9.5), pytest.approx(9.5), 0.0, 0.0]
+    assert flight.distance[2:].tolist() == [0.0, 0.0]
+    assert len(flight.encounters.touched) == 1  # of the first wave: the second is on the ground
+    speeds = flight.mean_speed
+    assert speeds == pytest.approx(flight.distance[:2].sum() / (2 * 19 * 0.1))
+    idle(flight)
+    flight.advance(push)
+    assert (flight.states[2:] != start[2:]).all()
+    assert len(flight.encounters.touched) > 1
+
+
+def test_travel_time_counts_from_the_launch() -> None:
+    flight = Flight(load(None, [*WAVES, "start.centre=[3.0, 0.0]", "wind.sigma=0", "wind.mean=[0.0, 0.0]"]))
+    idle(flight, 21)
+    assert flight.arrival_tick.tolist() == [1, 1, 21, 21]
+    assert flight_summary(flight)["t_avg_s"] == pytest.approx(0.1)
+    assert flight.over
+
+
+# -- alignment, risk and energy --------------------------------------------------------------------------------------
+
+ORACLE = json.loads((ORACLES / "metrics.json").read_text())
+PARTS = ("radio", "compute", "total")
+
+
+@pytest.mark.parametrize("case", ORACLE, ids=lambda case: f"N{case['N']}")
+def test_alignment_and_risk_are_the_oracle_s(case: dict[str, Any]) -> None:
+    n, history = case["N"], np.concatenate([case["position"], case["velocity"]], axis=-1)
+    alignment = np.mean([kernels.alignment(states) for states in history])
+    assert alignment == pytest.approx(case["phi_A_as_printed"], rel=1e-9)
+    near = 2 * np.mean([pairs(load(None).metrics, states, states, math.inf).near for states in history])
+    assert (near + n) / n**2 == pytest.approx(case["phi_C_as_printed"], rel=1e-9)
+    assert near / (n * (n - 1)) == pytest.approx(case["phi_C_distinct_pairs"], rel=1e-9)
+
+
+def test_radio_and_controllers_have_an_energy_that_changes_no_flight_and_lost_uavs_compute_nothing() -> None:
+    settings = ["uavs=4", "duration=5", "stop=duration", "faults=[{kind='kill', time_s=2.0, uavs=[1, 2]}]"]
+    priced = ["energy.radio_W=0.5", "energy.step_J=0.001"]
+    free, paid = (Engine(load(None, [*settings, *more], method="orca"), "x").complete() for more in ([], priced))
+    assert paid["trajectory_sha256"] == free["trajectory_sha256"]
+    assert paid["lost"] == 2
+    motion, airtime, steps = 4 * free["energy_end_mean_J"], free["radio"]["airtime_s"], 2 * 50 + 2 * 20
+    assert airtime > 0
+    assert [free[f"energy_{part}_J"] for part in PARTS] == pytest.approx([0.0, 0.0, motion])
+    expected = [0.5 * airtime, 0.001 * steps, motion + 0.5 * airtime + 0.001 * steps]
+    assert [paid[f"energy_{part}_J"] for part in PARTS] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("uavs", "columns"), [(1, 1), (1, 3), (9, 1), (40, 1), (40, 2), (200, 1), (200, 4)])

@@ -1,7 +1,8 @@
 """Late nodes, on a clock of the test: held commands in real time; a node that is always late is warned of and lost."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,22 +80,22 @@ class Flight:
         endpoint.handler = client.handle
         client.join(request, make, timeout_s=1.0)
 
-    def fly(self, before: Callable[[int], None] = lambda tick: None) -> dict:
-        before(0)
-        for tick in self.world.fly():
+    def fly(self, delay_s: Callable[[int, str], float] = lambda tick, node: PROMPT_S) -> dict:
+        """To the end, each node answering when `delay_s` of tick and node is over."""
+        self.bus.delay_s = lambda node: delay_s(self.world.flight.tick, node)
+        for _ in self.world.fly():
             self.commands.append(self.world._commands.accelerations.copy())
-            before(tick)
         return self.world.finish(lambda: 0.0)
 
 
+LATE = (3, 4, 9)  # ticks
+
+
 def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
-    flight = Flight(realtime=None)
+    def slow(tick: int, node: str) -> float:  # then its second answers come in the same tick, or in the one after
+        return {"agent-1": 2.5, "agent-0": 0.1 * tick}[node] if tick in LATE else PROMPT_S
 
-    def slow(tick: int) -> None:  # then its second answers come in the same tick, or in the one after
-        late = {"agent-1": 2.5, "agent-0": 0.1 * tick} if tick in (3, 4, 9) else {}
-        flight.bus.delay_s = lambda node: late.get(node, PROMPT_S)
-
-    summary = flight.fly(slow)
+    summary = Flight(realtime=None).fly(slow)
     assert summary["wall_time_s"] > 7.5
     assert (summary["realtime"], summary["held_commands"]) == (None, None)
     assert summary["dropped_messages"] == {}
@@ -103,30 +104,23 @@ def test_in_lockstep_a_slow_node_is_asked_again_and_may_answer_twice() -> None:
 
 def test_a_late_node_keeps_its_last_command_and_its_tick_is_counted() -> None:
     flight = Flight()
-
-    def slow(tick: int) -> None:
-        late = {"agent-1": 1.5 * TICK_S} if tick in (3, 4, 9) else {}
-        flight.bus.delay_s = lambda node: late.get(node, PROMPT_S)
-
-    summary = flight.fly(slow)
+    summary = flight.fly(lambda tick, node: 1.5 * TICK_S if tick in LATE and node == "agent-1" else PROMPT_S)
     assert summary["held_commands"] == 3
     assert summary["realtime"]["deadline_misses"] == 3
     assert summary["dropped_messages"] == {"stale": 3}
     for tick in range(1, 20):
         held = flight.commands[tick] == flight.commands[tick - 1]
         assert not held[0].all()
-        assert held[1].all() == (tick in (3, 4, 9))
+        assert held[1].all() == (tick in LATE)
     assert summary["lost"] == 0
 
 
 def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
     flight = Flight()
-
-    def stall(tick: int) -> None:
+    for tick in flight.world.fly():
         if tick == 5:
             flight.bus.now += 0.12  # begins tick 5 so late that 6 and 7 are late too
-
-    summary = flight.fly(stall)
+    summary = flight.world.finish(lambda: 0.0)
     late = [0.0] * 17 + [20.0, 70.0, 120.0]
     assert summary["realtime"]["tick_start_jitter_ms"] == pytest.approx(
         {"mean": np.mean(late), "p99": np.percentile(late, 99), "max": 120.0}, rel=1e-5
@@ -142,20 +136,19 @@ def test_an_invalid_factor_is_bad_input(text: str) -> None:
         factor(text)
 
 
+def test_lockstep_cannot_be_steered() -> None:
+    with pytest.raises(BadInput, match="add --realtime"):
+        World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), RUN, steer=object())
+
+
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
 ANY = "pace.wait_share=1"  # of the wall time: slow replies alone are judged
 SHORT = ["pace.slow_ticks=6", ANY]
 
 
-def fly(
-    delay_s: Callable[[int, str], float], *settings: str, realtime: float | None = None, rows: Sequence[int] = (1, 1, 1)
-) -> dict[str, Any]:
-    """Some nodes, each answering when `delay_s` of tick and node is over; the summary, and the events in it."""
-    flight = Flight(realtime, settings, rows)
-
-    def slow(tick: int) -> None:
-        flight.bus.delay_s = lambda node: delay_s(tick, node)
-
+def fly(delay_s: Callable[[int, str], float], *settings: str, rows: Sequence[int] = (1, 1, 1)) -> dict[str, Any]:
+    """A flight in lockstep: the summary, and the events in it that tell of slow and of lost nodes."""
+    flight = Flight(None, settings, rows)
     heard: list[tuple[int, str, str]] = []
     begin = flight.world._reporter.begin
 
@@ -164,17 +157,18 @@ def fly(
         begin(block, first_tick)
 
     flight.world._reporter.begin = begin_and_tell
-    summary = flight.fly(slow)
+    summary = flight.fly(delay_s)
     told = heard + [(event.tick, event.kind, event.text) for event in flight.world.flight.events]
     return {**summary, "told": [entry for entry in told if entry[1] in ("slow", "lost")]}
 
 
-def drip(_tick: int, node: str) -> float:
-    return JUST_IN_TIME_S if node == "agent-1" else PROMPT_S
+def late(delay_s: float, other_s: float = PROMPT_S, *, node: str = "agent-1") -> Callable[[int, str], float]:
+    """One node is late in every tick."""
+    return lambda _, who: delay_s if who == node else other_s
 
 
 def test_a_node_that_answers_just_in_time_is_warned_of_then_lost() -> None:
-    summary = fly(drip, *SHORT)
+    summary = fly(late(JUST_IN_TIME_S), *SHORT)
     assert summary["ticks"] == 20
     assert (summary["nodes_lost"], summary["lost"]) == (1, 1)
     assert summary["wall_time_s"] < 7 * JUST_IN_TIME_S
@@ -184,10 +178,10 @@ def test_a_node_that_answers_just_in_time_is_warned_of_then_lost() -> None:
 
 
 def test_by_default_some_slow_replies_lose_no_node() -> None:
-    summary = fly(drip, ANY)
+    summary = fly(late(JUST_IN_TIME_S), ANY)
     assert summary["nodes_lost"] == 0
     assert summary["wall_time_s"] > 19 * JUST_IN_TIME_S
-    assert summary["trajectory_sha256"] == fly(lambda tick, node: PROMPT_S)["trajectory_sha256"]
+    assert summary["trajectory_sha256"] == fly(late(PROMPT_S))["trajectory_sha256"]
 
 
 @pytest.mark.parametrize(("stands_still_s", "lost"), [(60.0, 0), (0.0, 1)])
@@ -195,21 +189,14 @@ def test_time_in_which_the_machine_stood_still_does_not_count_as_silence(stands_
     flight = Flight(None, [ANY])
     delay_s, receive = (8.0 if stands_still_s else 12.0), flight.bus.receive
 
-    def silent(tick: int) -> None:
-        flight.bus.delay_s = lambda node: delay_s if tick == 3 and node == "agent-1" else PROMPT_S
-
     def standing(timeout_s: float) -> Delivery | None:
         if flight.world.flight.tick == 3 and flight.bus.now < stands_still_s:
             flight.bus.now += stands_still_s
         return receive(timeout_s)
 
     flight.bus.receive = standing
-    assert flight.fly(silent)["nodes_lost"] == lost
-
-
-def late(delay_s: float, other_s: float = PROMPT_S, *, node: str = "agent-1") -> Callable[[int, str], float]:
-    """One node is late in every tick."""
-    return lambda _, who: delay_s if who == node else other_s
+    summary = flight.fly(lambda tick, node: delay_s if tick == 3 and node == "agent-1" else PROMPT_S)
+    assert summary["nodes_lost"] == lost
 
 
 THREE, SIX = (1,) * 3, (1,) * 6
@@ -223,7 +210,7 @@ DELAYS: dict[str, tuple[Callable[[int, str], float], Sequence[int], Sequence[str
     "1.9 s": (late(1.9), SIX, MINUTE, ["agent-1"]),
     "0.5 s": (late(0.5), SIX, MINUTE, ["agent-1"]),
     "two in turns": (
-        lambda tick, node: 1.9 if node in ("agent-1", "agent-4") and tick % 2 == int(node[-1]) % 2 else PROMPT_S,
+        lambda tick, node: 1.9 if node == ("agent-4", "agent-1")[tick % 2] else PROMPT_S,
         SIX,
         MINUTE,
         ["agent-4", "agent-1"],
@@ -249,20 +236,14 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
     assert summary["ticks"] == (20 if settings is SHORT else 60)
 
 
-class Nobody:
-    """A barrier at which one of three nodes has not answered."""
-
-    asked: ClassVar = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
-    silent = 1
-
-    def __init__(self, late: str) -> None:
-        self.missing = [late]
+AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
 def slow_tick(pace: Pace, late: str) -> list[str]:
+    """Verdicts after a tick in which one of three nodes has not answered in time."""
     pace.begin()
-    pace.look(0.1, Nobody(late))
-    pace.look(3.0, Nobody(late))
+    for waited_s in (0.1, 3.0):
+        pace.look(waited_s, SimpleNamespace(asked=AGENTS, silent=1, missing=[late]))
     return [verdict.node for verdict in pace.overdrawn()]
 
 

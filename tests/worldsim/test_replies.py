@@ -26,12 +26,12 @@ from meanflock.worldsim.members import Member
 from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
 from tests.faults.dying import dead, resumed
 from tests.swarm.examples import same
+from tests.telemetry import fly
 
 NAME, TICK = "replies", 20
 RUN = keys.fingerprint(NAME)
 STATES = load(None, ["uavs=8"], method="hjb")
-MODELS = load(None, ["uavs=8", "federation.period=10"], method="mfgfl-hf")
-ALL = MODELS.replace(**{"federation.fraction": 1.0})
+ALL = load(None, ["uavs=8", "federation.period=10", "federation.fraction=1.0"], method="mfgfl-hf")
 MOST = STATES.declared.broadcast_numbers  # of a UAV in a tick
 INTEGERS = ("i1", "u1", "<i2", "<i4")
 WIDTH = 2 + len(STATES.declared.diagnostics)
@@ -72,64 +72,32 @@ def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_w
     assert barrier.commands[[1, 2, 4], 0].tolist() == [3.0, 2.0, 3.0]
 
 
-class Air:
-    """A `FrameMerger` that notes what it drops and bills."""
-
-    def __init__(self, flown: Scenario) -> None:
-        self.dropped: list[str] = []
-        self.meter = Meter(flown.radio, flown.uavs)
-        self._merger = FrameMerger(Post(flown), lambda error, where: self.dropped.append(where))
-
-    def merge(self, *batches: Frames, silent: tuple[int, ...] = ()) -> list[Frames]:
-        active = np.ones(8, dtype=bool)
-        active[list(silent)] = False
-        return self._merger.merged(TICK, batches, active, self.meter)
-
-    @property
-    def billed(self) -> int:
-        return self.meter.traffic[FrameKind.UPLOAD].wire_bytes
-
-
 def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
     coding = codings.of_uploads(flown, None)
     models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
 
-def test_uploads_are_merged_into_one_batch_and_billed_by_their_bytes() -> None:
-    air, batches = Air(ALL), [upload(ALL, uav) for uav in range(7)]
-    (merged,) = air.merge(*batches)
-    assert merged.source.tolist() == list(range(7))
-    np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload for each in batches]))
-    assert (merged.kind, merged.round, merged.links) == (FrameKind.UPLOAD, 2, None)
-    assert air.billed == sum(wire.bytes_of_batch(each) for each in batches)
-    assert not air.dropped
-
-
-def test_uploads_of_other_rounds_and_of_silent_uavs_are_left_out() -> None:
-    air = Air(ALL)
+def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_rounds_and_silent_uavs() -> None:
+    dropped: list[str] = []
+    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(ALL), lambda error, where: dropped.append(where))
     batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
-    (merged,) = air.merge(*batches, silent=(3, 4))
-    assert (merged.source.tolist(), merged.round) == ([0, 2], 2)  # not that of the first batch
-    assert air.dropped == ["frames of UAV 1", "frames of UAV 5"]
-    assert air.billed == sum(wire.bytes_of_batch(each) for each in (upload(ALL, 0), upload(ALL, 2)))
-    assert Air(MODELS).merge(upload(MODELS, 1, number=7)) == []
-
-
-UAVS = 5
-EACH = np.ones(UAVS, dtype=bool)
-
-
-def numbers() -> np.ndarray:
-    return np.random.default_rng(1).normal(size=(UAVS, 5))
+    (merged,) = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
+    kept = [upload(ALL, 0), upload(ALL, 2, 3)]
+    assert (merged.kind, merged.round, merged.links) == (FrameKind.UPLOAD, 2, None)  # not that of the first batch
+    assert merged.source.tolist() == [0, 2]
+    np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload[:1] for each in kept]))
+    assert dropped == ["frames of UAV 1", "frames of UAV 5"]
+    assert meter.traffic[FrameKind.UPLOAD].wire_bytes == 2 * wire.bytes_of_batch(upload(ALL, 0))
+    assert merger.merged(TICK, batches[:1], np.ones(8, dtype=bool), meter) == []
 
 
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:
-    commands, given = Commands(UAVS, 3), numbers()
+    commands, given, each = Commands(5, 3), np.random.default_rng(1).normal(size=(5, 5)), np.ones(5, dtype=bool)
     given[2, column] = given[4, 0] = size
-    assert commands.store(given, EACH & (np.arange(UAVS) != 4), EACH, EACH).tolist() == [2]  # 4 has not replied
+    assert commands.store(given, np.arange(5) != 4, each, each).tolist() == [2]  # 4 has not replied
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]
     assert commands.largest.max() < BEYOND_SENSE
 
@@ -186,9 +154,7 @@ def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str
         return used[-1]
 
     engine.world.air.send = noted
-    for _ in engine.fly():
-        pass
-    engine.world.finish()
+    engine.complete()
     links = np.concatenate(used)
     sampled = (links[:, 0] + 1) % STATE_LINKS_EVERY_TICKS == 0
     expected = links[sampled | (links[:, 4] < 0) | (links[:, 3] != FrameKind.STATE)]
@@ -200,10 +166,7 @@ def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str
 def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait() -> None:
     ticks = 8
     flown = load(None, ["uavs=60000", f"duration={ticks / 10}"], method="cruise")
-    engine = Engine(flown, "blocks", sinks=[kept := Kept()])
-    for _ in engine.fly():
-        pass
-    engine.world.finish()
+    _, kept = fly(flown)
     sizes = [len(control.encode(block)) for block in kept.blocks]
     assert sum(len(block.states) for block in kept.blocks) == ticks + 1
     assert 5 < max(len(block.states) for block in kept.blocks) < ticks
@@ -216,7 +179,6 @@ def test_a_long_checkpoint_is_sent_in_parts_and_joined(monkeypatch: pytest.Monke
     monkeypatch.setattr(checkpoint, "PART_BYTES", 40)
     first, second, third = split(body)
     whole = Assembly()
-    assert [whole.add(part) for part in (first, second, third)] == [None, None, body]
     assert [whole.add(part) for part in (first, third, second)] == [None, None, None]  # one is missing
     assert [whole.add(part) for part in (first, second, first, second, third)] == [None] * 4 + [body]
     assert whole.add(body) == body

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.net.bus import MemoryNetwork
-from meanflock.swarm.scenario import load
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire.mavlink import Reader
 from meanflock.swarm.wire.mavlink import Setpoint as Read
 from meanflock.worldsim.steering import Setpoint, Steering
 from meanflock.worldsim.summary import Counters
-from meanflock.worldsim.world import World
 from tests.bridge.client import heartbeat, setpoint
 
 WRITER = mavlink.MAVLink(None, srcSystem=250)
@@ -21,9 +18,9 @@ class Heard:
     """A port whose clients are the test."""
 
     def __init__(self) -> None:
-        self.coming: list[Setpoint | tuple[MessageRejected, str]] = []
+        self.coming: list[Setpoint] = []
 
-    def receive(self) -> list[Setpoint | tuple[MessageRejected, str]]:
+    def receive(self) -> list[Setpoint]:
         came, self.coming = self.coming, []
         return came
 
@@ -38,15 +35,11 @@ class Steered:
         self.now = 0.0
         self.port, self.counters = Heard(), Counters()
         self.events: list[tuple[str, list[int]]] = []
-        self.drops: list[str] = []
 
         def note(kind: str, _text: str, uavs=()) -> None:
             self.events.append((kind, list(uavs)))
 
-        def drop(error: MessageRejected, _where: str) -> None:
-            self.drops.append(error.reason)
-
-        self.steering = Steering(self.port, self.counters, note, drop, lambda: self.now)
+        self.steering = Steering(self.port, self.counters, note, pytest.fail, lambda: self.now)
 
     def tick(self, now: float, *came: Setpoint, idle: np.ndarray | None = None) -> list[list[float]]:
         self.now = now
@@ -93,11 +86,6 @@ def test_a_resumed_flight_knows_that_it_was_steered() -> None:
     steered.tick(0.0, PUSH)
     resumed.restore(steered.counters.snapshot(1.0))
     assert resumed.steered == 1
-
-
-def test_lockstep_cannot_be_steered() -> None:
-    with pytest.raises(BadInput, match="add --realtime"):
-        World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), "run", steer=Heard())
 
 
 def frame(message) -> bytes:

@@ -49,20 +49,6 @@ def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray |
     return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]
 
 
-@pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("rows", [0, 1, LANES - 1, LANES, 2 * LANES + 1, 130, WIDE])
-def test_both_forms_fly_the_same_bits(around: str, rows: int) -> None:
-    compiled = pytest.importorskip("meanflock.kernels.compiled")
-    weights, states, of = flying(around, rows)
-    assert tick(compiled, weights, states, of, MULTINOMIAL) == tick(reference, weights, states, of, MULTINOMIAL)
-    states[:1] = 0.0  # r = 0, where the local cost is undefined
-    prepared, numbers = compiled.prepare(TABLES), np.empty((rows, 5))
-    for _ in range(20):
-        assert tick(compiled, weights, states, of) == tick(reference, weights, states, of)
-        compiled.learn(prepared, states, weights, of, weights, numbers)  # may be written where it is read
-        states = states + 0.1 * np.concatenate([states[:, state.VELOCITY], numbers[:, : state.AXES]], axis=-1)
-
-
 any_number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
@@ -78,22 +64,22 @@ def test_both_forms_give_the_same_bits_for_any_numbers(
     compiled = pytest.importorskip("meanflock.kernels.compiled")
     for around in (None, known, known[:, 0, 0].copy()):
         for tables_ in (TABLES, MULTINOMIAL):
-            given_ = weights, states, around, tables_
-            assert tick(compiled, *given_) == tick(reference, *given_)
-    many = np.resize(weights, (WIDE, layout.MODEL_FLOATS)), np.resize(states, (WIDE, state.SIZE))
-    three = tick(reference, weights, states, None)
-    assert tick(compiled, *many, None) == [three[k % 3] for k in range(WIDE)]
+            three = tick(reference, weights, states, around, tables_)
+            assert tick(compiled, weights, states, around, tables_) == three
+        few = (weights, states, around)
+        many = (None if array is None else np.resize(array, (WIDE, *array.shape[1:])) for array in few)
+        assert tick(compiled, *many, MULTINOMIAL) == [three[k % 3] for k in range(WIDE)]
 
 
 @pytest.mark.parametrize("around", AROUND)
-@pytest.mark.parametrize("rows", [1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 1])
-def test_a_row_does_not_depend_on_the_number_of_rows_and_nothing_beyond_the_last_is_touched(
+@pytest.mark.parametrize("rows", [0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 1])
+def test_rows_are_those_of_numpy_one_by_one_and_nothing_beyond_the_last_is_touched(
     backend: ModuleType, around: str, rows: int
 ) -> None:
     """The arrays given are the beginnings of longer ones, which hold what would show."""
     weights, states, of = flying(around, 2 * LANES + 2)
     each = [slice(k, k + 1) for k in range(rows)]
-    alone = [tick(backend, weights[k], states[k], None if of is None else of[k])[0] for k in each]
+    alone = [tick(reference, weights[k], states[k], None if of is None else of[k])[0] for k in each]
     for array in (states, weights, *([] if of is None else [of])):
         array[rows:] = np.nan
     stepped, numbers = np.full((2 * LANES + 2, layout.MODEL_FLOATS), 7.0), np.full((2 * LANES + 2, 5), 7.0)
@@ -104,10 +90,7 @@ def test_a_row_does_not_depend_on_the_number_of_rows_and_nothing_beyond_the_last
     assert (numbers[rows:] == 7.0).all()
 
 
-SPLIT = Tables._fields.index("value_first")
-
-
-@pytest.mark.parametrize("field", Tables._fields[SPLIT:])
+@pytest.mark.parametrize("field", Tables._fields[Tables._fields.index("value_first") :])
 @pytest.mark.parametrize("bad", [-1, 10_000, -(2**31), 2**31 - 1])
 def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
     native = pytest.importorskip("meanflock.kernels._native")
@@ -126,7 +109,7 @@ def test_tables_of_another_size_or_type_are_refused() -> None:
                 native.tables(*both[:place], wrong, *both[place + 1 :])
 
 
-def test_weights_of_a_step_stay_as_long_as_somebody_has_them_and_their_room_is_used_again() -> None:
+def test_weights_of_a_step_stay_as_long_as_somebody_has_them() -> None:
     learner = Learner(SCENARIO)
     _, states, _ = flying("density", 9)
     weights = [learner.init(9, starts(SCENARIO))]
@@ -137,11 +120,6 @@ def test_weights_of_a_step_stay_as_long_as_somebody_has_them_and_their_room_is_u
     for _ in range(4):
         learner.step(weights[-1], states, None)
     assert all(np.array_equal(array, copy) for array, copy in zip((part, *weights), kept, strict=True))
-    places = set()
-    for _ in range(6):
-        stepped, _ = learner.step(weights[-1], states, None)
-        places.add(stepped.ctypes.data)
-    assert len(places) <= 2
 
 
 def pushed(backend: ModuleType, states: np.ndarray, known: np.ndarray, weight: float, range_m: float) -> np.ndarray:
@@ -189,20 +167,14 @@ ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "learner.json").read
 CASES = range(len(ORACLE["cases"]))
 RTOL = 1e-9
 KEYS = {  # of the scenario, with the names of the oracle
-    **{
-        "learner.position_scale": "L_r",
-        "learner.velocity_scale": "L_v",
-        "learner.mu_h": "mu_H",
-        "learner.mu_f": "mu_F",
-    },
-    **{"learner.c_h": "c_H", "learner.kappa": "kappa", "cost.c1": "c1", "cost.c2": "c2", "cost.c3": "c3"},
-    **{"wind.sigma": "sigma_wind", "wind.drag": "c0", "wind.mean": "v_o", "destination.radius": "s_dest"},
+    **{"learner.position_scale": "L_r", "learner.velocity_scale": "L_v", "learner.mu_h": "mu_H"},
+    **{"learner.mu_f": "mu_F", "learner.c_h": "c_H", "learner.kappa": "kappa"},
+    **{"cost.c1": "c1", "cost.c2": "c2", "cost.c3": "c3", "destination.radius": "s_dest"},
+    **{"wind.sigma": "sigma_wind", "wind.drag": "c0", "wind.mean": "v_o"},
 }
 
 
-@pytest.fixture(scope="module")
-def t() -> Tables:
-    return tables(load(None, [f"{key}={ORACLE['parameters'][name]}" for key, name in KEYS.items()]))
+OF_ORACLE = tables(load(None, [f"{key}={ORACLE['parameters'][name]}" for key, name in KEYS.items()]))
 
 
 def rows(name: str) -> np.ndarray:
@@ -222,10 +194,10 @@ def weights(first: str, second: str) -> np.ndarray:
     return np.concatenate([rows(first), rows(second)], axis=-1)
 
 
-def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend: ModuleType) -> None:
+def test_a_tick_of_either_form_under_the_oracle_s_interaction(backend: ModuleType) -> None:
     models = np.concatenate([weights("w_H0", "w_H1"), weights("w_F0", "w_F1")], axis=-1)
     stepped, numbers = np.empty_like(models), np.empty((len(CASES), 5))
-    backend.learn(backend.prepare(t), rows("state"), models, rows("phi_G"), stepped, numbers)
+    backend.learn(backend.prepare(OF_ORACLE), rows("state"), models, rows("phi_G"), stepped, numbers)
     close(numbers[:, :2], "action_after")
     close(numbers[:, 2], "e_H")
     close(stepped[:, :54], "w_H0_next")
@@ -235,8 +207,8 @@ def test_a_tick_of_either_form_under_the_oracle_s_interaction(t: Tables, backend
     np.testing.assert_array_equal(stepped[:, layout.DENSITY], models[:, layout.DENSITY])
 
 
-def test_density_features_and_step(t: Tables) -> None:
-    states = rows("state")
+def test_density_features_and_step() -> None:
+    t, states = OF_ORACLE, rows("state")
     powers = features.powers(t, states)
     after = hjb.step(t, weights("w_H0", "w_H1"), states, powers, rows("phi_G"))
     close(hjb.lyapunov_rate(t, states, hjb.drift(t, states, after.action_before)), "L_s_dot")

@@ -1,21 +1,96 @@
-"""rls and fed-lspi: recursive least squares, policy iteration, and what both learn in flight."""
+"""The plan and how it is flown; what rls and fed-lspi, which follow it, learn in flight."""
 
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import meanflock as mf
+from meanflock.agent.controllers.cruise import CRUISE_M_S
 from meanflock.agent.controllers.planned import fed_lspi as lspi
+from meanflock.agent.controllers.planned.plan import Plan, Trajectory, Trapezoid, slots
 from meanflock.settings import scenario_of
-from meanflock.swarm import mission, plugins
+from meanflock.swarm import declared, mission, plugins
+from meanflock.swarm.scenario import Scenario
+
+
+@given(length=st.floats(0.0, 500.0), cruise=st.floats(0.1, 20.0), up=st.floats(0.1, 5.0), down=st.floats(0.1, 5.0))
+def test_a_way_is_covered_from_rest_to_rest_within_the_limits(
+    length: float, cruise: float, up: float, down: float
+) -> None:
+    profile = Trapezoid(np.array([length]), cruise, up, down)
+    end = float(profile.duration_s[0])
+    times = np.linspace(0.0, end, 200)
+    covered, speed, change = np.array([profile.at(t) for t in times])[..., 0].T
+    assert covered[0] == 0.0
+    assert covered[-1] == pytest.approx(length, abs=1e-9)
+    assert (np.diff(covered) >= -1e-9).all()
+    assert speed.max() <= cruise * (1 + 1e-12)
+    assert change.max() <= up
+    assert change.min() >= -down
+    # the speed is the slope of the way: the trapezoid rule is exact but in the two intervals with a corner
+    slope = 0.5 * (speed[1:] + speed[:-1]) * np.diff(times)
+    corner = (up + down) * (end / 199) ** 2
+    assert np.abs(np.diff(covered)[:-1] - slope[:-1]).max(initial=0.0) <= corner + 1e-9
+    for before_or_after in (-1.0, end + 1.0):
+        assert [float(part[0]) for part in profile.at(before_or_after)[1:]] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("uavs", [1, 25, 64])
+def test_all_uavs_arrive_together_and_keep_apart(uavs: int) -> None:
+    scenario = Scenario(uavs=uavs)
+    plan = mission.starts(scenario)
+    trajectory = Trajectory(scenario, plan)
+    positions = np.array([trajectory.states(tick)[:, :2] for tick in range(0, 1000, 5)])
+    assert (positions[0] == plan[:, :2]).all()
+    assert positions[-1] == pytest.approx(trajectory.slots, abs=1e-9)
+    assert np.hypot(*trajectory.slots.T).max() <= 0.84 * scenario.destination.radius + 1e-9
+    apart = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1)
+    apart[:, np.arange(uavs), np.arange(uavs)] = np.inf
+    ends = min(apart[0].min(), apart[-1].min())
+    assert uavs == 1 or apart.min() >= ends - 1e-9
+    states, change = trajectory.at(200)
+    assert np.hypot(*states[:, 2:].T) == pytest.approx(CRUISE_M_S, rel=0.05)
+    assert (change == 0.0).all()
+
+
+def test_slots_are_the_formation_of_the_uavs_with_the_same_goal_made_smaller() -> None:
+    starts = np.array([[0.0, 0.0], [2.0, 0.0], [100.0, 0.0], [100.0, 80.0], [5.0, 5.0]])
+    goals = np.array([[9.0, 9.0], [9.0, 9.0], [-9.0, 0.0], [-9.0, 0.0], [1.0, 2.0]])
+    ends = slots(starts, goals, 4.0)
+    assert ends == pytest.approx(np.array([[8, 9], [10, 9], [-9, -4], [-9, 4], [1, 2]]))
+
+
+def test_without_noise_it_keeps_to_its_trajectory() -> None:
+    waves = {"start.formation": "waves", "start.group": 5, "start.interval": 3.0, "wind.sigma": 0.0}
+    run = mf.fly("paper", method="plan", uavs=9, stop="duration", duration=115, **waves)
+    plan: Plan = declared.controller(run.scenario)
+    wanted = np.array(
+        [
+            plan.prediction().now(np.zeros((1, 4, 9)), np.zeros((1, 9), np.int32), slice(None), tick)[0].T
+            for tick in range(len(run.states))
+        ]
+    )
+    assert np.abs(run.states - wanted).max() < 0.12  # a tick at full acceleration, and the ends of the trapezoid
+    assert np.abs(run.states[-1] - wanted[-1]).max() < 1e-6
+    assert not run.states[-1, :, 2:].round(6).any()
+    first = (np.hypot(run.states[..., 2], run.states[..., 3]) > 1e-3).argmax(axis=0)
+    assert (first - first[0]).tolist() == [0] * 5 + [30] * 4  # the clock starts when a UAV leaves the ground
+
+
+@pytest.mark.parametrize("uavs", [1, 25])
+def test_all_arrive_together_apart_and_in_silence(uavs: int) -> None:
+    run = mf.fly("paper", method="plan", uavs=uavs)
+    summary = run.summary
+    assert summary["arrived"] == uavs
+    assert summary["collisions"] == 0
+    assert summary["t_max_s"] - summary["t_avg_s"] < 3.0
+    assert summary["radio"]["traffic"]["state"]["sent"] == 0
+
 
 NAMES = ("drag", "push_x", "push_y")
-
-
-def identified(mission_name: str, **options: Any) -> mf.Run:
-    settings = {f"controller.{name}": value for name, value in ({"noise": 0.5} | options).items()}
-    return mf.fly(mission_name, method="rls", seed=1, duration=40, **settings)
 
 
 def reported(run: mf.Run, name: str) -> np.ndarray:
@@ -24,7 +99,8 @@ def reported(run: mf.Run, name: str) -> np.ndarray:
 
 
 def test_averaged_estimates_are_near_the_truth_and_nearer_than_those_of_uavs_alone() -> None:
-    shared, alone = identified("unknown"), identified("unknown", share=False)
+    fixed = {"method": "rls", "seed": 1, "duration": 40, "controller.noise": 0.5}
+    shared, alone = (mf.fly("unknown", **fixed, **more) for more in ({}, {"controller.share": False}))
     wind = shared.scenario.flown().wind
     truth = wind.drag * np.array([1.0, *wind.mean])
     together, apart = (np.array([reported(run, name)[200] for name in NAMES]) for run in (shared, alone))
@@ -36,7 +112,7 @@ def test_averaged_estimates_are_near_the_truth_and_nearer_than_those_of_uavs_alo
 
 def test_it_is_least_squares_with_a_prior() -> None:
     """The recursion over a flight by hand, beside the normal equations of all its ticks at once."""
-    controller: Any = plugins.create("controller", "rls", {"share": False}, mf.Scenario())
+    controller: Any = plugins.create("controller", "rls", {"share": False}, Scenario())
     plan = mission.starts(controller.scenario)
     memory, states, dt = controller.init(np.arange(25), plan), plan, controller.scenario.dt
     rng, (prior, noise) = np.random.default_rng(3), (controller.options.prior, controller.options.noise)
@@ -138,29 +214,16 @@ GAINS = ("k1", "k2", "k3_x", "k3_y")
 BEST = np.array([0.922, 1.297, 0.244, 0.0])  # of the Riccati equation above
 
 
-def flown(seed: int, **options: Any) -> mf.Run:
-    settings = {f"controller.{name}": value for name, value in options.items()}
-    return mf.fly(mf.Scenario(), method="fed-lspi", seed=seed, **settings)
-
-
-@pytest.fixture(scope="module")
-def shared() -> mf.Run:
-    return flown(1)
-
-
-def test_all_arrive_with_gains_near_the_best_and_send_four_numbers_a_round(shared: mf.Run) -> None:
+def test_all_arrive_with_gains_near_the_best_and_follow_the_plan_better_than_with_their_own_alone() -> None:
+    shared, alone = (mf.fly("paper", method="fed-lspi", seed=1, **more) for more in ({}, {"controller.share": False}))
     assert shared.summary["arrived"] == 25
     assert shared.summary["t_avg_s"] == pytest.approx(79.6, abs=0.2)
     assert shared.summary["rounds"] == 40
-    assert 0 < shared.summary["payload_bits"]["uplink"] <= 40 * 20 * 4 * 32
+    assert 0 < shared.summary["payload_bits"]["uplink"] <= 40 * 20 * 4 * 32  # four numbers a round
+    assert alone.summary["payload_bits"]["uplink"] == 0
     mean = np.array([reported(shared, name)[780].mean() for name in GAINS])
     assert mean[:3] == pytest.approx(BEST[:3], rel=0.2)
     assert mean[3] == pytest.approx(0.0, abs=0.05)
-
-
-def test_shared_gains_follow_the_plan_better_than_own_ones(shared: mf.Run) -> None:
-    alone = flown(1, share=False)
-    assert alone.summary["payload_bits"]["uplink"] == 0
     together, apart = (reported(run, "tracking_cost")[:790].sum() for run in (shared, alone))
     assert together < 0.7 * apart
     spread = [np.std(reported(run, "k3_y")[200:790], axis=1).mean() for run in (shared, alone)]
