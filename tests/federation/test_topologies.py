@@ -115,9 +115,13 @@ def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_
 DOUBLES = "radio.bits_per_float=64"
 
 
-def exchanged(of: Scenario, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Random models (N, L), and what is made of them in a round in which they go over `links` (K, 2): UAV to UAV."""
-    models, everyone = np.random.default_rng(1).normal(size=(of.uavs, of.declared.parameters)), np.arange(of.uavs)
+def drawn(of: Scenario) -> np.ndarray:
+    return np.random.default_rng(1).normal(size=(of.uavs, of.declared.parameters))
+
+
+def exchanged(of: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarray:
+    """What is made of models (N, L) in a round in which they go over `links` (K, 2): UAV to UAV."""
+    everyone = np.arange(of.uavs)
     exchange = Exchange(of.hops[-1], of, everyone, [])
     exchange.remember(1, everyone, models)
     for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
@@ -128,19 +132,36 @@ def exchanged(of: Scenario, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     assert refused == []
     after = models.copy()
     after[rows] = averages
-    return models, after
+    return after
 
 
-def test_every_uav_has_the_mean_of_what_it_received_and_its_own_model() -> None:
-    heard = np.random.default_rng(2).random((UAVS, UAVS)) < 0.4
-    np.fill_diagonal(heard, val=True)
-    models, after = exchanged(scenario(NEIGHBOURS, DOUBLES), np.argwhere(heard.T & ~np.eye(UAVS, dtype=bool)))
-    np.testing.assert_allclose(after, heard / heard.sum(axis=1, keepdims=True) @ models, atol=1e-12)
+APART = np.abs(np.subtract.outer(np.arange(9), np.arange(9)))
+PLACES = np.stack(np.divmod(np.arange(9), 3))
+GRAPHS = {
+    "ring": np.minimum(APART, 9 - APART) <= 1,
+    "grid": np.abs(PLACES[:, :, None] - PLACES[:, None]).sum(axis=0) <= 1,
+    "random": (np.random.default_rng(2).random((9, 9)) < 0.4) | np.eye(9, dtype=bool),
+}
+
+
+@pytest.mark.parametrize("graph", GRAPHS)
+def test_uavs_have_the_mean_of_what_they_received_and_their_own_and_contract_as_the_matrix_says(graph: str) -> None:
+    heard, of = GRAPHS[graph], scenario("uavs=9", NEIGHBOURS, DOUBLES)
+    mixing = heard / heard.sum(axis=1, keepdims=True)
+    models, spreads = drawn(of), []
+    for _ in range(30):
+        before = models
+        models = exchanged(of, before, np.argwhere(heard.T & ~np.eye(9, dtype=bool)))
+        np.testing.assert_allclose(models, mixing @ before, atol=1e-12)
+        spreads.append(np.ptp(models, axis=0).max())
+    second = np.sort(np.abs(np.linalg.eigvals(mixing)))[-2]
+    assert graph == "random" or (spreads[-1] / spreads[9]) ** (1 / 20) == pytest.approx(second, rel=0.05)
 
 
 def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:
     of = scenario("uavs=5", NEIGHBOURS, DOUBLES, MEDIAN)
-    models, after = exchanged(of, np.array([[0, 3], [1, 3], [4, 3]]))
+    models = drawn(of)
+    after = exchanged(of, models, np.array([[0, 3], [1, 3], [4, 3]]))
     np.testing.assert_array_equal(after[3], np.median(models[[0, 1, 3, 4]], axis=0))
     np.testing.assert_array_equal(after[[0, 1, 2, 4]], models[[0, 1, 2, 4]])  # they heard nobody
 
