@@ -53,6 +53,11 @@ def median_of(mission: str, row: str, measure: str) -> float:
     return float(np.median(standing(mission, row).column(measure)))
 
 
+def shared_bits(mission: str, row: str, other: str) -> float:
+    """Median bits of a row beside those of another."""
+    return median_of(mission, row, "kbit") / median_of(mission, other, "kbit")
+
+
 @cache
 def flown() -> list[dict[str, Any]]:
     return published.read_rows(federation.RESULTS)[1]

@@ -6,7 +6,6 @@ They are definitions, defaults, sizes of examples and years. A number that was m
 
 import csv
 import re
-import subprocess
 from pathlib import Path
 
 from tests.sentences import written
@@ -26,8 +25,8 @@ NUMBER = r"(?<![\w.,/-])(?!(?:19|20)\d\d\b|\d\. )\d[\d.,]*(?:\s?[%×]|\s[^\s\d]+
 
 def pages() -> list[str]:
     """The pages that people write."""
-    listed = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, check=True, capture_output=True, text=True)
-    return [page for page in listed.stdout.split() if page not in GENERATED]
+    listed = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))
+    return [page for page in listed if page not in GENERATED]
 
 
 def found(page: str, compared: list[str]) -> list[str]:
