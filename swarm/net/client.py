@@ -134,8 +134,7 @@ class NodeClient:
             if sense.tick > self._last_tick:
                 self._last_act = tick.write_act(self._node.act(sense))
                 self._last_tick = sense.tick
-                if self._node.problems:
-                    self._report_problems(self._node.problems)
+                self._report_problems()
             # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
             self._bus.put(self._act_key, self._last_act)
         except MessageRejected as error:
@@ -187,11 +186,10 @@ class NodeClient:
         except MessageRejected as error:
             self._drop(key, error)
 
-    def _report_problems(self, problems: list[str]) -> None:
-        """Report problems to the world."""
-        for text in problems:
+    def _report_problems(self) -> None:
+        for text in self._node.problems:
             self._bus.put(self._act_key, control.encode(Event(self._last_tick, "failed", text)))
-        problems.clear()
+        self._node.problems.clear()
 
     def _ready(self) -> None:
         self._bus.put(self._act_key, control.encode(Ready(self._fingerprint)))

@@ -84,12 +84,7 @@ def _unpacked(raw: bytes) -> Any:
             max_array_len=most,
             max_map_len=most,
         )
-    except (
-        ValueError,
-        UnicodeDecodeError,
-        RecursionError,
-        OverflowError,
-    ) as error:  # the errors of msgpack are ValueErrors
+    except (ValueError, RecursionError, OverflowError) as error:  # the errors of msgpack are ValueErrors
         raise MessageRejected("malformed", str(error) or type(error).__name__) from error
 
 
