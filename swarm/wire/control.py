@@ -154,9 +154,7 @@ def expect(name: str, array: np.ndarray, shape: tuple[int | None, ...], dtype: A
     Raises:
         MessageRejected: `wrong-shape`; the message names the array, what was expected and what came.
     """
-    if array.shape == shape and array.dtype == dtype:
-        return array
-    fits = array.dtype == dtype and len(array.shape) == len(shape)
+    fits = array.dtype == dtype and array.ndim == len(shape)
     if not fits or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True)):
         wanted = f"{tuple('any' if n is None else n for n in shape)} {np.dtype(dtype)}"
         raise MessageRejected("wrong-shape", f"{name}: expected {wanted}, got {array.shape} {array.dtype}")
