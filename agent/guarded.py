@@ -159,9 +159,8 @@ class Guarded:
                 if len(payload) and (payload.shape, payload.dtype) != (first.shape, first.dtype):
                     raise ValueError(f"broadcast {number} is unlike that of other rows")
             for number, payload in payloads.items():
-                by_row = sent.setdefault(
-                    number, {}
-                )  # also without senders: the position in the tuple is the number of the broadcast
+                # Also without senders: the position in the tuple is the number of the broadcast.
+                by_row = sent.setdefault(number, {})
                 if len(payload):
                     by_row[row] = payload
             commands[row] = numbers

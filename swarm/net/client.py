@@ -23,9 +23,8 @@ log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # Ready is repeated until the first Sense, because a message after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
-_REFUSED_AGAIN_S = (
-    0.25  # the loss of a predecessor is noticed within milliseconds if it was killed, at the barrier if it was stopped
-)
+# The loss of a predecessor is noticed within milliseconds if it was killed, at the barrier if it was stopped.
+_REFUSED_AGAIN_S = 0.25
 _MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ATTEMPT_S = 0.5  # first attempt to connect, each further one twice as long; a signal waits until it is over
 _LONGEST_ATTEMPT_S = 4.0
@@ -50,9 +49,8 @@ class NodeClient:
         self._node: Node  # set when the world has admitted it
         self._last_tick = -1
         self._last_act = b""
-        self._busy = (
-            threading.RLock()
-        )  # one thread at a time calls the node; on a memory bus the same thread may call again
+        # One thread at a time calls the node; on a memory bus the same thread may call again.
+        self._busy = threading.RLock()
         self.stopped: Stop | None = None  # the world's last message
         self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
