@@ -5,7 +5,6 @@ An array travels as a msgpack extension: dtype code, number of axes, axes as 32-
 buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.
 """
 
-import functools
 import math
 import struct
 from typing import Any, TypeVar
@@ -30,22 +29,15 @@ FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_p
 M = TypeVar("M")
 
 
-@functools.lru_cache(maxsize=256)  # a run has a dozen; malformed ones are not cached
-def _layout(head: bytes) -> tuple[np.dtype, tuple[int, ...], int]:
-    """Read dtype, shape and bytes of an array from the head of its extension."""
-    kind, axes = head[0], head[1]
-    if kind >= len(_DTYPES) or axes > MAX_AXES or len(head) < 2 + 4 * axes:
-        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
-    shape = struct.unpack_from(f"<{axes}I", head, 2)
-    return _DTYPES[kind], shape, math.prod(shape) * _DTYPES[kind].itemsize
-
-
 def _unpack(code: int, data: memoryview) -> np.ndarray:
     if code != _ARRAY or len(data) < 2:
         raise MessageRejected("malformed", f"extension {code} of {len(data)} bytes")
-    start = 2 + 4 * data[1]
-    dtype, shape, size = _layout(bytes(data[:start]))
-    if len(data) - start != size:
+    kind, axes = data[0], data[1]
+    start = 2 + 4 * axes
+    if kind >= len(_DTYPES) or axes > MAX_AXES or len(data) < start:
+        raise MessageRejected("malformed", f"array header ({kind}, {axes})")
+    dtype, shape = _DTYPES[kind], struct.unpack_from(f"<{axes}I", data, 2)
+    if len(data) - start != math.prod(shape) * dtype.itemsize:
         raise MessageRejected("wrong-shape", f"array {shape} {dtype} in {len(data) - start} bytes")
     try:
         array: np.ndarray = np.ndarray(shape, dtype, data, start)
