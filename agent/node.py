@@ -129,6 +129,8 @@ class Agent:
         """
         links = [self._links(frames) for frames in sense.inbox]
         self._controller.begin(self._paused(sense.tick) if self._pauses else None)
+        if not links:
+            return ()
         received = []
         for frames, pairs in zip(sense.inbox, links, strict=True):
             if frames.kind != FrameKind.STATE:

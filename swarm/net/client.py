@@ -132,7 +132,8 @@ class NodeClient:
             if sense.tick > self._last_tick:
                 self._last_act = tick.write_act(self._node.act(sense))
                 self._last_tick = sense.tick
-                self._report_problems()
+                if self._node.problems:
+                    self._report_problems()
             # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
             self._bus.put(self._act_key, self._last_act)
         except MessageRejected as error:
