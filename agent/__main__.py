@@ -1,5 +1,6 @@
 """`python -m meanflock.agent`: a process that flies one UAV or more."""
 
+from functools import partial
 from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
@@ -16,7 +17,7 @@ with needed("an agent"):
     from meanflock.swarm.net.client import take_part
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
-    from meanflock.swarm.wire.messages import Join, Welcome
+    from meanflock.swarm.wire.messages import Join
 
 
 def run() -> None:
@@ -43,16 +44,16 @@ def run() -> None:
     uav = only_agent(Path(given.tls)) if given.tls and given.uav < 0 else given.uav
     interrupted = Interrupted()
     certificate = identity(given.tls, keys.requested_name("agent", uav))
-    run = keys.check_run(given.run)
-
-    def connect(timeout_s: float) -> ZenohBus:
-        return ZenohBus.client(given.endpoint, timeout_s, certificate)
-
-    def welcomed(welcome: Welcome) -> None:
-        log_fields.update(node=welcome.node, uavs=welcome.uavs)
-
-    request = Join("agent", given.rows, uav)
-    take_part(connect, run, request, Agent, given.wait, interrupted.__bool__, orphaned, welcomed)
+    take_part(
+        partial(ZenohBus.client, given.endpoint, identity=certificate),
+        keys.check_run(given.run),
+        Join("agent", given.rows, uav),
+        Agent,
+        given.wait,
+        interrupted.__bool__,
+        orphaned,
+        lambda welcome: log_fields.update(node=welcome.node, uavs=welcome.uavs),
+    )
 
 
 if __name__ == "__main__":

@@ -115,12 +115,11 @@ class Guarded:
     def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         """The memory after some rows took global models (len(rows), parameters)."""
         try:
-            after = self.controller.set(memory, rows, models)
-            check_same_form("memory", after, memory)
-            return after
+            return self._taught(memory, rows, models)
         except FAILURES as error:
             places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
-            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), models[places[row]]))
+            first = np.zeros(1, dtype=np.intp)
+            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), first, models[places[row]]))
             self._break([row for row in places if row not in by_row], error)
             return _with_rows(memory, by_row)
 
@@ -160,9 +159,8 @@ class Guarded:
                 if len(payload) and (payload.shape, payload.dtype) != (first.shape, first.dtype):
                     raise ValueError(f"broadcast {number} is unlike that of other rows")
             for number, payload in payloads.items():
-                by_row = sent.setdefault(
-                    number, {}
-                )  # also without senders: the position in the tuple is the number of the broadcast
+                # Also without senders: the position in the tuple is the number of the broadcast.
+                by_row = sent.setdefault(number, {})
                 if len(payload):
                     by_row[row] = payload
             commands[row] = numbers
@@ -178,8 +176,8 @@ class Guarded:
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
         return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands
 
-    def _taught(self, memory: Memory, model: Floats) -> Memory:
-        after = self.controller.set(memory, np.zeros(1, dtype=np.intp), model)
+    def _taught(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        after = self.controller.set(memory, rows, models)
         check_same_form("memory", after, memory)
         return after
 

@@ -1,7 +1,5 @@
 """The agent node: flies M UAVs, the rows of its arrays, by the controller of the scenario."""
 
-import logging
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,16 +10,9 @@ from meanflock.swarm import faults, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, decode
-from meanflock.swarm.state import BEYOND_SENSE, contains, distinct
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-log = logging.getLogger("meanflock.agent")
-
-_STATE = np.dtype(np.float64)
 
 
 class Agent:
@@ -40,7 +31,6 @@ class Agent:
         self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
-        self._asleep: Mask | None = None  # rows that the fault script pauses in this tick
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
         plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
         self._controller = Guarded(self._scenario, self.uavs, self.problems)
@@ -60,23 +50,19 @@ class Agent:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
         tick = sense.tick
-        links = [self._links(frames) for frames in sense.inbox]
-
-        # 0. Rows that the fault script pauses get their old memory back at the end of the tick.
-        asleep = self._asleep = self._paused(tick) if self._pauses else None
         before, controller = self._memory, self._controller
-        controller.begin(asleep)
         # 1. Receive: models go to the party, frames of other UAVs to the controller.
-        received = self._receive(tick, sense.inbox, links) if links else ()
+        received = self._begin(sense)
         # 2. Take part in the rounds.
         outbox, refused = self._party.act(tick)
         # 3. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
-        # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
-        if asleep is not None:
-            commands[asleep] = 0.0
-            self._memory = choose(asleep, before, self._memory)
+        # 4. Rows that the fault script pauses get their old memory back.
+        if controller.asleep is not None:
+            commands[controller.asleep] = 0.0
+            self._memory = choose(controller.asleep, before, self._memory)
+        # 5. A row with a diverged number is reported and sends nothing; the other rows continue.
         if sense.checkpoint:
             controller.break_not_finite(self._memory)
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
@@ -135,6 +121,25 @@ class Agent:
 
     # -- what comes in ------------------------------------------------------------------------------------------
 
+    def _begin(self, sense: Sense) -> tuple[Received, ...]:
+        """Begin a tick: give models to the party; returns the frames of other UAVs.
+
+        Raises:
+            MessageRejected: a frame does not fit this node; nothing has changed.
+        """
+        links = [self._links(frames) for frames in sense.inbox]
+        self._controller.begin(self._paused(sense.tick) if self._pauses else None)
+        if not links:
+            return ()
+        received = []
+        for frames, pairs in zip(sense.inbox, links, strict=True):
+            if frames.kind != FrameKind.STATE:
+                self._party.receive(frames, sense.tick)
+                continue
+            payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
+            received.append(Received(frames.round, frames.source.astype(np.intp), payload, pairs))
+        return tuple(received)
+
     def _links(self, frames: Frames) -> NDArray[np.intp]:
         """The links of a batch as pairs (L, 2), [row of payload, row of this node]; raises MessageRejected if the batch
         does not fit this node."""
@@ -147,17 +152,6 @@ class Agent:
         if frames.kind != FrameKind.STATE:
             self._party.check(frames)
         return links
-
-    def _receive(self, tick: int, inbox: tuple[Frames, ...], links: list[NDArray[np.intp]]) -> tuple[Received, ...]:
-        """Give models to the party; returns the frames of other UAVs. `links`: those of each batch, by row."""
-        received = []
-        for frames, pairs in zip(inbox, links, strict=True):
-            if frames.kind != FrameKind.STATE:
-                self._party.receive(frames, tick)
-                continue
-            payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
-            received.append(Received(frames.round, frames.source.astype(np.intp), payload, pairs))
-        return tuple(received)
 
     # -- rounds: the methods of a learner that the party calls --------------------------------------------------
 
@@ -179,7 +173,8 @@ class Agent:
 
     def silent(self) -> Mask:
         """Mask (M,) of the rows that send nothing in this tick: failed, paused or broken ones."""
-        return self._controller.or_broken(self._failed if self._asleep is None else self._failed | self._asleep)
+        asleep = self._controller.asleep
+        return self._controller.or_broken(self._failed if asleep is None else self._failed | asleep)
 
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 

@@ -18,9 +18,7 @@ from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States
 from meanflock.swarm.wire import tick as wire
-from meanflock.swarm.wire.messages import Frames, Sense, Welcome
-
-_PREPARED = np.zeros((0, 2), dtype=np.intp)  # links of a batch that was received before `act`
+from meanflock.swarm.wire.messages import Sense, Welcome
 
 
 class Command(msgspec.Struct, frozen=True, eq=False):
@@ -104,24 +102,18 @@ class SteppedAgent(Agent):
 
     def prepare(self, sense: Sense) -> None:
         """Receive the frames of a request; `act` uses them."""
-        links = [Agent._links(self, frames) for frames in sense.inbox]
         before = self._memory
-        self._asleep = self._paused(sense.tick) if self._pauses else None
-        self._controller.begin(self._asleep)
-        self._frames = super()._receive(sense.tick, sense.inbox, links) if links else ()
-        if self._asleep is not None:
-            self._memory = choose(self._asleep, before, self._memory)
+        self._frames = super()._begin(sense)
+        if self._controller.asleep is not None:
+            self._memory = choose(self._controller.asleep, before, self._memory)
         self.received = of_inner(self._frames) if self._filtered else self._frames
 
     def command(self, command: Command) -> None:
         """Set what the UAVs do in the tick that is asked for."""
         self._external.command = command
 
-    def _links(self, frames: Frames) -> NDArray[np.intp]:
-        return _PREPARED
-
-    def _receive(self, tick: int, inbox: tuple[Frames, ...], links: list[NDArray[np.intp]]) -> tuple[Received, ...]:
-        return self._frames
+    def _begin(self, sense: Sense) -> tuple[Received, ...]:
+        return self._frames  # `prepare` has begun the tick
 
 
 class SteppedClient(NodeClient):

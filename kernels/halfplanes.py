@@ -79,9 +79,8 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
             at = asked / sine
             low = np.maximum(low, np.where(sine > PARALLEL, at, -np.inf).max(axis=1))
             high = np.minimum(high, np.where(sine < -PARALLEL, at, np.inf).min(axis=1))
-            against = (np.abs(sine) <= PARALLEL) & (
-                cosine < 0.0
-            )  # a parallel one of the same direction is satisfied already
+            # A parallel one of the same direction is satisfied already.
+            against = (np.abs(sine) <= PARALLEL) & (cosine < 0.0)
             meets &= ~(against & (asked > 0.0)).any(axis=1) & (low <= high)
         s = np.minimum(np.maximum(n_x * wanted[rows, 1] - n_y * wanted[rows, 0], low), high) + 0.0  # no −0
         a_x[rows[meets]] = (n_x * b - n_y * s)[meets]

@@ -28,9 +28,7 @@ def dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> Rows:
     unlike that of a BLAS.
     """
     products: Rows = first * second
-    if (
-        products.shape[-1] == AXES
-    ):  # faster than `reduce`, which starts at 0: hence + 0.0, without which −0 could result
+    if products.shape[-1] == AXES:  # faster than `reduce`, which starts at 0: without + 0.0, −0 could result
         return products[..., 0] + products[..., 1] + 0.0
     return np.add.reduce(products, axis=-1)
 

@@ -15,9 +15,8 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
+from meanflock.kernels.state import Floats
 
 SENSE, ACT = 1, 2  # types of a message
 TABLES = {SENSE: "b", ACT: "iidb"}  # types of the tables after the first: b bytes, i int32, d float64

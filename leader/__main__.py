@@ -1,6 +1,7 @@
 """`python -m meanflock.leader`: the process that averages the models."""
 
 import logging
+from functools import partial
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
 from meanflock.swarm.errors import needed
@@ -14,25 +15,26 @@ with needed("the leader"):
     from meanflock.swarm.net.client import take_part
     from meanflock.swarm.net.session import ZenohBus
     from meanflock.swarm.process import Interrupted, end_with_launcher, identity, main, orphaned, parser
-    from meanflock.swarm.wire.messages import Join, Welcome
+    from meanflock.swarm.wire.messages import Join
 
 
 def run() -> None:
     """Be this program, with the flags in `sys.argv`."""
     given = parser("leader", "Averages the models of the UAVs.", "python -m meanflock.leader --run test").parse_args()
-    known = logs.start(given.log_format, run=given.run, node=LEADER)
+    log_fields = logs.start(given.log_format, run=given.run, node=LEADER)
     interrupted = Interrupted()
     end_with_launcher()
-    who, run = identity(given.tls, LEADER), keys.check_run(given.run)
-
-    def connect(timeout_s: float) -> ZenohBus:
-        return ZenohBus.client(given.endpoint, timeout_s, who)
-
-    def welcomed(welcome: Welcome) -> None:
-        known["node"] = welcome.node
-
     try:
-        take_part(connect, run, Join("leader", 0), Leader, given.wait, interrupted.__bool__, orphaned, welcomed)
+        take_part(
+            partial(ZenohBus.client, given.endpoint, identity=identity(given.tls, LEADER)),
+            keys.check_run(given.run),
+            Join("leader", 0),
+            Leader,
+            given.wait,
+            interrupted.__bool__,
+            orphaned,
+            lambda welcome: log_fields.update(node=welcome.node),
+        )
     except Refused as refused:
         if not refused.over:
             raise

@@ -1,7 +1,6 @@
 """Declarations of a controller: all that the swarm knows about it."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -42,7 +41,7 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: bool
     shares: bool
     weighted: bool
-    recorded: Mapping[str, str] = MappingProxyType({})
+    recorded: Mapping[str, str]
 
     @property
     def is_federated(self) -> bool:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from meanflock.swarm.errors import BadInput, RunFailed
 
+_PATIENCE_S = 5.0  # of a flush
+
 
 def replace(path: Path, content: bytes | memoryview) -> None:
     """Writes `content` to a temporary file and, once that is on the disk, renames it to `path`."""
@@ -127,8 +129,8 @@ def check_folder(folder: Path, flag: str) -> None:
         raise BadInput(f"{flag} {folder}: {error.strerror}; name a folder that can be written") from error
 
 
-def settle(flush: Callable[[float], None], path: Path | None, patience_s: float = 5.0) -> None:
-    """Calls `flush` with a timeout of `patience_s`, again and again while the file grows, until it succeeds.
+def settle(flush: Callable[[float], None], path: Path | None) -> None:
+    """Calls `flush` with a timeout of five seconds, again and again while the file grows, until it succeeds.
 
     A writer in a thread of its own may die of a full disk without a message. So a file that stops to grow is an error.
 
@@ -138,7 +140,7 @@ def settle(flush: Callable[[float], None], path: Path | None, patience_s: float 
     size = -1
     while True:
         try:
-            flush(patience_s)
+            flush(_PATIENCE_S)
             return
         except RuntimeError:
             before, size = size, path.stat().st_size if path is not None and path.exists() else 0

@@ -14,8 +14,6 @@ EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
 _LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
-
-
 PLUGIN_MODULE = "meanflock_plugin_"  # prefix of the names of modules loaded from files
 FAILURES = (Exception, SystemExit)  # a plug-in may raise these; Ctrl-C comes from the user
 _OURS = {"meanflock", "numpy", "click", *sys.stdlib_module_names}  # frames ignored when locating an error

@@ -91,7 +91,11 @@ class Forks:
         end = time.monotonic() + grace_s
         for number in (signal.SIGTERM, signal.SIGCONT):  # a stopped process handles no signal
             self._signal_all(number)
-        while any(True for _ in self.ended()) or self.living:
+        while True:
+            for _ in self.ended():  # reaps them
+                pass
+            if not self.living:
+                return
             left = end - time.monotonic()
             if left <= 0:
                 self._signal_all(signal.SIGKILL)

@@ -192,13 +192,17 @@ class Address(NamedTuple):
             raise BadInput(f"{flag} {text}: write it as PORT or HOST:PORT, for example {flag}={LOOPBACK}:9464")
         return address
 
+    @property
+    def _family(self) -> socket.AddressFamily:
+        return socket.AF_INET6 if ":" in self.host else socket.AF_INET
+
     def listen(self) -> socket.socket:
         """A socket that listens there; raises OSError if none can."""
-        return socket.create_server(self, family=socket.AF_INET6 if ":" in self.host else socket.AF_INET)
+        return socket.create_server(self, family=self._family)
 
     def bind(self) -> socket.socket:
         """A socket that gets the datagrams sent there; raises OSError if none can."""
-        link = socket.socket(socket.AF_INET6 if ":" in self.host else socket.AF_INET, socket.SOCK_DGRAM)
+        link = socket.socket(self._family, socket.SOCK_DGRAM)
         try:
             link.bind(self)
         except OSError:

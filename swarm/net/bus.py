@@ -88,18 +88,21 @@ class MemoryNetwork:
     def __init__(self) -> None:
         self.endpoints: list[MemoryBus] = []
 
-    def endpoint(self, handler: Handler | None = None) -> "MemoryBus":
-        """A new participant; its handler, if any, is called at once in the sender's thread."""
-        bus = MemoryBus(self, handler)
+    def endpoint(self) -> "MemoryBus":
+        """A new participant."""
+        bus = MemoryBus(self)
         self.endpoints.append(bus)
         return bus
 
 
 class MemoryBus:
-    """A `Bus` within one process."""
+    """A `Bus` within one process.
 
-    def __init__(self, network: MemoryNetwork, handler: Handler | None) -> None:
-        self.handler = handler
+    handler: called with each delivery at once, in the sender's thread; None: deliveries wait for `receive`.
+    """
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self.handler: Handler | None = None
         self._network = network
         self._queue: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
         self._subscriptions: dict[str, Offer | None] = {}

@@ -23,9 +23,8 @@ log = logging.getLogger("meanflock.node")
 
 _READY_AGAIN_S = 0.2  # Ready is repeated until the first Sense, because a message after a declaration can get lost
 _ASK_TIMEOUT_S = 2.0
-_REFUSED_AGAIN_S = (
-    0.25  # the loss of a predecessor is noticed within milliseconds if it was killed, at the barrier if it was stopped
-)
+# The loss of a predecessor is noticed within milliseconds if it was killed, at the barrier if it was stopped.
+_REFUSED_AGAIN_S = 0.25
 _MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ATTEMPT_S = 0.5  # first attempt to connect, each further one twice as long; a signal waits until it is over
 _LONGEST_ATTEMPT_S = 4.0
@@ -50,9 +49,8 @@ class NodeClient:
         self._node: Node  # set when the world has admitted it
         self._last_tick = -1
         self._last_act = b""
-        self._busy = (
-            threading.RLock()
-        )  # one thread at a time calls the node; on a memory bus the same thread may call again
+        # One thread at a time calls the node; on a memory bus the same thread may call again.
+        self._busy = threading.RLock()
         self.stopped: Stop | None = None  # the world's last message
         self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
@@ -135,7 +133,7 @@ class NodeClient:
                 self._last_act = tick.write_act(self._node.act(sense))
                 self._last_tick = sense.tick
                 if self._node.problems:
-                    self._report_problems(self._node.problems)
+                    self._report_problems()
             # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
             self._bus.put(self._act_key, self._last_act)
         except MessageRejected as error:
@@ -187,11 +185,10 @@ class NodeClient:
         except MessageRejected as error:
             self._drop(key, error)
 
-    def _report_problems(self, problems: list[str]) -> None:
-        """Report problems to the world."""
-        for text in problems:
+    def _report_problems(self) -> None:
+        for text in self._node.problems:
             self._bus.put(self._act_key, control.encode(Event(self._last_tick, "failed", text)))
-        problems.clear()
+        self._node.problems.clear()
 
     def _ready(self) -> None:
         self._bus.put(self._act_key, control.encode(Ready(self._fingerprint)))

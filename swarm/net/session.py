@@ -98,9 +98,7 @@ class Backlog:
     def __init__(self, quotas: Quotas | None) -> None:
         """`quotas`: sender and longest message of a key; None: no limit."""
         self.dropped: Counter[str] = Counter()  # deliveries beyond the limit of their sender: `backlog`
-        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = (
-            queue.SimpleQueue()
-        )  # with the sender, if there are limits
+        self._queue: queue.SimpleQueue[tuple[Delivery, str]] = queue.SimpleQueue()  # str: the sender, if limited
         self._quotas = quotas
         self._waiting: dict[str, tuple[int, int]] = {}  # messages and their bytes, by sender
         self._counting = threading.Lock()

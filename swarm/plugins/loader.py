@@ -103,9 +103,8 @@ def load_files(paths: Iterable[Path | str]) -> None:
 
 def _is_registered(path: Path) -> bool:
     """Returns whether the plug-ins of a file are registered with its present contents."""
-    known = [plugin.fingerprint for plugin, _ in registry.registered.values() if plugin.source == str(path)]
     try:
-        return bool(known) and known[0] == fingerprint(path.read_bytes())
+        return (str(path), fingerprint(path.read_bytes())) in files()
     except OSError:
         return False
 
@@ -122,7 +121,7 @@ def hold(wanted: Iterable[tuple[str, str]]) -> None:
     Raises:
         BadInput: like `load_file`.
     """
-    held = {(plugin.source, plugin.fingerprint) for plugin, _ in registry.registered.values()}
+    held = files()
     for path, contents in wanted:
         if (path, contents) not in held:
             load_file(path)

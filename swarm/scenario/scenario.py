@@ -16,7 +16,7 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
 from meanflock.swarm.plugins import PluginKind, create, find
 from meanflock.swarm.scenario import mean_field, tables
-from meanflock.swarm.scenario.values import as_builtins, set_keys, toml_text, validated
+from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, with_keys
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
@@ -57,9 +57,7 @@ class _Validating(msgspec.StructMeta):
     """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
 
     def __call__(cls, **keys: Any) -> "Scenario":
-        table: dict[str, Any] = {}
-        set_keys(table, keys)
-        return validated(table, cast("type[Scenario]", cls), "scenario", keys)
+        return with_keys({}, keys, cast("type[Scenario]", cls), "scenario")
 
 
 class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validating):
@@ -80,9 +78,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     """
 
     method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
-    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = msgspec.field(
-        default_factory=dict
-    )
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = field(default_factory=dict)
     uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, number of UAVs")] = 25
     seed: Annotated[int, Meta(ge=0, le=2**62, description="seed of all random numbers")] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="length of a tick, s")] = 0.1
@@ -130,9 +126,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """
         path = Path(source)
         path = path if path.suffix else toml.FOLDER / f"{path}.toml"
-        table = toml.read(path, "scenario")
-        set_keys(table, settings)
-        return validated(table, cls, str(source), settings)
+        return with_keys(toml.read(path, "scenario"), settings, cls, str(source))
 
     def replace(self, **settings: Any) -> Self:
         """A copy with some keys set; this scenario stays as it is.
@@ -143,9 +137,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         Raises:
             BadInput: the copy is an invalid scenario.
         """
-        table: dict[str, Any] = as_builtins(self)
-        set_keys(table, settings)
-        return validated(table, type(self), "scenario", settings)
+        return with_keys(as_builtins(self), settings, type(self), "scenario")
 
     def save(self, path: str | Path) -> Path:
         """Writes every key that is set to a TOML file, from which `load` returns an equal scenario.
@@ -364,9 +356,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
-        plain = Scenario(
-            radio=tables.Radio(bits_per_float=self.radio.bits_per_float)
-        )  # the default payloads depend on it
+        # The default payloads depend on the radio's floats.
+        plain = Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float))
         table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
         for path in LATER:
             *parents, key = path.split(".")

@@ -3,18 +3,14 @@
 import math
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
-import msgspec
 import numpy as np
 from msgspec import Meta, field
 
 from meanflock.swarm.state import Floats
 from meanflock.swarm.toml import Table as _Table
 
-Payload: TypeAlias = Literal[
-    "float64", "float32", "float16", "int8"
-]  # number format of a model, see federation/coding.py
-
-
+# Number format of a model, see federation/coding.py.
+Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]
 Places: TypeAlias = tuple[tuple[float, float], ...]
 
 
@@ -303,9 +299,7 @@ class Radio(_Table, frozen=True):
         ),
     ] = 100.0
     model: Annotated[str, Meta(description="the channel, see `meanflock plugins`")] = "rice"
-    options: Annotated[dict[str, Any], Meta(description="options of that channel")] = msgspec.field(
-        default_factory=dict
-    )
+    options: Annotated[dict[str, Any], Meta(description="options of that channel")] = field(default_factory=dict)
 
     @property
     def bits_per_slot(self) -> float:
@@ -317,9 +311,7 @@ class Vehicle(_Table, frozen=True):
     """Vehicle, and constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"
-    options: Annotated[dict[str, Any], Meta(description="options of that vehicle")] = msgspec.field(
-        default_factory=dict
-    )
+    options: Annotated[dict[str, Any], Meta(description="options of that vehicle")] = field(default_factory=dict)
     acceleration_max: (
         Annotated[
             float,

@@ -35,11 +35,14 @@ def _with_lists(value: Any) -> Any:
     return [_with_lists(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-def set_keys(table: dict[str, Any], settings: Mapping[str, Any]) -> None:
-    """Sets dotted keys of `table` to Python values. `method` may be a controller's class, which is then registered.
+def with_keys(table: dict[str, Any], settings: Mapping[str, Any], kind: type[Kind], where: str) -> Kind:
+    """The scenario that a table describes once dotted keys of it are set to Python values.
+
+    `method` may be a controller's class, which is then registered.
 
     Raises:
-        BadInput: a value has a type that a scenario cannot contain, or a key leads through a value that is not a table.
+        BadInput: a value has a type that a scenario cannot contain, a key leads through a value that is not a table, or
+            the scenario is invalid, see `validated`.
     """
     for key, value in settings.items():
         if key == "method" and isinstance(value, type):
@@ -51,6 +54,7 @@ def set_keys(table: dict[str, Any], settings: Mapping[str, Any]) -> None:
             put(table, key, as_builtins(value))
         except TypeError as error:
             raise BadInput(f"{key}: {error}; give a number, a text, a list or a dict") from error
+    return validated(table, kind, where, settings)
 
 
 class Switch(NamedTuple):

@@ -5,17 +5,15 @@ and rows that are there. The receiver checks run, tick and sender.
 """
 
 from collections.abc import Iterable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch, Message
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
-
-Table: TypeAlias = NDArray[np.float64]
 
 REPORT, CHECKPOINT = 1, 2  # flags of a Sense
 TYPES = (bytes([SENSE]), bytes([ACT]))  # second byte of a message of a tick; that of a control message begins a text
@@ -26,7 +24,7 @@ _KINDS = tuple(FrameKind)
 _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
-def read_sense(raw: bytes, states: Table | None = None, uavs: int = 0) -> Sense:
+def read_sense(raw: bytes, states: Floats | None = None, uavs: int = 0) -> Sense:
     """Read a Sense; its arrays are views of `raw`.
 
     Args:
@@ -48,7 +46,7 @@ def read_sense(raw: bytes, states: Table | None = None, uavs: int = 0) -> Sense:
     return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, raw[memory : memory + size])
 
 
-def read_act(raw: bytes, commands: Table | None = None) -> Act:
+def read_act(raw: bytes, commands: Floats | None = None) -> Act:
     """Read an Act; its arrays are views of `raw`.
 
     Args:
@@ -145,7 +143,7 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
     ]
 
 
-def _read(raw: bytes, kind: int, into: Table | None, uavs: int = 0) -> Message:
+def _read(raw: bytes, kind: int, into: Floats | None, uavs: int = 0) -> Message:
     """Read the parts of a message of a kind; raises MessageRejected for the reason that `kernels.read` gives."""
     try:
         return kernels.read(raw, kind, into, uavs)

@@ -45,7 +45,8 @@ def besieged(clusters: int) -> Scenario:
 def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     engine = Engine(flown, RUN, uavs_per_node=ROWS, leaders=2)
     said: list[bytes] = []
-    spy = engine.network.endpoint(lambda delivery: said.append(delivery.payload))
+    spy = engine.network.endpoint()
+    spy.handler = lambda delivery: said.append(delivery.payload)
     for key in (keys.act(RUN, "*"), keys.sense(RUN, "*"), keys.telemetry(RUN), keys.received(RUN)):
         spy.subscribe(key)
     summary = engine.complete()
