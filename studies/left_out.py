@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Memory, Received, Rows, Step
 from meanflock.agent.controllers.mean_field.methods import MfgflHf
-from meanflock.federation.rules.base import Aggregator, Options, State, Uploads
+from meanflock.federation.rules import base
+from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
@@ -49,7 +50,7 @@ class Private(Aggregator):
 
     name = "private"
 
-    class Options(Options, frozen=True):
+    class Options(base.Options, frozen=True):
         """Options of the rule."""
 
         epsilon: float
