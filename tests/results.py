@@ -4,7 +4,8 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -140,22 +141,14 @@ def rows_of(page: str, mark: str) -> Iterator[dict[str, str]]:
         yield dict(zip(names, [cell.strip() for cell in line.strip("|").split("|")], strict=True))
 
 
-def sent(method: str, payload: str, name: str) -> str:
-    (row,) = (
-        row
-        for row in rows_of("docs/communication.md", "flights")
-        if (row["method"], row["payload"]) == (f"`{method}`", payload)
-    )
-    return row[name]
+def sent(method: str, payload: str, name: str, table: str = "flights") -> str:
+    """A cell of a table of the page on communication."""
+    rows = rows_of("docs/communication.md", table)
+    return next(row[name] for row in rows if (row["method"], row["payload"]) == (f"`{method}`", payload))
 
 
 def transmission(method: str, payload: str, name: str) -> float:
-    (row,) = (
-        row
-        for row in rows_of("docs/communication.md", "transmissions")
-        if (row["method"], row["payload"]) == (f"`{method}`", payload)
-    )
-    return float(row[name].replace(",", ""))
+    return float(sent(method, payload, name, "transmissions").replace(",", ""))
 
 
 def envelope_bytes() -> float:
@@ -208,6 +201,15 @@ def more_bits() -> list[float]:
 @cache
 def first_flight() -> dict[str, Any]:
     return dict(mf.fly("paper", seed=1).summary)
+
+
+def shown(*formats: str) -> list[str]:
+    """Numbers of the summary of the first flight: `phi_A:.3f`, or `payload_bits.uplink:,` of a table in it."""
+    found = []
+    for each in formats:
+        path, _, form = each.partition(":")
+        found.append(format(reduce(getitem, path.split("."), first_flight()), form))
+    return found
 
 
 @cache

@@ -41,22 +41,15 @@ CROWDED = ("swap", "streams", "crowd")
 SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
     README: {
         "one of [{} controllers](docs/controllers.md)": lambda: [results.installed("controllers")],
-        "│ {} of 25 │ {} lost │ │ travel time, mean │ {} │ s │ │ energy until own arrival, mean │ {} │ J │": lambda: [
-            results.first_flight()["arrived"],
-            results.first_flight()["lost"],
-            f"{results.first_flight()['t_avg_s']:.1f}",
-            f"{results.first_flight()['energy_mean_J']:.2f}",
-        ],
-        "φ_A │ {} │ m/s, lower is better │ │ collisions │ {} │ pairs │ │ uplink payload │ {} │ bits │": lambda: [
-            f"{results.first_flight()['phi_A']:.3f}",
-            results.first_flight()["collisions"],
-            f"{results.first_flight()['payload_bits']['uplink']:,}",
-        ],
+        (
+            "│ {} of 25 │ {} lost │ │ travel time, mean │ {} │ s │ │ energy until own arrival, mean │ {} │ J │ │ "
+            "alignment φ_A │ {} │ m/s, lower is better │ │ collisions │ {} │ pairs │ │ uplink payload │ {} │ bits │"
+        ): lambda: results.shown(
+            *("arrived", "lost", "t_avg_s:.1f", "energy_mean_J:.2f", "phi_A:.3f", "collisions", "payload_bits.uplink:,")
+        ),
         "outage rate │ {} │ %, closed form {} % │ │ latency, mean │ {} │ slots, closed form {} │": lambda: [
-            f"{100 * results.first_flight()['radio']['outage_rate']:.2f}",
-            f"{100 * results.first_flight()['radio']['outage_rate_theory']:.2f}",
-            f"{results.first_flight()['radio']['latency_slots_mean']:.2f}",
-            f"{results.first_flight()['radio']['latency_slots_mean_theory']:.2f}",
+            *(f"{100 * float(rate):.2f}" for rate in results.shown("radio.outage_rate", "radio.outage_rate_theory")),
+            *results.shown("radio.latency_slots_mean:.2f", "radio.latency_slots_mean_theory:.2f"),
         ],
         "The [published leaderboard](docs/leaderboard.md) has {} rows, ten missions and {} seeds.": lambda: [
             len({row.name for course in results.leaderboard().courses for row in course.standings}),
