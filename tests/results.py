@@ -87,7 +87,8 @@ def tracking(kind: str, where: str, way: str, first: str = "leader") -> statisti
     return statistics.Estimate(*(math.exp(value) for value in (found.value, found.low, found.high)), found.n)
 
 
-def ends(found: statistics.Estimate) -> str:
+def ratio(kind: str, where: str, way: str, first: str = "leader") -> str:
+    found = tracking(kind, where, way, first)
     return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}]"
 
 
@@ -97,9 +98,13 @@ def per_cent(found: statistics.Estimate) -> str:
     return f"{abs(100.0 * (found.value - 1.0)):.0f} % [{values[0]:.0f}, {values[1]:.0f}]"
 
 
-def sparing(name: str, way: str) -> float:
-    """What a way of the paper's learner saves."""
-    return float((column(name, "sparing", "paper", "fraction 0.8") - column(name, "sparing", "paper", way)).mean())
+def spared(way: str) -> list[str]:
+    """Seconds and J that a way of the paper's learner saves, and its kbit."""
+    usual, own = (
+        [column(name, "sparing", "paper", each).mean() for name in ("t_avg_censored_s", "energy_mean_J", "kbit")]
+        for each in ("fraction 0.8", way)
+    )
+    return [f"{usual[0] - own[0]:.2g}", f"{usual[1] - own[1]:.2g}", two_digits(own[2])]
 
 
 @cache
@@ -267,12 +272,12 @@ def radio_losses(floats: int) -> float:
     return 100.0 * link.expected(load(None).radio, np.ones(1), 32 * floats)[0]
 
 
-def long_model() -> tuple[int, int, int]:
+def long_model() -> tuple[int, int, str]:
     """Fragments of a model of 10⁵ floats on the default radio, slots of each, and ticks of a round."""
     scenario = rounds._scenario("leader", 25, rounds.Long)
     fragments = scenario.hops[0].coding.fragments
     assert fragments is not None
-    return fragments.count, fragments.cut.slots, sum(hop.coding.ticks for hop in scenario.hops)
+    return fragments.count, fragments.cut.slots, {4: "four"}[sum(hop.coding.ticks for hop in scenario.hops)]
 
 
 def secure_bits(uavs: int) -> float:

@@ -93,12 +93,8 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
                 )
             )
         ],
-        "the tracking cost falls to {} of the leader's": lambda: [
-            results.ends(results.tracking("calm", "lossy", results.QUIET))
-        ],
-        "does not help there**: × {} under a leader": lambda: [
-            results.ends(results.tracking("calm", "lossy", "leader, 0.03, int8"))
-        ],
+        "the tracking cost falls to {} of the leader's": lambda: [results.ratio("calm", "lossy", results.QUIET)],
+        "does not help there**: × {} under a leader": lambda: [results.ratio("calm", "lossy", "leader, 0.03, int8")],
         (
             "are {} times as long on the air as a leader's swarm; with a threshold of 0.03 and 8 bits {} times "
             "on `paper`, {} on `unknown`, {} on `windy` and {} on `lossy`"
@@ -119,49 +115,41 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
             "comparison is undecided: × {}."
         ): lambda: [
             f"{results.column('arrived', 'trouble', 'a fifth of the uploads has the wrong sign', 'leader').sum():.0f}",
-            results.ends(results.tracking("trouble", "the same, with the rule `median`", "neighbours")),
+            results.ratio("trouble", "the same, with the rule `median`", "neighbours"),
         ],
         (
             "On `paper` `federation.fraction=0.4` saves {} s and {} J with {} kbit, a threshold of 0.2 {} s and {} J "
             "with {} kbit."
         ): lambda: [
-            f"{results.sparing('t_avg_censored_s', 'fraction 0.4'):.2g}",
-            f"{results.sparing('energy_mean_J', 'fraction 0.4'):.2g}",
-            results.two_digits(results.column("kbit", "sparing", "paper", "fraction 0.4").mean()),
-            f"{results.sparing('t_avg_censored_s', 'threshold 0.2'):.2g}",
-            f"{results.sparing('energy_mean_J', 'threshold 0.2'):.2g}",
-            results.two_digits(results.column("kbit", "sparing", "paper", "threshold 0.2").mean()),
+            *results.spared("fraction 0.4"),
+            *results.spared("threshold 0.2"),
         ],
         "1.5 s lowers the leader's tracking cost to {}, and neighbours with that deadline reach {};": lambda: [
-            results.ends(results.tracking("late", "unknown", f"{way}, deadline 1.5 s"))
-            for way in ("leader", "neighbours")
+            results.ratio("late", "unknown", f"{way}, deadline 1.5 s") for way in ("leader", "neighbours")
         ],
-        "FedAdam tracks × {} worse on `unknown`.": lambda: [
-            results.ends(results.tracking("left", "unknown", "FedAdam at the leader"))
-        ],
+        "FedAdam tracks × {} worse on `unknown`.": lambda: [results.ratio("left", "unknown", "FedAdam at the leader")],
         "in place of one that is lost: × {} on `unknown`": lambda: [
-            results.ends(results.tracking("left", "unknown", "the last upload of everybody"))
+            results.ratio("left", "unknown", "the last upload of everybody")
         ],
         (
             "multiplies the tracking cost by {}. With ε = 2 flights have collisions: {} of 30 on `unknown`, and {} on "
             "`lossy`."
         ): lambda: [
-            results.ends(results.tracking("left", "unknown", "private, ε = 9")),
+            results.ratio("left", "unknown", "private, ε = 9"),
             *(
                 (results.column("collisions_all", "left", where, "private, ε = 2") > 0).sum()
                 for where in ("unknown", "lossy")
             ),
         ],
         "on the slow radio: × {}, no better": lambda: [
-            results.ends(results.tracking("left", "slow radio", "the same, late uploads count less", "deadline 1.5 s"))
+            results.ratio("left", "slow radio", "the same, late uploads count less", "deadline 1.5 s")
         ],
         "flies {} s longer, and {} of 750 UAVs arrive, without it {}.": lambda: [
             f"{results.mixed('t_avg_censored_s', SCAFFOLD).mean() - results.mixed('t_avg_censored_s').mean():.0f}",
             *(f"{results.mixed('arrived', way).sum():.0f}" for way in (SCAFFOLD, "mfgfl-hf")),
         ],
         "a model of 10⁵ weights goes in {} fragments of {} slots, and its round takes {} ticks.": lambda: [
-            *results.long_model()[:2],
-            {4: "four"}[results.long_model()[2]],
+            *results.long_model()
         ],
         (
             "that is {} times the bits of a round with 20 participants, and {} times with 320. "
