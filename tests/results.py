@@ -108,14 +108,14 @@ def spared(way: str) -> list[str]:
 
 
 @cache
-def benchmarks() -> dict[str, Any]:
-    record = store.read(ROOT / "benchmarks" / "latest.json")
-    assert record is not None
+def record(path: Path = store.LATEST) -> dict[str, Any]:
+    """A record of the benchmarks."""
+    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return record
 
 
 def median(race: str, name: str) -> float:
-    return next(float(one["median"]) for one in benchmarks()["races"][race]["figures"] if one["name"] == name)
+    return next(float(one["median"]) for one in record()["races"][race]["figures"] if one["name"] == name)
 
 
 def two_digits(value: float) -> str:
@@ -128,9 +128,7 @@ def one_digit(value: float) -> str:
 
 @cache
 def fitted() -> scaling.Fit:
-    record = store.read(scaling.RECORD)
-    assert record is not None
-    return scaling.fit(scaling.samples_of(record))
+    return scaling.fit(scaling.samples_of(record(scaling.RECORD)))
 
 
 def of_fit(name: str) -> float:
@@ -293,9 +291,7 @@ def scientific(value: float) -> str:
 
 def zenoh_share() -> float:
     """Share of bare Zenoh in a tick of many processes, median of their numbers."""
-    record = store.read(ROOT / "benchmarks" / "scaling.json")
-    assert record is not None
-    figures = record["races"]["scale_processes"]["figures"]
+    figures = record(scaling.RECORD)["races"]["scale_processes"]["figures"]
     return 1.0 / float(np.median([one["ratio"] for one in figures if one["ratio"]]))
 
 

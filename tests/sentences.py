@@ -120,10 +120,7 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
         (
             "On `paper` `federation.fraction=0.4` saves {} s and {} J with {} kbit, a threshold of 0.2 {} s and {} J "
             "with {} kbit."
-        ): lambda: [
-            *results.spared("fraction 0.4"),
-            *results.spared("threshold 0.2"),
-        ],
+        ): lambda: [*results.spared("fraction 0.4"), *results.spared("threshold 0.2")],
         "1.5 s lowers the leader's tracking cost to {}, and neighbours with that deadline reach {};": lambda: [
             results.ratio("late", "unknown", f"{way}, deadline 1.5 s") for way in ("leader", "neighbours")
         ],
@@ -332,18 +329,13 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
         ],
         "takes {} ms, and all of its processes {} MiB of memory; a round of meanflock takes {} ms and {} MiB": lambda: [
             f"{results.median('classifier', name):,.0f}"
-            for name in (
-                "flwr 1.41.0: round",
-                "flwr 1.41.0: memory of all its processes",
-                "our round",
-                "our memory",
-            )
+            for name in ("flwr 1.41.0: round", "flwr 1.41.0: memory of all its processes", "our round", "our memory")
         ],
     },
     SECURITY: {
         "A tick of 25 agents takes {} times as long over TLS": lambda: [
             f"{results.median('tls', 'tick over TLS') / results.median('tls', 'tick over TCP'):.2f}"
-        ],
+        ]
     },
     YOUR_CONTROLLER: {
         (

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from meanflock.groundstation import certs
+from tests.commands import ended
 from tests.faults.by_hand import Recorded
-from tests.polling import DEADLINE_S, until
+from tests.polling import until
 
 REPOSITORY = Path(__file__).parents[2]
 UAVS = 5
@@ -20,16 +21,14 @@ FLYING = ("worldsim", "leader", "agent", "groundstation")  # and `completed`, wh
 
 
 def docker(*arguments: str, check: bool = True, env: dict[str, str] | None = None) -> str:
-    done = subprocess.run(
-        ["docker", *arguments], cwd=REPOSITORY, env=env, capture_output=True, text=True, timeout=DEADLINE_S
-    )
+    done = ended("docker", *arguments, cwd=REPOSITORY, env=env)
     assert not check or done.returncode == 0, f"docker {' '.join(arguments)}: {done.stderr}"
     return done.stdout
 
 
-def docker_fails(*arguments: str) -> str:
-    done = subprocess.run(["docker", *arguments], capture_output=True, text=True, timeout=DEADLINE_S)
-    assert done.returncode != 0, done.stdout
+def docker_fails(code: int, *arguments: str) -> str:
+    done = ended("docker", *arguments)
+    assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
     return done.stderr
 
 
@@ -128,4 +127,4 @@ class Clone(Recorded):
 
     def down(self) -> None:
         line = ["docker", "compose", "-p", self.name, "down", "-v", "--timeout", "2"]
-        subprocess.run(line, cwd=self._clone, capture_output=True, timeout=DEADLINE_S, check=False)
+        ended(*line, cwd=self._clone)

@@ -7,7 +7,6 @@ tests/integration/test_processes.py.
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ import pytest
 
 from meanflock.groundstation.launch.resume import back
 from meanflock.worldsim.checkpoint import EVERY_TICKS
+from tests.commands import printed
 from tests.faults.dying import dead, events, flight, resumed
 from tests.golden.flights import Golden, processor, read, steady
 
@@ -83,16 +83,9 @@ def test_a_flight_in_nodes_of_one_uav_is_that_of_one_node(row: Golden, whole: Ca
 def test_flights_with_the_kernels_of_numpy_are_those_of_the_compiled_ones(whole: Callable[[Golden], Path]) -> None:
     rows = [row for row in SHORT if row.name in NUMPY]
     assert len(rows) == len(NUMPY)
-    done = subprocess.run(
-        [sys.executable, "-c", FLY, *NUMPY],
-        cwd=Path(__file__).parents[2],
-        env={**os.environ, "MEANFLOCK_PURE": "1"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    for row, line in zip(rows, done.stdout.splitlines(), strict=True):
+    pure = os.environ | {"MEANFLOCK_PURE": "1"}
+    flown = printed(sys.executable, "-c", FLY, *NUMPY, cwd=Path(__file__).parents[2], env=pure, timeout=300)
+    for row, line in zip(rows, flown.splitlines(), strict=True):
         summary = json.loads(line)
         assert summary["backend"] == "numpy"
         same(summary, whole(row))
