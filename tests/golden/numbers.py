@@ -12,13 +12,9 @@ from tests.sentences import written
 
 ROOT = Path(__file__).parents[2]
 FILE = Path(__file__).with_name("numbers.csv")
-GENERATED = {
-    "CHANGELOG.md",
-    *(f"docs/{page}.md" for page in ("api", "cli", "data", "keys", "leaderboard", "price-of-safety")),
-}
-BOX = r"```.*?```"
+GENERATED = {f"docs/{page}.md" for page in ("api", "cli", "data", "keys", "leaderboard", "price-of-safety")}
 CODE = r"`[^`]*`|\]\([^)]*\)"
-WRITTEN_BY_A_PROGRAM = r"<!-- (?!end)[^>]*-->.*?<!-- end.*?-->"
+WRITTEN_BY_A_PROGRAM = r"<!-- (?!end)[^>]*-->.*?<!-- end.*?-->|```.*?```"  # and boxes
 TABLE = r"^\|.*$"
 NUMBER = r"(?<![\w.,/-])(?!(?:19|20)\d\d\b|\d\. )\d[\d.,]*(?:\s?[%×]|\s[^\s\d]+)?"  # neither years nor items of lists
 
@@ -26,16 +22,14 @@ NUMBER = r"(?<![\w.,/-])(?!(?:19|20)\d\d\b|\d\. )\d[\d.,]*(?:\s?[%×]|\s[^\s\d]+
 def pages() -> list[str]:
     """The pages that people write."""
     listed = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))
-    return [page for page in listed if page not in GENERATED]
+    return [page for page in listed if page not in {*GENERATED, "CHANGELOG.md"}]
 
 
-def found(page: str, compared: list[str]) -> list[str]:
-    """The numbers of a page, each with the word behind it, but for those in sentences that are `compared`."""
-    text = (ROOT / page).read_text(encoding="utf-8")
-    for pattern in (WRITTEN_BY_A_PROGRAM, BOX):
-        text = re.sub(pattern, "", text, flags=re.S)
+def found(page: str) -> list[str]:
+    """The numbers of a page, each with the word behind it, but for those in sentences that the results check."""
+    text = re.sub(WRITTEN_BY_A_PROGRAM, "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)
     text = " ".join(re.sub(TABLE, "", text, flags=re.M).split())
-    for sentence in compared:
+    for sentence in written(page):
         text = text.replace(sentence, "")
     return sorted({each.rstrip(".,;:)*") for each in re.findall(NUMBER, re.sub(CODE, "", text))})
 
@@ -46,12 +40,7 @@ def read() -> dict[str, list[str]]:
         return {page: numbers for page, *numbers in csv.reader(file)}
 
 
-def main() -> None:
-    """Writes the file."""
-    with FILE.open("w", newline="", encoding="utf-8") as file:
-        for page in pages():
-            csv.writer(file, lineterminator="\n").writerow([page, *found(page, written(page))])
-
-
 if __name__ == "__main__":
-    main()
+    with FILE.open("w", newline="", encoding="utf-8") as file:
+        rows = [[page, *found(page)] for page in pages()]
+        csv.writer(file, lineterminator="\n").writerows(rows)
