@@ -39,7 +39,6 @@ def leaderboard() -> board.Board:
 
 
 def standing(mission: str, row: str) -> board.Standing:
-    """A row of the leaderboard."""
     course = next(course for course in leaderboard().courses if course.name == mission)
     return next(each for each in course.standings if each.name == row)
 
@@ -50,7 +49,6 @@ def free_flights(row: str, missions: Sequence[str]) -> int:
 
 
 def median_of(mission: str, row: str, measure: str) -> float:
-    """Median of a measure over the flights of a row of the leaderboard."""
     return float(np.median(standing(mission, row).column(measure)))
 
 
@@ -109,7 +107,6 @@ def spared(way: str) -> list[str]:
 
 @cache
 def record(path: Path = store.LATEST) -> dict[str, Any]:
-    """A record of the benchmarks."""
     record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return record
 
@@ -145,7 +142,6 @@ def rows_of(page: str, mark: str) -> Iterator[dict[str, str]]:
 
 
 def sent(method: str, payload: str, name: str, table: str = "flights") -> str:
-    """A cell of a table of the page on communication."""
     rows = rows_of("docs/communication.md", table)
     return next(row[name] for row in rows if (row["method"], row["payload"]) == (f"`{method}`", payload))
 
@@ -188,7 +184,6 @@ def fewer_received() -> list[float]:
 
 
 def flights_of(method: str) -> list[dict[str, Any]]:
-    """The flights of a method behind the filter, of the page about controllers."""
     return [row for row in published.read_rows(RESULTS / "free_flights.json")[1] if row["method"] == method]
 
 
@@ -242,7 +237,6 @@ def fewest_kbit(row: str, uavs: int, lost: float) -> float:
 
 
 def claim(number: str) -> dict[str, Any]:
-    """The record of a claim of the paper."""
     found: list[dict[str, Any]] = json.loads((RESULTS / "claims.json").read_text(encoding="utf-8"))
     return next(record for record in found if record["id"] == number)
 
