@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
 from meanflock.federation.rules.base import Uploads, mean
+from meanflock.federation.topology.base import Hop
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.messages import Frames
 
@@ -183,6 +185,34 @@ class Joined:
             sender, fragment = np.nonzero(~arrived)
             values[sender, fragment] = self._filled_up(means)[fragment]
         return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number, means), counts, behind
+
+
+class Collector:
+    """The mail of the UAVs that average for one hop, by round.
+
+    Attributes:
+        hop: the hop.
+        uavs: (A,) the UAVs of this node that average, ascending.
+    """
+
+    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices) -> None:
+        assert hop.mail is not None
+        self.hop, self.uavs = hop, uavs
+        self._coding = hop.mail.coding
+        self._mails: dict[int, Mail] = {}  # by round
+        self._takes_late = scenario.federation.deadline is not None
+
+    def collect(self, frames: Frames) -> None:
+        """Stores mail of this hop."""
+        if frames.round not in self._mails:
+            self._mails[frames.round] = Mail(self._coding, self.uavs)
+        self._mails[frames.round].add(frames)
+
+    def close(self, number: int) -> Joined:
+        """All that a round averages; forgets its mail and that of all rounds before it."""
+        closed = {of_round: self._mails.pop(of_round) for of_round in sorted(self._mails) if of_round <= number}
+        due = {of_round: mail for of_round, mail in closed.items() if self._takes_late or of_round == number}
+        return Joined(due, self._coding, self.uavs)
 
 
 class Own(NamedTuple):
