@@ -115,7 +115,10 @@ class Rule:
         """
         try:
             state: State = self._rule.init(self._parameters)
-            _check_state(state)
+            check_memory("state", state)
+            _check_finite(state)
+            if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
+                raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")
         except FAILURES as error:
             raise BadInput(f"aggregator {self._name!r} failed in `init`: {last_line(error)}") from error
         return state
@@ -133,7 +136,7 @@ class Rule:
             if model is not None:
                 check_finite("the model", model)
             check_same_form("state", after, state)
-            _check_state(after)
+            _check_finite(after)
         except FAILURES as error:
             raise self._failed(uploads, error) from error
         return after, model
@@ -160,14 +163,6 @@ class Rule:
         return RuleFailed(f"aggregator {self._name!r} failed in round {uploads.round}: {last_line(error)}")
 
 
-def _check_state(state: State) -> None:
-    """Validates the state of a rule.
-
-    Raises:
-        TypeError, ValueError: a checkpoint cannot hold it.
-    """
-    check_memory("state", state)
+def _check_finite(state: State) -> None:
     for name, array in state.items():
         check_finite(f"state[{name!r}]", array)
-    if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
-        raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")

@@ -34,8 +34,7 @@ class Mailbox:
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            delivered = only(frames, frames.links, frames.slots) if received.all() else _picked(frames, received)
-            self._frames.append(delivered)
+            self._frames.append(_picked(frames, received))
 
     def read(self, reader: str, uavs: Indices) -> list[Frames]:
         """The frames for some UAVs (M,) that a node, by name, has not read yet."""

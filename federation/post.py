@@ -86,11 +86,6 @@ class Post:
             self._list_open()
         return rest
 
-    @property
-    def has_mail(self) -> bool:
-        """Returns whether mail was sent to any UAV in a round that is open."""
-        return bool(self._open)
-
     def mail(self, role: Role, reader: str, uavs: NDArray[np.intp] | None = None) -> tuple[Frames, ...]:
         """The unread mail of a node of some role and name, for its `uavs` (M,); None: of all."""
         found: list[Frames] = []
@@ -189,8 +184,7 @@ class Post:
                 if averaging is hop:
                     wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
             self._transmissions.append(Transmission(batch, hop.coding, wanted))
-        batches = [one.next(awake) for one in self._transmissions]
-        on_air += [batch for batch in batches if batch is not None]
+        on_air += [cut for one in self._transmissions if (cut := one.next(awake)) is not None]
         self._transmissions = [one for one in self._transmissions if not one.is_over]
         return on_air
 

@@ -367,8 +367,7 @@ class World:
         arrived = reaching(due, self._awake)
         for member in asked:
             received = received_by(member, arrived, self._scenario.uavs) if arrived else ()
-            if self.post.has_mail:
-                received += self.post.mail("agent", member.name, member.uavs)
+            received += self.post.mail("agent", member.name, member.uavs)
             self._barrier.ask(member, self.flight.states[member.place], received, self._checkpoint_due)
 
     def _ask_leader(self) -> None:
