@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,9 +148,11 @@ class Members:
             self._closed[place] = max(self._closed.get(place, (0.0, "")), (until_s, reason))
 
     def lead(self) -> Member | None:
-        """The elected leader among those that are ready; None if there is none."""
-        self._incumbent = elect((member.name for member in self._living(LEADER) if member.ready), self._incumbent)
-        return self._by_name.get(self._incumbent or "")
+        """The leader: the last one as long as it is ready, else the lowest name of those that are; None for none."""
+        ready = [member.name for member in self._living(LEADER) if member.ready]
+        if self._incumbent not in ready:
+            self._incumbent = min(ready, default=None)
+        return None if self._incumbent is None else self._by_name[self._incumbent]
 
     def get(self, name: str) -> Member | None:
         """The node of that name."""
@@ -203,12 +205,3 @@ class Members:
             raise JoinRefused(f"UAV {taken[0]} has its agent already", for_now=True)
         self._check_open(wanted.tolist(), now_s)
         return wanted
-
-
-def elect(living: Iterable[str], incumbent: str | None = None) -> str | None:
-    """Name of the leader: the incumbent while it is among the `living`, else the lowest name; None without any.
-
-    The rule depends on the set of names only, so nodes need not negotiate.
-    """
-    names = set(living)
-    return incumbent if incumbent in names else min(names, default=None)
