@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from meanflock.channel.meter import Meter
 from meanflock.federation.mailbox import only
 from meanflock.federation.post import Post
-from meanflock.federation.topology.base import Role
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
@@ -92,7 +91,7 @@ class Replies:
         if member.role == LEADER and len(states):
             raise MessageRejected("wrong-shape", "a leader receives no states")
         if len(uploads):
-            self._post.check_refused(_role(member), tick, uploads, member.uavs)
+            self._post.check_refused(member.role, tick, uploads, member.uavs)
         if member.rows == 1 and contains(member.uavs, states).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
@@ -109,7 +108,7 @@ class Replies:
         source = frames.source
         payload = frames.payload
         if kind != FrameKind.STATE:
-            self._post.check(_role(member), frames)
+            self._post.check(member.role, frames)
         elif member.role == LEADER:
             raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
         else:
@@ -122,10 +121,6 @@ class Replies:
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
         if frames.links is not None:
             raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
-
-
-def _role(member: Member) -> Role:
-    return "leader" if member.role == LEADER else "agent"
 
 
 def _equal(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
@@ -447,10 +442,15 @@ class Barrier:
 
 def reaching(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
     """The frames `due` in this tick, reduced to links that end at UAVs that are `awake` (N,)."""
-    arrived = [batch for batch in due if batch.links is not None]
-    if arrived and not awake.all():
-        arrived = [only(batch, batch.links[awake[batch.links[:, 1]]]) for batch in arrived if batch.links is not None]
-    return [batch for batch in arrived if batch.links is not None and len(batch.links)]
+    if awake.all():
+        return list(due)
+    arrived = []
+    for batch in due:
+        assert batch.links is not None
+        links = batch.links[awake[batch.links[:, 1]]]
+        if len(links):
+            arrived.append(only(batch, links))
+    return arrived
 
 
 def received_by(member: Member, arrived: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
