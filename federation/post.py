@@ -283,7 +283,7 @@ class Post:
                 participants = self._schedule.participants(number)
                 present = int(awake[participants].sum())
                 self.silent += present - len(sent)
-                self._accounts[number] = Account(len(participants), len(participants) - present, sent)
+                self._accounts[number] = Account(len(participants), len(participants) - present, sorted(sent))
 
     def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
         """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
@@ -324,9 +324,8 @@ class Post:
             averaging: number of UAVs that averaged in it. end: what came of it, if any did. isolated: number of UAVs
                 that received nothing to average.
         """
-        account = self._accounts.pop(number, Account(0, 0, ()))
-        account.isolated = isolated
-        words = account.words(*self._terms)
+        account = self._accounts.pop(number, Account(0, 0, []))
+        words = account.words(*self._terms, isolated)
         if averaging:
             self.rounds += 1
             self._averaged = number
