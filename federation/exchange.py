@@ -25,11 +25,7 @@ class Exchange(Collector):
     """
 
     def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, problems: list[str]) -> None:
-        """
-        Args:
-            hop: the local hop.
-            uavs: (M,) ascending.
-            problems: texts about a rule that fails are appended.
+        """`uavs`: (M,) ascending. `problems`: texts about a rule that fails are appended.
 
         Raises:
             BadInput: the aggregation rule cannot begin.
@@ -51,11 +47,7 @@ class Exchange(Collector):
         self._copied[rows[valid]] = number
 
     def average(self, number: int, awake: Mask) -> tuple[Indices, Floats, list[int]]:
-        """The averages of a round; its mail is forgotten.
-
-        Args:
-            number: the round.
-            awake: (M,) the rows that average.
+        """The averages of a round in the rows that are `awake` (M,); its mail is forgotten.
 
         Returns:
             The rows that have an average, (R,): not those that received nothing, or had no model when the round opened.

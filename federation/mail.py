@@ -140,12 +140,7 @@ class Joined:
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
 
     def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats, Floats]:
-        """The models that one of the UAVs averages.
-
-        Args:
-            row: place of the UAV.
-            number: the round.
-            own: the UAV's own model, if it is not in the mail.
+        """The models that the UAV at place `row` averages in a round; `own`: its own model, if it is not in the mail.
 
         Returns:
             The models. What each counts by fragment, (S, F), and how many models it is the mean of there, (S, F); both

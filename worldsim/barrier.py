@@ -50,11 +50,7 @@ class Replies:
     def read(self, member: Member, tick: int, raw: bytes, into: Floats | None = None) -> Act:
         """Read and validate the Act of a node that replies to the request of a tick.
 
-        Args:
-            member: the node.
-            tick: the tick of the request.
-            raw: the message.
-            into: (N, 2 + K), where the node's numbers are written, even if the Act is then rejected; None: nowhere.
+        `into`: (N, 2 + K), where the node's numbers are written, even if the Act is then rejected; None: nowhere.
 
         Raises:
             MessageRejected: not a valid Act of this node; the reasons are those of `errors.MessageRejected`.
@@ -223,7 +219,6 @@ class FrameMerger:
         """The joined frames of a tick.
 
         Args:
-            tick: the tick.
             sent: one batch for each node, kind and broadcast, nodes in order of their UAVs.
             awake: (N,), UAVs that may send.
             meter: counts the bytes of the batches.
@@ -350,7 +345,6 @@ class Barrier:
         """Send a node its request and expect its reply.
 
         Args:
-            member: the node.
             states: (M, 4), the states of its UAVs.
             received: the frames that reached it.
             checkpoint: whether the reply must contain the memory of the controller.
