@@ -244,12 +244,12 @@ def longest(scenario: Scenario) -> int:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    radio, links = scenario.radio, len(_distances(scenario))
+    radio, distance = scenario.radio, _distances(scenario)
     for slots in range(radio.latency_threshold_slots, 0, -1):
-        lost = _expected(scenario, int(slots * radio.bits_per_slot / 8) * 8)
+        lost = _expected_losses(scenario, distance, int(slots * radio.bits_per_slot / 8) * 8)
         if lost is None:
             return max(1, radio.latency_threshold_slots // 4)
-        if lost <= (1.0 - SUCCESS) * links:
+        if lost <= (1.0 - SUCCESS) * len(distance):
             return slots
     return 1
 
@@ -260,14 +260,12 @@ def _distances(scenario: Scenario) -> Floats:
     return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
 
 
-def _expected(scenario: Scenario, bits: int) -> float | None:
-    """Expected losses of a message of so many bits on the links to the leader's UAV at take-off; None if unknown.
+def _expected_losses(scenario: Scenario, distance: Floats, bits: int) -> float | None:
+    """Expected losses of a message of so many bits on links of lengths `distance` (K,), m; None if unknown.
 
-    Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+    Raises as `longest`.
     """
-    radio, distance = scenario.radio, _distances(scenario)
+    radio = scenario.radio
     channel = plugins.create("channel", radio.model, radio.options, scenario)
     try:
         expected = channel.expected(distance, bits) if len(distance) else (0.0, 0.0)
@@ -283,19 +281,15 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    expected = _expected(scenario, bits)
     distance = _distances(scenario)
-    return 1.0 if expected is None or not len(distance) else 1.0 - expected / len(distance)
+    lost = _expected_losses(scenario, distance, bits)
+    return 1.0 if lost is None or not len(distance) else 1.0 - lost / len(distance)
 
 
 def _fits(scenario: Scenario, bits: int) -> bool:
     """Returns whether a message of so many bits can arrive within the latency threshold, or without a loss in a hop.
 
-    A channel that does not say how long a message takes is taken to be fast enough.
-
-    Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+    A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
     radio = scenario.radio
     channel = plugins.create("channel", radio.model, radio.options, scenario)
@@ -303,11 +297,10 @@ def _fits(scenario: Scenario, bits: int) -> bool:
         least = channel.least_slots(bits)
         if least is None or least <= radio.latency_threshold_slots:
             return True
-        expected = channel.expected(np.ones(1), bits)
     except FAILURES as error:
         raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
-    return in_time and expected is not None and expected[0] == 0.0
+    return in_time and _expected_losses(scenario, np.ones(1), bits) == 0.0
 
 
 def _most_pieces(parts: tuple[int, ...], size: int) -> int:
