@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.mailbox import Mailbox
+from meanflock.federation.mailbox import Mailbox, links_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
@@ -80,8 +80,7 @@ class Post:
                 self._scenario.federation.deadline is not None
                 and self._schedule.age(frames.round, tick) > averaging.after
             ):
-                assert frames.links is not None
-                self.late += len(np.unique(frames.source[frames.links[:, 0]]))
+                self.late += len(np.unique(frames.source[links_of(frames)[:, 0]]))
         if len(rest) < len(due):
             self._list_open()
         return rest
@@ -364,8 +363,7 @@ def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
 
 def _receipt(frames: Frames) -> Frames:
     """The slots that frames of models were on the air, a row for each link."""
-    assert frames.links is not None
     assert frames.slots is not None
-    links = np.stack([np.arange(len(frames.links), dtype=np.int32), frames.links[:, 1]], axis=-1)
-    source = frames.source[frames.links[:, 0]]
-    return Frames(frames.kind, frames.round, source, frames.slots[:, None], links)
+    row, target = links_of(frames).T
+    links = np.stack([np.arange(len(row), dtype=np.int32), target], axis=-1)
+    return Frames(frames.kind, frames.round, frames.source[row], frames.slots[:, None], links)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import Meter
-from meanflock.federation.mailbox import only
+from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
@@ -440,8 +440,8 @@ def reaching(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
         return list(due)
     arrived = []
     for batch in due:
-        assert batch.links is not None
-        links = batch.links[awake[batch.links[:, 1]]]
+        links = links_of(batch)
+        links = links[awake[links[:, 1]]]
         if len(links):
             arrived.append(only(batch, links))
     return arrived
@@ -451,8 +451,7 @@ def received_by(member: Member, arrived: Iterable[Frames], uavs: int) -> tuple[F
     """The part for one agent of the frames that `arrived` at all `uavs` UAVs: its links, and the payloads on them."""
     own = []
     for batch in arrived:
-        assert batch.links is not None
-        links = batch.links
+        links = links_of(batch)
         if member.rows < uavs:
             targets = links[:, 1]
             links = links[targets == member.uavs[0] if member.rows == 1 else contains(member.uavs, targets)]
