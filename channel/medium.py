@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.base import MOST_SLOTS, Channel, Memory, Message, carried, closed_form, failed
+from meanflock.channel.base import MOST_SLOTS, Carried, Channel, Memory, Message, carried, closed_form, failed
 from meanflock.channel.meter import Links, Meter
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
@@ -154,15 +154,11 @@ class Medium:
             expected = expected[0] + (count - len(distance)), expected[1]
         return slots, delivered, expected
 
-    def _failed(
-        self, failed: NDArray[np.bool_], slots: NDArray[np.int64], delivered: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def _failed(self, failed: NDArray[np.bool_], slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> Carried:
         """Slots and deliveries (K,) after the links `failed` (K,), which deliver nothing and spend all their slots."""
         return np.where(failed, self._scenario.radio.latency_threshold_slots, slots), delivered & ~failed
 
-    def _deliver(
-        self, tick: int, batch: Frames, ends: NDArray[np.int32], slots: NDArray[np.int32] | None = None
-    ) -> None:
+    def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32], slots: NDArray[np.int32] | None) -> None:
         """Schedule the frames of a batch for delivery over links in a later tick; `slots`: what each link took."""
         if len(ends):
             self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends, slots))

@@ -117,15 +117,12 @@ class Traffic:
     expected_delivered_slots: float | None = 0.0
 
 
-@dataclass
 class Meter:
-    """The counters of a run."""
+    """The counters of a run, by kind of traffic and by link."""
 
-    radio: Radio
-    uavs: int
-    traffic: dict[FrameKind, Traffic] = field(default_factory=lambda: {kind: Traffic() for kind in FrameKind})
-
-    def __post_init__(self) -> None:
+    def __init__(self, radio: Radio, uavs: int) -> None:
+        self.traffic = {kind: Traffic() for kind in FrameKind}
+        self.radio, self.uavs = radio, uavs
         self._used = Used()
         self._last: Links | None = None  # last batch; its counts are added to those of the links later
         self._rows: Indices = np.zeros(0, dtype=np.intp)  # of its links in `_used`

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +32,7 @@ class Shares(NamedTuple):
     isolated: int
 
 
-class Account:
+class Account(msgspec.Struct, array_like=True):
     """Account of the uploads of one round.
 
     Attributes:
@@ -42,20 +43,17 @@ class Account:
         received, late: UAVs whose upload, or a part of it, reached any UAV that averages in time, or later.
         refused: UAVs whose upload was received and could not be averaged.
         earlier: late uploads of the round before, which count in this one.
-        isolated: UAVs that average for themselves and received nothing.
     """
 
-    def __init__(self, participants: int, absent: int, sent: Iterable[int]) -> None:
-        self.participants = participants
-        self.absent = absent
-        self.sent = sorted(sent)
-        self.copies = 0
-        self.arrived = 0
-        self.earlier = 0
-        self.isolated = 0
-        self.received: set[int] = set()
-        self.late: set[int] = set()
-        self.refused: set[int] = set()
+    participants: int
+    absent: int
+    sent: list[int]
+    copies: int = 0
+    arrived: int = 0
+    earlier: int = 0
+    received: set[int] = set()
+    late: set[int] = set()
+    refused: set[int] = set()
 
     def transmit(self, links: NDArray[np.int32], rows: NDArray[np.intp], is_late: NDArray[np.bool_]) -> None:
         """Counts uploads on the air over links (K, 5), with `rows` (K,) messages each, and which of them are late."""
@@ -67,11 +65,12 @@ class Account:
         self.received.update(senders)
         self.arrived += copies
 
-    def words(self, at: str, name: str) -> str:
+    def words(self, at: str, name: str, isolated: int = 0) -> str:
         """The account in words.
 
         Args:
             at: the UAV that received them, if it is one. name: of the copies, if they are more than one an upload.
+            isolated: number of UAVs that average for themselves and received nothing.
         """
         late = sorted(self.late - self.received)
         lost = len(self.sent) - len(self.received.union(late) & set(self.sent))
@@ -85,27 +84,19 @@ class Account:
             _some(len(self.refused), f"refused ({_uavs(sorted(self.refused))})"),
             f"{self.arrived} of {self.copies} {name} arrived" if name and self.copies else "",
             _some(self.earlier, "late from the round before averaged, too"),
-            _some(self.isolated, "isolated"),
+            _some(isolated, "isolated"),
         ]
         return ", ".join(part for part in parts if part)
 
     def snapshot(self) -> list[Any]:
-        """All of it, for `restored`."""
-        sets = [sorted(each) for each in (self.received, self.late, self.refused)]
-        return [self.participants, self.absent, self.sent, self.copies, self.arrived, self.earlier, *sets]
+        """All of it, for `restored`; sets are ascending lists."""
+        fields: list[Any] = msgspec.to_builtins(self, order="sorted")
+        return fields
 
     @classmethod
     def restored(cls, snapshot: list[Any]) -> "Account":
         """The account of a snapshot."""
-        participants, absent, sent, copies, arrived, earlier, received, late, refused = snapshot
-        account = cls(participants, absent, sent)
-        account.copies = copies
-        account.arrived = arrived
-        account.earlier = earlier
-        account.received = set(received)
-        account.late = set(late)
-        account.refused = set(refused)
-        return account
+        return msgspec.convert(snapshot, cls)
 
 
 def shares(text: str) -> Shares | None:

@@ -8,9 +8,8 @@ import inspect
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.coding import Coding
 from meanflock.federation.fragments import share_delivered
-from meanflock.federation.mail import Joined, Mail
+from meanflock.federation.mail import Collector, Joined
 from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
@@ -21,28 +20,19 @@ from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory,
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import encode_record
-from meanflock.swarm.wire.messages import Frames
 
 
 class RuleFailed(Exception):
     """An aggregation rule raised, or returned what cannot be broadcast; the text names the rule and the round."""
 
 
-class Averager:
-    """The mail of the UAVs that average for one hop, by round.
-
-    Attributes:
-        hop: the hop.
-        uavs: (A,) the UAVs of this node that average, ascending.
-    """
+class Averager(Collector):
+    """The mail of the UAVs that average for one hop, and the state of the aggregation rule there."""
 
     def __init__(self, hop: Hop, schedule: Schedule, scenario: Scenario, uavs: NDArray[np.intp]) -> None:
         """Raises BadInput where the aggregation rule cannot begin."""
-        assert hop.mail is not None
-        self.hop, self.uavs = hop, uavs
-        self._schedule, self._coding = schedule, hop.mail.coding
-        self._mails: dict[int, Mail] = {}  # by round
-        self._takes_late = scenario.federation.deadline is not None
+        super().__init__(hop, scenario, uavs)
+        self._schedule = schedule
         self._rule = Rule(scenario) if hop.ruled else None
         self._state: State = {} if self._rule is None else self._rule.begin()
 
@@ -54,14 +44,6 @@ class Averager:
     def take_over(self, state: State) -> None:
         """Goes on with the state of the aggregation rule that another node left."""
         self._state = state
-
-    def collect(self, frames: Frames) -> None:
-        """Stores mail of this averager's hop."""
-        add_mail(self._mails, frames, self._coding, self.uavs)
-
-    def close(self, number: int) -> Joined:
-        """All that a round averages; forgets its mail and that of all rounds before it."""
-        return close_mail(self._mails, number, self._coding, self.uavs, takes_late=self._takes_late)
 
     def average(self, joined: Joined, number: int, uav: int) -> tuple[Floats | None, Floats, Floats]:
         """The average at one UAV in a round.
@@ -90,22 +72,6 @@ class Averager:
         assert self.hop.mail is not None
         is_average = self.hop.mail.mail is not None
         return is_average and bool(behind.max() > float(uav in self._schedule.participants(number)))
-
-
-def add_mail(mails: dict[int, Mail], frames: Frames, coding: Coding, uavs: NDArray[np.intp]) -> None:
-    """Adds frames to the mail of their round, for the UAVs that average (A,)."""
-    if frames.round not in mails:
-        mails[frames.round] = Mail(coding, uavs)
-    mails[frames.round].add(frames)
-
-
-def close_mail(
-    mails: dict[int, Mail], number: int, coding: Coding, uavs: NDArray[np.intp], *, takes_late: bool
-) -> Joined:
-    """All that a round averages, with late mail of earlier rounds or without; forgets all mail up to this round."""
-    closed = {of_round: mails.pop(of_round) for of_round in sorted(mails) if of_round <= number}
-    due = {of_round: mail for of_round, mail in closed.items() if takes_late or of_round == number}
-    return Joined(due, coding, uavs)
 
 
 class Rule:
@@ -149,7 +115,10 @@ class Rule:
         """
         try:
             state: State = self._rule.init(self._parameters)
-            _check_state(state)
+            check_memory("state", state)
+            _check_finite(state)
+            if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
+                raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")
         except FAILURES as error:
             raise BadInput(f"aggregator {self._name!r} failed in `init`: {last_line(error)}") from error
         return state
@@ -167,7 +136,7 @@ class Rule:
             if model is not None:
                 check_finite("the model", model)
             check_same_form("state", after, state)
-            _check_state(after)
+            _check_finite(after)
         except FAILURES as error:
             raise self._failed(uploads, error) from error
         return after, model
@@ -194,14 +163,6 @@ class Rule:
         return RuleFailed(f"aggregator {self._name!r} failed in round {uploads.round}: {last_line(error)}")
 
 
-def _check_state(state: State) -> None:
-    """Validates the state of a rule.
-
-    Raises:
-        TypeError, ValueError: a checkpoint cannot hold it.
-    """
-    check_memory("state", state)
+def _check_finite(state: State) -> None:
     for name, array in state.items():
         check_finite(f"state[{name!r}]", array)
-    if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
-        raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")

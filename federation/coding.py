@@ -35,6 +35,7 @@ class Coding:
         dtype, width: of a row of a payload.
         held: dtype in which a receiver holds weights: that of floats on the air, float64 for steps of scales.
         cut: how the scenario cuts models; None: it does not.
+        form: what a fragment holds.
         fragments: how payloads are cut on the air; None: each is one message.
     """
 
@@ -60,18 +61,8 @@ class Coding:
         self.largest = float(np.finfo(self._item).max) if self.is_exact else STEPS * COARSEST  # a weight can be
         self._sizes = parts if self.is_exact or cut is None else pieces_of(parts, cut.size)
         self._starts = np.cumsum((0, *self._sizes[:-1]))
-        form = self.form
-        self.fragments: Fragments | None = None
-        if cut is not None:
-            self.fragments = Fragments(
-                cut,
-                self.floats,
-                self._starts,
-                self._item,
-                counted=form.counted,
-                weighted=form.weighted,
-                scaled=form.scaled,
-            )
+        self.form = Form(self._item, self.counted, weighted, scaled=not self.is_exact)
+        self.fragments = None if cut is None else Fragments(cut, self.floats, self._starts, self.form)
         self.count = 1 if self.fragments is None else self.fragments.count  # F
         numbers = self.floats + self.count * self.counted  # of the dtype `item`, in a row
         if not self.is_exact:
@@ -79,11 +70,6 @@ class Coding:
         self._weights = self.count if self.counted else 1  # of a row, if it has any
         self.width = numbers * self._item.itemsize + _FLOAT32.itemsize * self._weights if weighted else numbers
         self.dtype = _BYTE if weighted else self._item
-
-    @property
-    def form(self) -> Form:
-        """The properties that decide how many weights a fragment holds."""
-        return Form(self._item.itemsize, self.counted, self.weighted, not self.is_exact)
 
     @property
     def ticks(self) -> int:
@@ -155,12 +141,17 @@ class Coding:
         return self.fragments.rows(*self.unpack(payload), turn)
 
     def received(self, rows: np.ndarray) -> Pieces:
-        """Contents of rows `(R, …)` that passed `check_received`: fragments; a whole model counts as one fragment."""
+        """Contents of rows `(R, …)` that passed `check_received`: fragments; a whole model counts as one fragment.
+
+        Without declared weights an average counts as many times as it has models.
+        """
         if self.fragments is not None:
             return self.fragments.read(rows)
         numbers, weights = self.unpack(rows)
-        values = numbers if self.is_exact else self.decode(numbers)
-        return Pieces(np.zeros(len(rows), dtype=np.intp), values, weights[:, 0], np.ones(len(rows)))
+        values = numbers[:, : self.floats] if self.is_exact else self.decode(numbers)
+        behind = self.behind(numbers)
+        counts = weights if self.weighted else behind
+        return Pieces(np.zeros(len(rows), dtype=np.intp), values, counts[:, 0], behind[:, 0])
 
     def check(self, source: np.ndarray, payload: np.ndarray) -> None:
         """Validates whole payloads of the UAVs `source` (S,) that come by network.
@@ -172,9 +163,12 @@ class Coding:
         """
         expect("payload", payload, (len(source), self.width), self.dtype)
         numbers, weights = self.unpack(payload)
-        self.check_weights(weights, self.behind(numbers))
+        behind = self.behind(numbers)
+        self._check_weights(weights, behind)
         if self.dtype == _BYTE and not self.valid(numbers).all():
             raise MessageRejected("non-finite", "payload: steps or scales beyond all bounds")
+        # A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
+        self._check_behind(source, behind, 1 if self.fragments is None else 0)
 
     def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
         """Validates what arrived from the UAVs `source` (R,): fragments, or whole payloads.
@@ -186,16 +180,21 @@ class Coding:
             self.check(source, rows)
             return
         self.fragments.check(source, rows)
-        self.check_weights(self.fragments.weights(rows), self.fragments.behind(rows))
+        behind = self.fragments.behind(rows)
+        self._check_weights(self.fragments.weights(rows), behind)
         scales = self.fragments.scales(rows)
         if not (self.fragments.is_valid(rows) and ((scales >= FINEST) & (scales <= COARSEST)).all()):
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
+        self._check_behind(source, behind[:, None], 1)
 
     def behind(self, numbers: np.ndarray) -> Floats:
         """The number of models behind each of the weights that payloads with these numbers have, (S, K)."""
         return np.ones((len(numbers), 1))
 
-    def check_weights(self, weights: Floats, behind: Floats) -> None:
+    def _check_behind(self, source: np.ndarray, behind: Floats, least: int) -> None:
+        """Validates the numbers of models (S, K) behind payloads of the UAVs `source` (S,), each at least `least`."""
+
+    def _check_weights(self, weights: Floats, behind: Floats) -> None:
         """Validates declared weights, or their sums, of so many models each.
 
         Raises:
@@ -240,40 +239,18 @@ class Counted(Coding):
     def write(self, models: Floats, weights: Floats, behind: Floats) -> np.ndarray:
         return self.pack(self.encode(np.concatenate([models, behind], axis=-1)), weights)
 
-    def received(self, rows: np.ndarray) -> Pieces:
-        """See `Coding.received`; without declared weights an average counts as many times as it has models."""
-        if self.fragments is not None:
-            return super().received(rows)
-        numbers, weights = self.unpack(rows)
-        behind = self.behind(numbers)
-        counts = weights if self.weighted else behind
-        return Pieces(np.zeros(len(rows), dtype=np.intp), numbers[:, : self.floats], counts[:, 0], behind[:, 0])
-
     def behind(self, numbers: np.ndarray) -> Floats:
         """See `Coding.behind`."""
         return numbers[:, self.floats :].astype(np.float64)
 
-    def check(self, source: np.ndarray, payload: np.ndarray) -> None:
-        """Validates payloads that come by network, and that no average stands for more models than its UAV can have.
-
-        A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
+    def _check_behind(self, source: np.ndarray, behind: Floats, least: int) -> None:
+        """Validates that no average stands for more models than its UAV can have.
 
         Raises:
-            MessageRejected: `wrong-shape` or `non-finite`.
+            MessageRejected: `wrong-shape`.
         """
-        super().check(source, payload)
-        behind = self.behind(self.unpack(payload)[0])
-        self._check_counts(source, behind, 1 if self.fragments is None else 0)
-
-    def check_received(self, source: np.ndarray, rows: np.ndarray) -> None:
-        """See `Coding.check_received`; validates the numbers of models, too."""
-        super().check_received(source, rows)
-        if self.fragments is not None:
-            self._check_counts(source, self.fragments.behind(rows)[:, None], 1)
-
-    def _check_counts(self, source: np.ndarray, counts: Floats, least: int) -> None:
-        if ((counts < least) | (counts > self._most[source][:, None]) | (np.floor(counts) != counts)).any():
-            raise MessageRejected("wrong-shape", f"averages of {counts.tolist()} models")
+        if ((behind < least) | (behind > self._most[source][:, None]) | (np.floor(behind) != behind)).any():
+            raise MessageRejected("wrong-shape", f"averages of {behind.tolist()} models")
 
 
 _coding = cache(Coding)

@@ -5,14 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.averager import Rule, RuleFailed, add_mail, close_mail
-from meanflock.federation.mail import Joined, Mail, Own
-from meanflock.federation.memory import taken_from
+from meanflock.federation.averager import Rule, RuleFailed
+from meanflock.federation.mail import Collector, Joined, Own
 from meanflock.federation.rules.base import Uploads, mean
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
-from meanflock.swarm.wire.messages import Frames
 
 _COPIES, _COPIED, _SAMPLES = "meanflock.copies", "meanflock.copied", "meanflock.samples"  # in a checkpoint
 _RULE = "meanflock.rule."
@@ -20,34 +18,25 @@ _RULE = "meanflock.rule."
 Indices = NDArray[np.intp]
 
 
-class Exchange:
+class Exchange(Collector):
     """Own models and mail of M UAVs, and the state that the aggregation rule has in each of them.
 
     Sums go by ascending UAV, the own model last: neither the order of arrival nor the other rows leave a trace.
     """
 
     def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, problems: list[str]) -> None:
-        """
-        Args:
-            hop: the local hop.
-            uavs: (M,) ascending.
-            problems: texts about a rule that fails are appended.
+        """`uavs`: (M,) ascending. `problems`: texts about a rule that fails are appended.
 
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
-        assert hop.mail is not None
-        self.hop = hop
-        self._coding = hop.mail.coding
-        self._uavs = uavs
+        super().__init__(hop, scenario, uavs)
         self._problems = problems
         self._rule = Rule(scenario)
         self._states = {name: np.repeat(array[None], len(uavs), axis=0) for name, array in self._rule.begin().items()}
         self._copies = np.zeros((len(uavs), self._coding.floats))  # (M, L) own models, as the coding leaves them
         self._samples = np.ones(len(uavs))  # (M,) what they count
         self._copied = np.zeros(len(uavs), dtype=np.int64)  # (M,) the rounds of these copies
-        self._mails: dict[int, Mail] = {}  # by round
-        self._takes_late = scenario.federation.deadline is not None
 
     def remember(self, number: int, rows: Indices, payload: np.ndarray) -> None:
         """Keeps the own models of rows (S,) for a round, as payloads (S, width), but for those that cannot be sent."""
@@ -57,31 +46,21 @@ class Exchange:
         self._samples[rows[valid]] = samples[valid, 0]
         self._copied[rows[valid]] = number
 
-    def collect(self, frames: Frames) -> None:
-        """Stores mail for the rows."""
-        add_mail(self._mails, frames, self._coding, self._uavs)
-
     def average(self, number: int, awake: Mask) -> tuple[Indices, Floats, list[int]]:
-        """The averages of a round; its mail is forgotten.
-
-        Args:
-            number: the round.
-            awake: (M,) the rows that average.
+        """The averages of a round in the rows that are `awake` (M,); its mail is forgotten.
 
         Returns:
             The rows that have an average, (R,): not those that received nothing, or had no model when the round opened.
             Their averages (R, L). The UAVs whose models cannot be averaged, ascending.
         """
-        joined = close_mail(self._mails, number, self._coding, self._uavs, takes_late=self._takes_late)
+        joined = self.close(number)
         rows = np.flatnonzero(awake & (self._copied == number) & joined.arrived.any(axis=(1, 2)))
         if not len(rows):
             return rows, np.zeros((0, self._coding.floats)), joined.refused
         own = self._copies[rows]
         try:
             weights = self._rule.weights(_uploads(joined.models(), joined.weights.max(axis=1), joined, number))
-            own_weights = self._rule.weights(
-                Uploads.complete(own, number, self._uavs[rows], samples=self._samples[rows])
-            )
+            own_weights = self._rule.weights(Uploads.complete(own, number, self.uavs[rows], self._samples[rows]))
         except RuleFailed as error:
             self._problems.append(str(error))
             return rows[:0], own[:0], joined.refused
@@ -103,24 +82,13 @@ class Exchange:
         return np.array(taken, dtype=np.intp), np.array(averages).reshape(-1, self._coding.floats), joined.refused
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Arrays of M rows that a checkpoint keeps."""
+        """Arrays of M rows that a checkpoint keeps, and that may be written to."""
         states = {_RULE + name: array for name, array in self._states.items()}
         return {_COPIES: self._copies, _COPIED: self._copied, _SAMPLES: self._samples} | states
 
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Takes the arrays of `state` out of a checkpoint.
-
-        Raises:
-            MessageRejected: they do not fit.
-        """
-        restored = taken_from(state, self.state())
-        self._copies, self._copied = restored.pop(_COPIES), restored.pop(_COPIED)
-        self._samples = restored.pop(_SAMPLES)
-        self._states = {name.removeprefix(_RULE): array for name, array in restored.items()}
-
     def _one(self, row: int, number: int, joined: Joined) -> Floats | None:
         """The average of one row by a rule that is not linear; None where the rule waits for more."""
-        own = Own(int(self._uavs[row]), self._copies[row], float(self._samples[row]))
+        own = Own(int(self.uavs[row]), self._copies[row], float(self._samples[row]))
         uploads, *_ = joined.to(row, number, own)
         before = {name: array[row] for name, array in self._states.items()}
         after, average = self._rule.step(before, uploads)

@@ -43,6 +43,28 @@ class Cut(NamedTuple):
     per_tick: int
 
 
+class Form(NamedTuple):
+    """Properties of a coding that decide what a fragment holds.
+
+    item: dtype of a weight on the air. counted: each fragment has the number of models behind it. weighted: each has
+    the weight that its sender declares, or the sum of such weights. scaled: weights are steps of scales.
+    """
+
+    item: np.dtype
+    counted: bool = False
+    weighted: bool = False
+    scaled: bool = False
+
+    def weights(self, most: int, parts: tuple[int, ...]) -> int:
+        """Weights in a fragment of at most `most` bytes, of models whose parts have so many weights."""
+        room = most - _NUMBER.itemsize - _FLOAT32.itemsize * self.weighted - self.item.itemsize * self.counted
+        size, scales = room // self.item.itemsize, 0
+        while self.scaled and size >= 1 and _most_pieces(parts, size) > scales:
+            scales += 1
+            size = room - _FLOAT32.itemsize * scales
+        return size
+
+
 class Pieces(NamedTuple):
     """Fragments that were read, R of them.
 
@@ -65,44 +87,30 @@ class Fragments:
         width: bytes of a fragment.
     """
 
-    def __init__(
-        self,
-        cut: Cut,
-        floats: int,
-        starts: NDArray[np.intp],
-        item: np.dtype,
-        *,
-        counted: bool,
-        weighted: bool,
-        scaled: bool,
-    ) -> None:
+    def __init__(self, cut: Cut, floats: int, starts: NDArray[np.intp], form: Form) -> None:
         """
         Args:
             cut: how the scenario cuts models.
             floats: L, weights of a model.
             starts: first weights of the pieces that have a scale each, ascending; a piece lies in one fragment.
-            item: dtype of a weight on the air.
-            counted: each fragment has the number of models behind it.
-            weighted: each fragment has the weight that its sender declares, or the sum of such weights.
-            scaled: weights are steps of scales.
+            form: what a fragment holds.
         """
         self.cut = cut
         self.count = -(-floats // cut.size)
         size = cut.size
-        self._floats, self._item = floats, item
-        self._counted = counted
-        self._weighted = weighted
-        self._scaled = scaled
-        self._head = _NUMBER.itemsize + _FLOAT32.itemsize * weighted
-        self._end = self._head + size * item.itemsize
+        self._floats = floats
+        self._form = form
+        self._head = _NUMBER.itemsize + _FLOAT32.itemsize * form.weighted
+        self._end = self._head + size * form.item.itemsize
         self._scale_of: NDArray[np.intp] = np.zeros((self.count, 0), dtype=np.intp)  # (F, scales of a fragment)
-        if scaled:
+        if form.scaled:
             first = np.searchsorted(starts, np.arange(self.count) * size)
             pieces = np.diff(first, append=len(starts))
             self._scale_of = np.minimum(first[:, None] + np.arange(pieces.max()), len(starts) - 1)
             piece = np.searchsorted(starts, np.arange(self.count * size), side="right") - 1  # of each weight
             self._own_scale = piece.reshape(self.count, size) - first[:, None]  # among those of its fragment
-        self.width = self._head + (size + counted) * item.itemsize + _FLOAT32.itemsize * self._scale_of.shape[1]
+        scales = self._scale_of.shape[1]
+        self.width = self._head + (size + form.counted) * form.item.itemsize + _FLOAT32.itemsize * scales
 
     @property
     def ticks(self) -> int:
@@ -117,7 +125,7 @@ class Fragments:
         size, chosen = self.cut.size, np.arange(self.count, dtype=_NUMBER)[ready]
         rows = np.empty((len(numbers), len(chosen), self.width), dtype=_BYTE)
         rows[:, :, : _NUMBER.itemsize] = chosen[:, None].view(_BYTE)
-        if self._weighted:
+        if self._form.weighted:
             each = np.broadcast_to(weights.astype(_FLOAT32), (len(numbers), self.count))[:, ready, None]
             rows[:, :, _NUMBER.itemsize : self._head] = np.ascontiguousarray(each).view(_BYTE)
         first = int(chosen[0]) * size
@@ -129,10 +137,10 @@ class Fragments:
             written[:, full] = 0
             rest = model[:, full * size :].view(_BYTE)
             written[:, full, : rest.shape[1]] = rest
-        if self._counted:
+        if self._form.counted:
             counts = np.ascontiguousarray(numbers[:, self._floats :][:, ready, None])
             rows[:, :, self._end :] = counts.view(_BYTE)
-        if self._scaled:
+        if self._form.scaled:
             scales = np.ascontiguousarray(numbers[:, self._floats :]).view(_FLOAT32)
             rows[:, :, self._end :] = np.ascontiguousarray(scales[:, self._scale_of[ready]]).view(_BYTE)
         return rows
@@ -144,35 +152,35 @@ class Fragments:
     def read(self, rows: NDArray[np.uint8]) -> Pieces:
         """The valid contents of fragments `(R, width)`; floats have the width that they have on the air."""
         numbers = self.numbers(rows)
-        if not self._scaled:
+        if not self._form.scaled:
             return Pieces(numbers, self._written(rows), self.weights(rows), self.behind(rows))
         spread = np.take_along_axis(self.scales(rows), self._own_scale[numbers], axis=-1).astype(np.float64)
         return Pieces(numbers, self._written(rows) * spread, self.weights(rows), self.behind(rows))
 
     def weights(self, rows: NDArray[np.uint8]) -> Floats:
         """The weights of models in fragments `(R, width)`, (R,): declared, or the numbers of models."""
-        if self._weighted:
+        if self._form.weighted:
             return np.ascontiguousarray(rows[:, _NUMBER.itemsize : self._head]).view(_FLOAT32)[:, 0].astype(float)
         return self.behind(rows)
 
     def behind(self, rows: NDArray[np.uint8]) -> Floats:
         """The numbers of models behind fragments `(R, width)`, (R,)."""
-        if self._counted:
-            return np.ascontiguousarray(rows[:, self._end :]).view(self._item)[:, 0].astype(float)
+        if self._form.counted:
+            return np.ascontiguousarray(rows[:, self._end :]).view(self._form.item)[:, 0].astype(float)
         return np.ones(len(rows))
 
     def is_valid(self, rows: NDArray[np.uint8]) -> bool:
         """Returns whether all fragments `(R, width)` have floats that are finite, or steps that are ever sent."""
         written = self._written(rows)
-        return bool((written > -128).all() if self._scaled else np.isfinite(written).all())
+        return bool((written > -128).all() if self._form.scaled else np.isfinite(written).all())
 
     def _written(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """The numbers for the weights, (R, n): floats, or steps."""
-        return rows[:, self._head : self._end].view(np.int8 if self._scaled else self._item)
+        return rows[:, self._head : self._end].view(np.int8 if self._form.scaled else self._form.item)
 
     def scales(self, rows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The scales in fragments `(R, width)`, (R, scales of a fragment): none but of 8-bit steps."""
-        if not self._scaled:
+        if not self._form.scaled:
             return np.zeros((len(rows), 0), dtype=_FLOAT32)
         return np.ascontiguousarray(rows[:, self._end :]).view(_FLOAT32)
 
@@ -189,27 +197,6 @@ class Fragments:
         place = source.astype(np.int64) * self.count + numbers
         if (place[1:] <= place[:-1]).any():
             raise MessageRejected("wrong-shape", "payload: fragments are not ascending, or one comes twice")
-
-
-class Form(NamedTuple):
-    """Properties of a coding that decide how many weights a fragment holds.
-
-    item: bytes of a weight. counted, weighted, scaled: as for `Fragments`.
-    """
-
-    item: int
-    counted: bool = False
-    weighted: bool = False
-    scaled: bool = False
-
-    def weights(self, most: int, parts: tuple[int, ...]) -> int:
-        """Weights in a fragment of at most `most` bytes, of models whose parts have so many weights."""
-        room = most - _NUMBER.itemsize - _FLOAT32.itemsize * self.weighted - self.item * self.counted
-        size, scales = room // self.item, 0
-        while self.scaled and size >= 1 and _most_pieces(parts, size) > scales:
-            scales += 1
-            size = room - _FLOAT32.itemsize * scales
-        return size
 
 
 def pieces_of(parts: tuple[int, ...], size: int) -> tuple[int, ...]:
@@ -257,12 +244,12 @@ def longest(scenario: Scenario) -> int:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    radio, links = scenario.radio, len(_distances(scenario))
+    radio, distance = scenario.radio, _distances(scenario)
     for slots in range(radio.latency_threshold_slots, 0, -1):
-        lost = _expected(scenario, int(slots * radio.bits_per_slot / 8) * 8)
+        lost = _expected_losses(scenario, distance, int(slots * radio.bits_per_slot / 8) * 8)
         if lost is None:
             return max(1, radio.latency_threshold_slots // 4)
-        if lost <= (1.0 - SUCCESS) * links:
+        if lost <= (1.0 - SUCCESS) * len(distance):
             return slots
     return 1
 
@@ -273,14 +260,12 @@ def _distances(scenario: Scenario) -> Floats:
     return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
 
 
-def _expected(scenario: Scenario, bits: int) -> float | None:
-    """Expected losses of a message of so many bits on the links to the leader's UAV at take-off; None if unknown.
+def _expected_losses(scenario: Scenario, distance: Floats, bits: int) -> float | None:
+    """Expected losses of a message of so many bits on links of lengths `distance` (K,), m; None if unknown.
 
-    Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+    Raises as `longest`.
     """
-    radio, distance = scenario.radio, _distances(scenario)
+    radio = scenario.radio
     channel = plugins.create("channel", radio.model, radio.options, scenario)
     try:
         expected = channel.expected(distance, bits) if len(distance) else (0.0, 0.0)
@@ -296,19 +281,15 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    expected = _expected(scenario, bits)
     distance = _distances(scenario)
-    return 1.0 if expected is None or not len(distance) else 1.0 - expected / len(distance)
+    lost = _expected_losses(scenario, distance, bits)
+    return 1.0 if lost is None or not len(distance) else 1.0 - lost / len(distance)
 
 
 def _fits(scenario: Scenario, bits: int) -> bool:
     """Returns whether a message of so many bits can arrive within the latency threshold, or without a loss in a hop.
 
-    A channel that does not say how long a message takes is taken to be fast enough.
-
-    Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+    A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
     radio = scenario.radio
     channel = plugins.create("channel", radio.model, radio.options, scenario)
@@ -316,11 +297,10 @@ def _fits(scenario: Scenario, bits: int) -> bool:
         least = channel.least_slots(bits)
         if least is None or least <= radio.latency_threshold_slots:
             return True
-        expected = channel.expected(np.ones(1), bits)
     except FAILURES as error:
         raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
-    return in_time and expected is not None and expected[0] == 0.0
+    return in_time and _expected_losses(scenario, np.ones(1), bits) == 0.0
 
 
 def _most_pieces(parts: tuple[int, ...], size: int) -> int:

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
 from meanflock.federation.rules.base import Uploads, mean
+from meanflock.federation.topology.base import Hop
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.messages import Frames
 
@@ -138,12 +140,7 @@ class Joined:
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
 
     def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats, Floats]:
-        """The models that one of the UAVs averages.
-
-        Args:
-            row: place of the UAV.
-            number: the round.
-            own: the UAV's own model, if it is not in the mail.
+        """The models that the UAV at place `row` averages in a round; `own`: its own model, if it is not in the mail.
 
         Returns:
             The models. What each counts by fragment, (S, F), and how many models it is the mean of there, (S, F); both
@@ -183,6 +180,34 @@ class Joined:
             sender, fragment = np.nonzero(~arrived)
             values[sender, fragment] = self._filled_up(means)[fragment]
         return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number, means), counts, behind
+
+
+class Collector:
+    """The mail of the UAVs that average for one hop, by round.
+
+    Attributes:
+        hop: the hop.
+        uavs: (A,) the UAVs of this node that average, ascending.
+    """
+
+    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices) -> None:
+        assert hop.mail is not None
+        self.hop, self.uavs = hop, uavs
+        self._coding = hop.mail.coding
+        self._mails: dict[int, Mail] = {}  # by round
+        self._takes_late = scenario.federation.deadline is not None
+
+    def collect(self, frames: Frames) -> None:
+        """Stores mail of this hop."""
+        if frames.round not in self._mails:
+            self._mails[frames.round] = Mail(self._coding, self.uavs)
+        self._mails[frames.round].add(frames)
+
+    def close(self, number: int) -> Joined:
+        """All that a round averages; forgets its mail and that of all rounds before it."""
+        closed = {of_round: self._mails.pop(of_round) for of_round in sorted(self._mails) if of_round <= number}
+        due = {of_round: mail for of_round, mail in closed.items() if self._takes_late or of_round == number}
+        return Joined(due, self._coding, self.uavs)
 
 
 class Own(NamedTuple):

@@ -29,13 +29,11 @@ class Mailbox:
 
     def put(self, frames: Frames, awake: Mask) -> None:
         """Adds frames for the UAVs that are awake (N,)."""
-        assert frames.links is not None
-        target = frames.links[:, 1]
+        target = links_of(frames)[:, 1]
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            delivered = only(frames, frames.links, frames.slots) if received.all() else _picked(frames, received)
-            self._frames.append(delivered)
+            self._frames.append(_picked(frames, received))
 
     def read(self, reader: str, uavs: Indices) -> list[Frames]:
         """The frames for some UAVs (M,) that a node, by name, has not read yet."""
@@ -46,8 +44,7 @@ class Mailbox:
             reading = np.zeros(len(self._read), dtype=bool)
             reading[uavs[begun == first]] = True
             for frames in self._frames[first:]:
-                assert frames.links is not None
-                here = reading[frames.links[:, 1]]
+                here = reading[links_of(frames)[:, 1]]
                 if here.any():
                     found.append(frames if here.all() else _picked(frames, here))
         return found
@@ -58,8 +55,8 @@ class Mailbox:
         cut = hop.mail.coding.fragments
         arrived = np.zeros(hop.coding.count, dtype=bool)
         for frames in self._frames:
-            assert frames.links is not None
-            here = frames.links[frames.links[:, 1] == uav, 0]
+            links = links_of(frames)
+            here = links[links[:, 1] == uav, 0]
             if hop.is_last and hop.mail.mail is None:
                 here = here[frames.source[here] != uav]
             if cut is None:
@@ -74,10 +71,10 @@ class Mailbox:
         copies = 0
         for frames in self._frames:
             if frames.round == number:
-                assert frames.links is not None
-                source = frames.source[frames.links[:, 0]]
+                row, target = links_of(frames).T
+                source = frames.source[row]
                 has_arrived[source] = True
-                copies += int(np.count_nonzero(source != frames.links[:, 1]))
+                copies += int(np.count_nonzero(source != target))
         return np.flatnonzero(has_arrived).tolist(), copies
 
     def receivers(self, number: int) -> Mask:
@@ -85,8 +82,7 @@ class Mailbox:
         received = np.zeros(len(self._read), dtype=bool)
         for frames in self._frames:
             if frames.round == number:
-                assert frames.links is not None
-                received[frames.links[:, 1]] = True
+                received[links_of(frames)[:, 1]] = True
         return received
 
     def close(self, number: int) -> None:
@@ -110,6 +106,12 @@ class Mailbox:
         self._read[:], self._reader[:] = 0, ""
 
 
+def links_of(frames: Frames) -> NDArray[np.int32]:
+    """The links (K, 2) of frames that the radio delivered."""
+    assert frames.links is not None
+    return frames.links
+
+
 def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | None = None) -> Frames:
     """Frames reduced to some of their links (K, 2), which took `slots` (K,)."""
     used = np.zeros(len(frames.source), dtype=bool)
@@ -126,5 +128,4 @@ def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | No
 
 def _picked(frames: Frames, picked: Mask) -> Frames:
     """Frames reduced to the links that are `picked` (K,)."""
-    assert frames.links is not None
-    return only(frames, frames.links[picked], None if frames.slots is None else frames.slots[picked])
+    return only(frames, links_of(frames)[picked], None if frames.slots is None else frames.slots[picked])

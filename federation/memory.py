@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from meanflock.federation.coding import Coding
 from meanflock.federation.fragments import Pieces
 from meanflock.swarm.state import Floats, Mask
-from meanflock.swarm.wire.control import expect
-from meanflock.swarm.wire.messages import NOBODY
 
 _GLOBALS, _SEEN, _FRESH = "meanflock.globals", "meanflock.seen", "meanflock.fresh"  # in a checkpoint
 
@@ -30,17 +28,6 @@ class Learner(Protocol):
         ...
 
 
-def taken_from(state: dict[str, NDArray[Any]], wanted: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Copies of the arrays of `state` with the names, shapes and dtypes of those `wanted`; `state` loses them.
-
-    Raises:
-        MessageRejected: one is missing or does not fit.
-    """
-    return {
-        name: expect(name, state.pop(name, NOBODY), array.shape, array.dtype).copy() for name, array in wanted.items()
-    }
-
-
 class Feedback:
     """Error feedback for M rows: what coding takes from an upload is added to the row's next upload.
 
@@ -53,16 +40,12 @@ class Feedback:
         self._coding = coding
 
     def encode(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.generic]:
-        """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual.
-
-        The residuals are replaced, never written to, so a caller may keep the earlier ones.
-        """
+        """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual."""
         if self.residuals is None:
             return self._coding.encode(models)
         meant = models + self.residuals[rows]
         payload = self._coding.encode(meant)
         valid = self._coding.valid(payload)
-        self.residuals = self.residuals.copy()
         self.residuals[rows[valid]] = meant[valid] - self._coding.decode(payload[valid])
         return payload
 
@@ -79,14 +62,10 @@ class Trigger:
         self.sent = np.zeros((rows, parameters))  # (M, L); 0 where nothing was sent
 
     def due(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.bool_]:
-        """Mask (S,) of the `rows` (S,) that send their `models` (S, L); these count as sent.
-
-        `sent` is replaced, never written to, so a caller may keep the earlier one.
-        """
+        """Mask (S,) of the `rows` (S,) that send their `models` (S, L); these count as sent."""
         before = self.sent[rows]
         moved, size = ((each * each).sum(axis=-1) for each in (models - before, before))
         due = np.asarray((moved > self._threshold**2 * size) | (size == 0.0))
-        self.sent = self.sent.copy()
         self.sent[rows[due]] = models[due]
         return due
 
@@ -130,16 +109,5 @@ class GlobalModels:
             learner.take(rows, models)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Arrays of M rows that a checkpoint keeps."""
+        """Arrays of M rows that a checkpoint keeps, and that may be written to."""
         return {_GLOBALS: self._globals, _SEEN: self._seen, _FRESH: self._fresh}
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Takes the arrays of `state` out of a checkpoint.
-
-        Raises:
-            MessageRejected: they do not fit.
-        """
-        restored = taken_from(state, self.state())
-        self._globals = restored[_GLOBALS]
-        self._seen = restored[_SEEN]
-        self._fresh = restored[_FRESH]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meanflock.federation.averager import Averager, RuleFailed
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.exchange import Exchange
-from meanflock.federation.mail import RECEIPT
+from meanflock.federation.mail import RECEIPT, Collector
 from meanflock.federation.memory import Feedback, GlobalModels, Learner, Trigger
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
@@ -57,6 +57,7 @@ class Party:
         ]
         local = next((hop for hop in self._own if hop.is_local), None)
         self._exchange = None if local is None else Exchange(local, scenario, uavs, problems)
+        self._collectors: list[Collector] = [*self._averagers, *([self._exchange] if self._exchange else [])]
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._globals: GlobalModels | None = None
         if self._last is not None and self._last.coding.fragments is not None and not self._last.is_local:
@@ -93,11 +94,9 @@ class Party:
         hop = self._schedule.sent(frames.kind, frames.round, tick)
         if hop is None:
             return
-        for averager in self._averagers:
-            if averager.hop.mail is hop:
-                averager.collect(frames)
-        if self._exchange is not None and self._exchange.hop.mail is hop:
-            self._exchange.collect(frames)
+        for collector in self._collectors:
+            if collector.hop.mail is hop:
+                collector.collect(frames)
         if hop is self._last:
             assert self._learner is not None
             assert frames.links is not None
@@ -131,7 +130,7 @@ class Party:
         return outbox, refused
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Arrays of M rows that a checkpoint keeps."""
+        """Arrays of M rows that a checkpoint keeps, and that `restore` writes to."""
         residuals = None if self._feedback is None else self._feedback.residuals
         state = {} if residuals is None else {_RESIDUALS: residuals}
         if self._trigger is not None:
@@ -141,20 +140,13 @@ class Party:
         return state if self._exchange is None else state | self._exchange.state()
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Takes the arrays of `state` out of a checkpoint.
+        """Takes the arrays of `state` out of those of a checkpoint, which loses them.
 
         Raises:
             MessageRejected: they do not fit.
         """
-        if self._feedback is not None and (residuals := self._feedback.residuals) is not None:
-            found = expect(_RESIDUALS, state.pop(_RESIDUALS, NOBODY), residuals.shape, residuals.dtype)
-            self._feedback.residuals = found.copy()
-        if (trigger := self._trigger) is not None:
-            trigger.sent = expect(_SENT, state.pop(_SENT, NOBODY), trigger.sent.shape, trigger.sent.dtype).copy()
-        if self._globals is not None:
-            self._globals.restore(state)
-        if self._exchange is not None:
-            self._exchange.restore(state)
+        for name, array in self.state().items():
+            array[...] = expect(name, state.pop(name, NOBODY), array.shape, array.dtype)
 
     def take_over(self, record: bytes) -> None:
         """Goes on with the state of the aggregation rule that another leader left, a record."""
@@ -168,9 +160,7 @@ class Party:
         return hop.senders if hop.role == "leader" else self._uavs[contains(hop.senders, self._uavs)]
 
     def _receives(self, hop: Hop) -> bool:
-        if self._exchange is not None and self._exchange.hop.mail is hop:
-            return True
-        return hop is self._last or any(averager.hop.mail is hop for averager in self._averagers)
+        return hop is self._last or any(collector.hop.mail is hop for collector in self._collectors)
 
     def _uploads(self, hop: Hop, number: int) -> list[Frames]:
         """The models of the rows that take part in a round."""

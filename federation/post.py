@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.mailbox import Mailbox
+from meanflock.federation.mailbox import Mailbox, links_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
@@ -80,16 +80,10 @@ class Post:
                 self._scenario.federation.deadline is not None
                 and self._schedule.age(frames.round, tick) > averaging.after
             ):
-                assert frames.links is not None
-                self.late += len(np.unique(frames.source[frames.links[:, 0]]))
+                self.late += len(np.unique(frames.source[links_of(frames)[:, 0]]))
         if len(rest) < len(due):
             self._list_open()
         return rest
-
-    @property
-    def has_mail(self) -> bool:
-        """Returns whether mail was sent to any UAV in a round that is open."""
-        return bool(self._open)
 
     def mail(self, role: Role, reader: str, uavs: NDArray[np.intp] | None = None) -> tuple[Frames, ...]:
         """The unread mail of a node of some role and name, for its `uavs` (M,); None: of all."""
@@ -189,8 +183,7 @@ class Post:
                 if averaging is hop:
                     wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
             self._transmissions.append(Transmission(batch, hop.coding, wanted))
-        batches = [one.next(awake) for one in self._transmissions]
-        on_air += [batch for batch in batches if batch is not None]
+        on_air += [cut for one in self._transmissions if (cut := one.next(awake)) is not None]
         self._transmissions = [one for one in self._transmissions if not one.is_over]
         return on_air
 
@@ -289,7 +282,7 @@ class Post:
                 participants = self._schedule.participants(number)
                 present = int(awake[participants].sum())
                 self.silent += present - len(sent)
-                self._accounts[number] = Account(len(participants), len(participants) - present, sent)
+                self._accounts[number] = Account(len(participants), len(participants) - present, sorted(sent))
 
     def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
         """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
@@ -330,9 +323,8 @@ class Post:
             averaging: number of UAVs that averaged in it. end: what came of it, if any did. isolated: number of UAVs
                 that received nothing to average.
         """
-        account = self._accounts.pop(number, Account(0, 0, ()))
-        account.isolated = isolated
-        words = account.words(*self._terms)
+        account = self._accounts.pop(number, Account(0, 0, []))
+        words = account.words(*self._terms, isolated)
         if averaging:
             self.rounds += 1
             self._averaged = number
@@ -371,8 +363,7 @@ def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
 
 def _receipt(frames: Frames) -> Frames:
     """The slots that frames of models were on the air, a row for each link."""
-    assert frames.links is not None
     assert frames.slots is not None
-    links = np.stack([np.arange(len(frames.links), dtype=np.int32), frames.links[:, 1]], axis=-1)
-    source = frames.source[frames.links[:, 0]]
-    return Frames(frames.kind, frames.round, source, frames.slots[:, None], links)
+    row, target = links_of(frames).T
+    links = np.stack([np.arange(len(row), dtype=np.int32), target], axis=-1)
+    return Frames(frames.kind, frames.round, frames.source[row], frames.slots[:, None], links)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
+from meanflock.federation.mailbox import links_of
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -75,8 +76,7 @@ class Reception:
 
     def receive(self, frames: Frames, awake: Mask) -> None:
         """Counts fragments that arrive, at the UAVs that are awake (N,)."""
-        assert frames.links is not None
-        self._received += np.bincount(frames.links[:, 1], minlength=len(awake)) * awake
+        self._received += np.bincount(links_of(frames)[:, 1], minlength=len(awake)) * awake
 
     def close(self, awake: Mask) -> str:
         """Ends the count; returns in words how many UAVs that are awake (N,) received it, empty if nothing was sent."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import Meter
-from meanflock.federation.mailbox import only
+from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.post import Post
-from meanflock.federation.topology.base import Role
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
@@ -51,11 +50,7 @@ class Replies:
     def read(self, member: Member, tick: int, raw: bytes, into: Floats | None = None) -> Act:
         """Read and validate the Act of a node that replies to the request of a tick.
 
-        Args:
-            member: the node.
-            tick: the tick of the request.
-            raw: the message.
-            into: (N, 2 + K), where the node's numbers are written, even if the Act is then rejected; None: nowhere.
+        `into`: (N, 2 + K), where the node's numbers are written, even if the Act is then rejected; None: nowhere.
 
         Raises:
             MessageRejected: not a valid Act of this node; the reasons are those of `errors.MessageRejected`.
@@ -92,7 +87,7 @@ class Replies:
         if member.role == LEADER and len(states):
             raise MessageRejected("wrong-shape", "a leader receives no states")
         if len(uploads):
-            self._post.check_refused(_role(member), tick, uploads, member.uavs)
+            self._post.check_refused(member.role, tick, uploads, member.uavs)
         if member.rows == 1 and contains(member.uavs, states).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
@@ -109,7 +104,7 @@ class Replies:
         source = frames.source
         payload = frames.payload
         if kind != FrameKind.STATE:
-            self._post.check(_role(member), frames)
+            self._post.check(member.role, frames)
         elif member.role == LEADER:
             raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
         else:
@@ -122,10 +117,6 @@ class Replies:
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
         if frames.links is not None:
             raise MessageRejected("wrong-shape", "only the world says which links carried a frame")
-
-
-def _role(member: Member) -> Role:
-    return "leader" if member.role == LEADER else "agent"
 
 
 def _equal(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
@@ -228,7 +219,6 @@ class FrameMerger:
         """The joined frames of a tick.
 
         Args:
-            tick: the tick.
             sent: one batch for each node, kind and broadcast, nodes in order of their UAVs.
             awake: (N,), UAVs that may send.
             meter: counts the bytes of the batches.
@@ -355,7 +345,6 @@ class Barrier:
         """Send a node its request and expect its reply.
 
         Args:
-            member: the node.
             states: (M, 4), the states of its UAVs.
             received: the frames that reached it.
             checkpoint: whether the reply must contain the memory of the controller.
@@ -447,18 +436,22 @@ class Barrier:
 
 def reaching(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
     """The frames `due` in this tick, reduced to links that end at UAVs that are `awake` (N,)."""
-    arrived = [batch for batch in due if batch.links is not None]
-    if arrived and not awake.all():
-        arrived = [only(batch, batch.links[awake[batch.links[:, 1]]]) for batch in arrived if batch.links is not None]
-    return [batch for batch in arrived if batch.links is not None and len(batch.links)]
+    if awake.all():
+        return list(due)
+    arrived = []
+    for batch in due:
+        links = links_of(batch)
+        links = links[awake[links[:, 1]]]
+        if len(links):
+            arrived.append(only(batch, links))
+    return arrived
 
 
 def received_by(member: Member, arrived: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
     """The part for one agent of the frames that `arrived` at all `uavs` UAVs: its links, and the payloads on them."""
     own = []
     for batch in arrived:
-        assert batch.links is not None
-        links = batch.links
+        links = links_of(batch)
         if member.rows < uavs:
             targets = links[:, 1]
             links = links[targets == member.uavs[0] if member.rows == 1 else contains(member.uavs, targets)]

@@ -114,7 +114,7 @@ class Books:
         for block in (self._states, self._hidden, self._commands, self._felt):
             block.clear()
         self._hash.update(states.astype(_HASHED, copy=False).data)
-        power = self._physics.power(states, hidden, felt, shape[1]).reshape(shape)
+        power = self._physics.power(states, hidden, felt).reshape(shape)
         if self._waiting is not None:
             power = np.where(self._waiting, 0.0, power)
         energies = sums(self.energy, power * self._dt)

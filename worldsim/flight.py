@@ -173,7 +173,7 @@ class Flight:
         self.events: list[Event] = []
         self._physics = Physics(scenario)
         self.states: state.States = mission.starts(scenario)
-        self.hidden = self._physics.init(n)
+        self.hidden = self._physics.init()
         self.encounters = Encounters(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)

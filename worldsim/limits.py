@@ -1,8 +1,6 @@
 """Limits of the length of messages to the world, from the scenario and the declarations of its plug-ins."""
 
-from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -34,12 +32,7 @@ class Limits:
         """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
         whole models for the rule."""
         declared, uavs = scenario.declared, scenario.uavs
-        flyer = controller(scenario)
-        memory = _record(
-            "memory",
-            f"controller {scenario.method!r} failed in `init` with UAV 0",
-            lambda: _initial_memory(flyer, scenario),
-        )
+        memory = _initial_memory(scenario)
         rule = Rule(scenario)
         rule.check_radio(scenario)
         state_of_rule = control.encode_record(rule.begin())
@@ -64,19 +57,31 @@ class Limits:
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
-def _initial_memory(flyer: Any, scenario: Scenario) -> dict[str, Any]:
-    """Initial memory of a controller for UAV 0; raises BadInput if its model has another size than declared."""
+def _initial_memory(scenario: Scenario) -> bytes:
+    """Initial memory of the controller for UAV 0, as a record.
+
+    Raises:
+        BadInput: `init` fails, the model has another size than declared, or a checkpoint cannot store the memory.
+    """
+    flyer = controller(scenario)
     plan = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
-    memory: dict[str, Any] = flyer.init(np.arange(1), plan.astype(np.float64))  # as agents receive it
     wanted = (1, scenario.declared.parameters)
-    # The agent reports a memory of another form.
-    one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
-    if wanted[1] and one_row:
-        model = flyer.get(memory)
-        if (shape := np.shape(model)) != wanted:
-            raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
-        flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # fails if it cannot take a model
-    return memory
+    try:
+        memory = flyer.init(np.arange(1), plan.astype(np.float64))  # as agents receive it
+        # The agent reports a memory of another form.
+        one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
+        if wanted[1] and one_row:
+            model = flyer.get(memory)
+            if (shape := np.shape(model)) != wanted:
+                raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+            flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # fails if it cannot take a model
+        check_memory("memory", memory)
+        return control.encode_record(memory)
+    except BadInput:
+        raise
+    except FAILURES as error:
+        text = f"controller {scenario.method!r} failed in `init` with UAV 0: {last_line(error)}"
+        raise BadInput(text) from error
 
 
 class Quotas:
@@ -109,17 +114,3 @@ class Quotas:
         if not key.endswith("/act"):
             return Quota(name, 0)
         return Quota(name, self._leader if name == LEADER else self._agent)
-
-
-def _record(label: str, failure: str, begin: Callable[[], dict[str, Any]]) -> bytes:
-    """Initial memory of a plug-in, as a record; raises BadInput if `init` fails or a checkpoint cannot store the
-    memory.
-    """
-    try:
-        memory = begin()
-        check_memory(label, memory)
-        return control.encode_record(memory)
-    except BadInput:
-        raise
-    except FAILURES as error:
-        raise BadInput(f"{failure}: {last_line(error)}") from error

@@ -2,12 +2,13 @@
 
 import math
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.topology.base import Role
 from meanflock.swarm.errors import MeanflockError
 from meanflock.swarm.net.access import LEADER
 from meanflock.swarm.scenario import tables
@@ -35,7 +36,7 @@ class Member:
     """One node, from its admission until it is lost."""
 
     name: str
-    role: str
+    role: Role
     uavs: NDArray[np.intp]  # ascending; none for a leader
     since_s: float = 0.0  # when it was admitted, on the world's clock
     events: int = 0  # that it has sent
@@ -100,6 +101,7 @@ class Members:
         waiting = self._admitted.get((join.role, join.token)) if join.token else None
         if waiting is not None and not waiting.ready and not waiting.lost:
             return waiting
+        role: Role
         if join.role == LEADER:
             if self._leaderless:
                 raise JoinRefused("no leader is needed: every UAV averages for itself", over=True)
@@ -108,16 +110,16 @@ class Members:
             if len(self._living(LEADER)) >= max(MAX_LEADERS, self._leaders):
                 raise JoinRefused(f"this run has {MAX_LEADERS} leaders already", for_now=True)
             self._check_open([_LEADERS_PLACE], now_s)
-            base, taken = LEADER, np.zeros(0, dtype=np.intp)
+            role, base, taken = "leader", LEADER, np.zeros(0, dtype=np.intp)
         elif join.role == "agent" and join.rows >= 1:
             taken = self._wanted(join, now_s)
-            base = f"agent-{taken[0]}"
+            role, base = "agent", f"agent-{taken[0]}"
         else:
             raise JoinRefused(f"role {join.role!r} with {join.rows} UAVs: agents hold at least one, a leader none")
         self._free = np.setdiff1d(self._free, taken)
         self._lives[base] += 1
         name = base if self._lives[base] == 1 else f"{base}.{self._lives[base]}"
-        member = self._by_name[name] = self._admitted[join.role, join.token] = Member(name, join.role, taken, now_s)
+        member = self._by_name[name] = self._admitted[join.role, join.token] = Member(name, role, taken, now_s)
         self._sort()
         return member
 
@@ -148,9 +150,11 @@ class Members:
             self._closed[place] = max(self._closed.get(place, (0.0, "")), (until_s, reason))
 
     def lead(self) -> Member | None:
-        """The elected leader among those that are ready; None if there is none."""
-        self._incumbent = elect((member.name for member in self._living(LEADER) if member.ready), self._incumbent)
-        return self._by_name.get(self._incumbent or "")
+        """The leader: the last one as long as it is ready, else the lowest name of those that are; None for none."""
+        ready = [member.name for member in self._living(LEADER) if member.ready]
+        if self._incumbent not in ready:
+            self._incumbent = min(ready, default=None)
+        return None if self._incumbent is None else self._by_name[self._incumbent]
 
     def get(self, name: str) -> Member | None:
         """The node of that name."""
@@ -203,12 +207,3 @@ class Members:
             raise JoinRefused(f"UAV {taken[0]} has its agent already", for_now=True)
         self._check_open(wanted.tolist(), now_s)
         return wanted
-
-
-def elect(living: Iterable[str], incumbent: str | None = None) -> str | None:
-    """Name of the leader: the incumbent while it is among the `living`, else the lowest name; None without any.
-
-    The rule depends on the set of names only, so nodes need not negotiate.
-    """
-    names = set(living)
-    return incumbent if incumbent in names else min(names, default=None)

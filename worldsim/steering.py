@@ -45,8 +45,6 @@ class Steering:
     ) -> None:
         """
         Args:
-            port: of the clients.
-            counters: count replaced commands.
             note: records the event of a UAV that is taken or given back.
             drop: counts a message that is rejected.
             clock: seconds, monotonic.

@@ -8,6 +8,7 @@ from array import array
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -91,12 +92,8 @@ class Durations:
     @property
     def cumulative(self) -> list[tuple[str, int]]:
         """Pairs of an upper bound in seconds and the number of durations up to it; the last bound is +Inf."""
-        total = 0
-        rows = []
-        for bound, count in zip((*BOUNDS_S, float("inf")), list(self._counts), strict=True):
-            total += count
-            rows.append((f"{bound:g}" if bound < float("inf") else "+Inf", total))
-        return rows
+        bounds = [*(f"{bound:g}" for bound in BOUNDS_S), "+Inf"]
+        return list(zip(bounds, accumulate(list(self._counts)), strict=True))
 
 
 SCHEMA = 1

@@ -39,9 +39,6 @@ class Waiting:
     ) -> None:
         """
         Args:
-            barrier: the requests and replies.
-            admission: loses nodes.
-            counters: count late commands.
             schedule: of a flight in real time; None in lockstep.
             patience_s: how long lockstep waits for a node before it is lost.
             pace: loses nodes that are slow in many ticks.

@@ -241,7 +241,14 @@ class World:
         Raises:
             RunFailed: all agents are lost, and none came back.
         """
-        return self._has_agents(cancelled) and not self.flight.over
+        try:
+            has_agents = self._waiting.for_an_agent(cancelled)
+        except RunFailed as error:
+            self._note("failed", str(error))
+            self._reporter.flush()
+            self._leave(str(error), linger_s=lambda: 5.0)
+            raise
+        return has_agents and not self.flight.over
 
     def finish(self, linger_s: Callable[[], float] = lambda: 10.0) -> dict[str, Any]:
         """End the run: make the summary, stop all nodes, hand over the telemetry.
@@ -274,15 +281,6 @@ class World:
     def diagnostics(self) -> np.ndarray:
         """(N, K), diagnostics of the last tick, as in `Telemetry`."""
         return self._commands.diagnostics
-
-    def _has_agents(self, cancelled: Callable[[], bool]) -> bool:
-        try:
-            return self._waiting.for_an_agent(cancelled)
-        except RunFailed as error:
-            self._note("failed", str(error))
-            self._reporter.flush()
-            self._leave(str(error), linger_s=lambda: 5.0)
-            raise
 
     def _leave(self, reason: str, linger_s: Callable[[], float]) -> None:
         """Stop all nodes; wait until the telemetry is acknowledged, or nothing was for `linger_s`."""
@@ -367,8 +365,7 @@ class World:
         arrived = reaching(due, self._awake)
         for member in asked:
             received = received_by(member, arrived, self._scenario.uavs) if arrived else ()
-            if self.post.has_mail:
-                received += self.post.mail("agent", member.name, member.uavs)
+            received += self.post.mail("agent", member.name, member.uavs)
             self._barrier.ask(member, self.flight.states[member.place], received, self._checkpoint_due)
 
     def _ask_leader(self) -> None:

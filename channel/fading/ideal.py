@@ -1,9 +1,8 @@
 """Channel without fading: every message is delivered, in the least number of slots."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meanflock.channel.base import Channel, Floats
+from meanflock.channel.base import Carried, Channel, Floats
 from meanflock.channel.link import slots_needed
 
 
@@ -12,9 +11,7 @@ class Ideal(Channel):
 
     name = "ideal"
 
-    def transmit(
-        self, distance_m: Floats, bits: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def transmit(self, distance_m: Floats, bits: int, rng: np.random.Generator) -> Carried:
         links = len(distance_m)
         return np.full(links, slots_needed(self.scenario.radio, bits), dtype=np.int64), np.ones(links, dtype=bool)
 

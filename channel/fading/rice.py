@@ -4,11 +4,10 @@ The printed density writes I₀(zξ/χ²) for I₀(ζξ/χ²), and Rayleigh as �
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.channel import link
-from meanflock.channel.base import Channel, Floats
+from meanflock.channel.base import Carried, Channel, Floats
 from meanflock.channel.link import slots_needed, squared_threshold
 from meanflock.swarm.scenario import Scenario
 
@@ -25,9 +24,7 @@ class Rice(Channel):
         self._expected: dict[int, tuple[float, float]] = {}  # of one link, by bits, without path loss
         self._alike = None if self._radio.path_loss_exponent else squared_threshold(self._radio, np.ones(1))
 
-    def transmit(
-        self, distance_m: Floats, bits: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def transmit(self, distance_m: Floats, bits: int, rng: np.random.Generator) -> Carried:
         """Draws an amplitude in every slot for each link that is still busy, in link order."""
         radio = self._radio
         links = len(distance_m)

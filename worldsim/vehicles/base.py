@@ -121,14 +121,15 @@ class Physics:
     def __init__(self, scenario: Scenario) -> None:
         """Raises BadInput if the scenario's vehicle is not installed or its options do not fit."""
         chosen = scenario.vehicle
+        self._uavs = scenario.uavs
         self._name = chosen.model
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
 
-    def init(self, uavs: int) -> Hidden:
-        """The hidden state of so many UAVs at take-off; raises BadInput if `init` of the vehicle fails."""
+    def init(self) -> Hidden:
+        """The hidden state of all UAVs at take-off; raises BadInput if `init` of the vehicle fails."""
         try:
-            hidden = self._asked("init", uavs)
-            check_memory("`init`: hidden", hidden, uavs)
+            hidden = self._asked("init", self._uavs)
+            check_memory("`init`: hidden", hidden, self._uavs)
             for name, part in hidden.items():
                 _check_finite(f"hidden[{name!r}] of `init`", part)
         except (RunFailed, TypeError, ValueError) as error:
@@ -141,7 +142,7 @@ class Physics:
         hidden: Hidden,
         acceleration: state.Plane,
         noise: state.Plane,
-        waiting: NDArray[np.bool_] | None = None,
+        waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest.
 
@@ -153,8 +154,8 @@ class Physics:
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
 
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane, uavs: int) -> state.Rows:
-        """The power of the rows of all `uavs` in one or several ticks, by `Vehicle.power`, W.
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+        """The power of the rows of all UAVs in one or several ticks, by `Vehicle.power`, W.
 
         Raises:
             RunFailed: see `step`.
@@ -162,10 +163,11 @@ class Physics:
         try:
             power = self._asked("power", states, hidden, acceleration)
             check_array("power", power, (len(states),), states.dtype)
-            _check_finite("power", power, np.arange(len(states)) % uavs)
+            _check_finite("power", power, np.arange(len(states)) % self._uavs)
         except (RunFailed, TypeError, ValueError) as error:
-            ticks = "" if len(states) == uavs else f" (of the rows of {len(states) // uavs} ticks of {uavs} UAVs)"
-            raise RunFailed(f"vehicle {self._name!r}: {error}{ticks}") from error
+            ticks = len(states) // self._uavs
+            rows = "" if ticks == 1 else f" (of the rows of {ticks} ticks of {self._uavs} UAVs)"
+            raise RunFailed(f"vehicle {self._name!r}: {error}{rows}") from error
         return power
 
     def _moved(
