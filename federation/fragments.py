@@ -30,6 +30,7 @@ SUCCESS = 0.95  # expected share of fragments that are delivered, from which a s
 _NUMBER = np.dtype("<u4")
 _FLOAT32 = np.dtype("<f4")
 _BYTE = np.dtype("u1")
+_KEPT = 2**25 - 2**13  # bytes; the largest block to which glibc adapts, less its own head and a page
 
 
 class Cut(NamedTuple):
@@ -111,6 +112,7 @@ class Fragments:
             self._own_scale = piece.reshape(self.count, size) - first[:, None]  # among those of its fragment
         scales = self._scale_of.shape[1]
         self.width = self._head + (size + form.counted) * form.item.itemsize + _FLOAT32.itemsize * scales
+        _keep_freed_blocks()
 
     @property
     def ticks(self) -> int:
@@ -301,6 +303,15 @@ def _fits(scenario: Scenario, bits: int) -> bool:
         raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
     return in_time and _expected_losses(scenario, np.ones(1), bits) == 0.0
+
+
+def _keep_freed_blocks() -> None:
+    """Lets glibc keep blocks of up to 32 MiB when they are freed, because the tables of long models come and go.
+
+    It adapts its limits to the largest block that was freed. This one is never written to, so it takes no memory. Else
+    the system clears the pages of these tables anew in every round, which takes a third of its time.
+    """
+    np.empty(_KEPT, dtype=_BYTE)
 
 
 def _most_pieces(parts: tuple[int, ...], size: int) -> int:
