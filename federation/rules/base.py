@@ -67,21 +67,24 @@ def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool
     """
     counts_alike = weights is None or bool((weights == 1.0).all())
     weights = np.ones(len(models)) if weights is None else weights
-    is_whole = arrived is None or bool(arrived.all())
+    some = None if arrived is None or arrived.all() else arrived  # a mask is added up more slowly
     total = np.zeros(models.shape[1])
     for place, model in enumerate(models):
         share = model if counts_alike else weights[place] * model
-        np.add(total, share, out=total, where=True if arrived is None or is_whole else arrived[place])
+        if some is None:
+            total += share
+        else:
+            np.add(total, share, out=total, where=some[place])
     if not len(models):
         return total
     count: Floats | NDArray[np.int32]
-    if arrived is None or is_whole:
+    if some is None:
         count = np.add.accumulate(weights, axis=0)[-1]
     elif counts_alike:
-        count = np.add.reduce(arrived.view(np.uint8), axis=0, dtype=np.int32)
+        count = np.add.reduce(some.view(np.uint8), axis=0, dtype=np.int32)
     else:
         count = np.zeros(models.shape[1])
-        for weight, here in zip(weights, arrived, strict=True):
+        for weight, here in zip(weights, some, strict=True):
             count += np.where(here, weight, 0.0)
     return total / np.where(count > 0, count, 1)
 
