@@ -29,7 +29,7 @@ class SlowBus(MemoryBus):
     """The world's bus on a clock that only passes while somebody waits: every answer has its delay."""
 
     def __init__(self, network: MemoryNetwork) -> None:
-        super().__init__(network, None)
+        super().__init__(network)
         network.endpoints.append(self)
         self.now = 0.0
         self.delay_s: Callable[[str], float] = lambda node: PROMPT_S
