@@ -44,7 +44,6 @@ def standing(mission: str, row: str) -> board.Standing:
 
 
 def free_flights(row: str, missions: Sequence[str]) -> int:
-    """Number of flights of a row in these missions without a collision or hit."""
     return sum(int(standing(mission, row).column("free").sum()) for mission in missions)
 
 
@@ -53,7 +52,6 @@ def median_of(mission: str, row: str, measure: str) -> float:
 
 
 def shared_bits(mission: str, row: str, other: str) -> float:
-    """Median bits of a row beside those of another."""
     return median_of(mission, row, "kbit") / median_of(mission, other, "kbit")
 
 
@@ -69,12 +67,10 @@ def column(name: str, *case: str) -> np.ndarray:
 
 
 def mixed(name: str, way: str = "mfgfl-hf") -> np.ndarray:
-    """A number of the flights in which drags differ."""
     return column(name, "left", "paper, mixed drag", way)
 
 
 def share(name: str, where: str, way: str = QUIET) -> float:
-    """A total on a calm mission beside that under a leader."""
     return float(column(name, "calm", where, way).sum() / column(name, "calm", where, "leader").sum())
 
 

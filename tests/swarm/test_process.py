@@ -17,6 +17,7 @@ from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.process import AT_MOST, QUICK_S, Restarts, parser, seconds
 from meanflock.swarm.scenario import load
+from tests.commands import printed
 
 
 @pytest.mark.parametrize("text", ["nan", "-1", "soon"])
@@ -147,3 +148,8 @@ def test_the_world_and_a_node_log_the_reason_of_a_drop_and_of_a_loss(capsys: pyt
     assert (node["logger"], node["tick"], node["reason"]) == ("meanflock.node", 2, "malformed")
     assert (lost["tick"], lost["peer"], lost["uavs"]) == (5, "agent-2", [2, 3])
     assert lost["reason"] == "its liveliness token vanished"
+
+
+def test_a_fork_that_ends_at_once_is_not_waited_for() -> None:
+    made = "import time\nfrom meanflock.swarm.forks import Forks\nforks = Forks()\n"
+    printed(sys.executable, "-c", f"{made}if forks.fork(0):\n    time.sleep(1e4)\nforks.end_all(1e4)")
