@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.averager import Rule, RuleFailed
 from meanflock.federation.mail import Collector, Joined, Own
-from meanflock.federation.rules.base import Uploads, mean
+from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -101,7 +101,7 @@ def _uploads(models: Floats, samples: Floats, joined: Joined, number: int) -> Up
     """All models of a round, whoever received them; slots, which differ by receiver, are 0."""
     arrived = joined.by_weight(np.logical_or.reduce(joined.arrived))
     slots = np.zeros(len(models), dtype=np.int64)
-    return Uploads(models, joined.senders, joined.sent, slots, samples, arrived, number, mean(models, None, arrived))
+    return Uploads(models, joined.senders, joined.sent, slots, samples, arrived, number)
 
 
 def _weighted(joined: Joined, weights: Floats, own: Floats, own_weights: Floats, rows: Indices) -> Floats:

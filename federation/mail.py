@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
-from meanflock.federation.rules.base import Uploads, mean
+from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains
@@ -175,11 +175,11 @@ class Joined:
             values = np.insert(values, at, self._filled_up(own.model), axis=0)
             arrived = np.insert(arrived, at, True, axis=0)
         models, by_weight = self._flat(values), self.by_weight(arrived)
-        means = mean(models, None, by_weight)
+        uploads = Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number)
         if not arrived.all():
             sender, fragment = np.nonzero(~arrived)
-            values[sender, fragment] = self._filled_up(means)[fragment]
-        return Uploads(models, uavs.astype(np.intp), sent, slots, samples, by_weight, number, means), counts, behind
+            values[sender, fragment] = self._filled_up(uploads.mean)[fragment]
+        return uploads, counts, behind
 
 
 class Collector:

@@ -1,6 +1,7 @@
 """Base class of aggregation rules, which compute the global model from the models of a round."""
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import msgspec
@@ -13,7 +14,7 @@ from meanflock.swarm.state import Floats
 State: TypeAlias = dict[str, NDArray[Any]]
 
 
-class Uploads(msgspec.Struct, frozen=True, eq=False):
+class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
     """The models of a round that one node averages, S of them, in ascending order of their UAVs.
 
     Models that are too long for one message arrive in fragments, and some may be lost.
@@ -27,7 +28,6 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
         samples: (S,) the weights that the controllers declare, greater than 0; 1 where they declare none.
         arrived: (S, parameters) whether a weight arrived.
         round: the number of the round, from 1 on.
-        mean: (parameters,) mean of each weight over the models in which it arrived, all counted alike; 0 if in none.
     """
 
     models: Floats
@@ -37,7 +37,11 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
     samples: Floats
     arrived: NDArray[np.bool_]
     round: int
-    mean: Floats
+
+    @cached_property
+    def mean(self) -> Floats:
+        """(parameters,) mean of each weight over the models in which it arrived, all counted alike; 0 if in none."""
+        return mean(self.models, None, self.arrived)
 
     @classmethod
     def complete(
@@ -53,7 +57,6 @@ class Uploads(msgspec.Struct, frozen=True, eq=False):
             samples=np.ones(count) if samples is None else samples,
             arrived=np.ones(models.shape, dtype=bool),
             round=number,
-            mean=mean(models),
         )
 
 
