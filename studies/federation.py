@@ -61,11 +61,12 @@ SPARING: dict[str, dict[str, Any]] = {  # of `mfgfl-hf` on `paper`: fewer upload
 }
 SLOW = {"radio.coherence_time_s": 0.5, "radio.latency_threshold_slots": 15}  # uploads take up to 7.5 s
 LATE: dict[str, dict[str, Any]] = {
-    "leader": {},
-    "leader, deadline 3 s": {"federation.deadline": 3.0},
-    "leader, deadline 1.5 s": {"federation.deadline": 1.5},
-    "neighbours, deadline 1.5 s": NEIGHBOURS | {"federation.deadline": 1.5},
+    "leader": SLOW,
+    "leader, deadline 3 s": SLOW | {"federation.deadline": 3.0},
+    "leader, deadline 1.5 s": SLOW | {"federation.deadline": 1.5},
+    "neighbours, deadline 1.5 s": SLOW | NEIGHBOURS | {"federation.deadline": 1.5},
 }
+MIXED = {"vehicle.model": "mixed-drag", "federation.fraction": 1.0, "federation.fragment": 3}
 LEFT: dict[str, dict[str, dict[str, Any]]] = {  # what meanflock leaves out: mission → name → settings
     **{
         mission: {
@@ -82,10 +83,12 @@ LEFT: dict[str, dict[str, dict[str, Any]]] = {  # what meanflock leaves out: mis
         "deadline 1.5 s": SLOW | {"federation.deadline": 1.5},
         "the same, late uploads count less": SLOW | {"federation.deadline": 1.5, "federation.aggregation": "aged"},
     },
-    "paper, mixed drag": {"mfgfl-hf": {}, "mfgfl-hf-scaffold": {}},
+    "paper, mixed drag": dict.fromkeys(("mfgfl-hf", "mfgfl-hf-scaffold"), MIXED),
 }
-MIXED = {"vehicle.model": "mixed-drag", "federation.fraction": 1.0, "federation.fragment": 3}
-MISSIONS = {"slow radio": "unknown", "paper, mixed drag": "paper"}
+MISSIONS = {"slow radio": "unknown", "paper, mixed drag": "paper"} | dict.fromkeys(TROUBLES, "unknown")
+# Of a table, or of a way that is a controller; all others fly `fed-lspi`.
+METHODS = {"sparing": "mfgfl-hf", "mfgfl-hf": "mfgfl-hf", "mfgfl-hf-scaffold": "mfgfl-hf-scaffold"}
+MARKS = {"calm": "ways", "trouble": "troubles", "late": "late", "sparing": "sparing", "left": "left"}  # by table
 PLUGINS = (Path(__file__).with_name("left_out.py"), *(EXAMPLES / f"{name}.py" for name in ("momentum", "fedadam")))
 KEPT = (
     "t_avg_censored_s",
@@ -140,17 +143,9 @@ def scenario(case: Case, seed: int) -> Scenario:
     """One flight of a case: behind the filter, with the acceleration limit of the leaderboard."""
     kind, where, way = case
     ways = {"calm": WAYS, "trouble": TROUBLED, "late": LATE, "sparing": SPARING, "left": LEFT.get(where, {})}
-    settings, method = ways[kind][way], "fed-lspi"
-    if kind == "trouble":
-        settings = settings | TROUBLES[where]
-    if kind == "late":
-        settings = settings | SLOW
-    if kind == "sparing":
-        method = "mfgfl-hf"
-    if where == "paper, mixed drag":
-        settings, method = MIXED, way
-    row = Row(way, method, settings=ECBF | settings)
-    mission = "unknown" if kind == "trouble" else MISSIONS.get(where, where)
+    method = METHODS.get(kind) or METHODS.get(way, "fed-lspi")
+    row = Row(way, method, settings=ECBF | ways[kind][way] | TROUBLES.get(where, {}))
+    mission = MISSIONS.get(where, where)
     (found,) = missions.chosen([mission])
     return row.scenario(found.table(), seed, mission)
 
@@ -175,13 +170,7 @@ def flight_of(case: Case, seed: int, summary: Mapping[str, Any]) -> Flight:
 def tables(flights: Sequence[Flight]) -> dict[str, list[str]]:
     """The tables of the page, by their marks."""
     found: dict[str, list[str]] = {}
-    for kind, mark in (
-        ("calm", "ways"),
-        ("trouble", "troubles"),
-        ("late", "late"),
-        ("sparing", "sparing"),
-        ("left", "left"),
-    ):
+    for kind, mark in MARKS.items():
         rows = []
         for where in dict.fromkeys(flight["where"] for flight in flights if flight["table"] == kind):
             here = [flight for flight in flights if (flight["table"], flight["where"]) == (kind, where)]
