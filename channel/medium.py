@@ -167,7 +167,7 @@ class Medium:
         """Lengths of the links by radio, `(K,)`, m."""
         x, y = states[:, state.X], states[:, state.Y]
         source, target = links.source, links.target
-        if links.message is not None:
+        if links.message is not None:  # each pair of UAVs once
             source, target = links.record[:, 1:3].astype(np.intp).T
         along, across = x[source] - x[target], y[source] - y[target]
         along *= along
@@ -186,8 +186,8 @@ class Medium:
         reached = self._in_range(sources, states, self._reach[kind]) if is_broadcast else None
         if reached is not None:
             mask = reached.tobytes()
-        place = (kind, batch.round) if kind == FrameKind.STATE else (kind, 0)
-        used = self._used.setdefault(place, deque(maxlen=1 if kind == FrameKind.STATE else 2))
+        number, turns = (batch.round, 1) if kind == FrameKind.STATE else (0, 2)
+        used = self._used.setdefault((kind, number), deque(maxlen=turns))
         for earlier in used:
             if earlier[:2] == (senders, mask):
                 return earlier[2]

@@ -9,8 +9,10 @@ import argparse
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 import meanflock as mf
 
@@ -71,11 +73,11 @@ class Classifier(mf.Controller):
     period_ticks = 20
 
     class Options(mf.Options, frozen=True):
-        share: bool = True  # take part in rounds
-        steps: int = 10  # of SGD before each round
-        batch: int = 32  # pictures of a step
-        rate: float = 0.3
-        by_samples: bool = False  # weigh each model by the number of its pictures
+        share: Annotated[bool, Meta(description="take part in rounds")] = True
+        steps: Annotated[int, Meta(ge=1, description="steps of SGD before each round")] = 10
+        batch: Annotated[int, Meta(ge=1, description="pictures of a step")] = 32
+        rate: Annotated[float, Meta(gt=0, description="learning rate, 1")] = 0.3
+        by_samples: Annotated[bool, Meta(description="weigh each model by the number of its pictures")] = False
 
     def __init__(self, options, scenario):
         super().__init__(options, scenario)

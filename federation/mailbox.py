@@ -122,8 +122,8 @@ def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | No
         return Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
-    kept = used.nonzero()[0]
-    return Frames(frames.kind, frames.round, frames.source[kept], frames.payload.take(kept, axis=0), renumbered, slots)
+    rows = used.nonzero()[0]
+    return Frames(frames.kind, frames.round, frames.source[rows], frames.payload.take(rows, axis=0), renumbered, slots)
 
 
 def _picked(frames: Frames, picked: Mask) -> Frames:

@@ -140,7 +140,9 @@ def rank(found: Sequence[Row], mission: str, budget: float) -> list[Row]:
 
 def findings(found: Sequence[Row]) -> list[str]:
     """The pairs that differ on the first seeds, and whether the second seeds agree: of all tables, and of each."""
-    texts, differences, agreeing = [], 0, 0
+    texts = []
+    differences = 0
+    agreeing = 0
     for mission, budget in product(MISSIONS, BUDGETS):
         flew = [row for row in rank(found, mission, budget) if row["free"]]
         above = pairs(flew)

@@ -235,7 +235,8 @@ def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_o
 @pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
 def test_a_row_that_diverges_is_silenced_for_good_and_reported_and_the_others_never_notice(method: str) -> None:
     of = nodes.flown(method=method)
-    agent, honest, silent = Agent(nodes.welcome(of)), Agent(nodes.welcome(of)), []
+    agent, honest = Agent(nodes.welcome(of)), Agent(nodes.welcome(of))
+    silent = []
     for tick in range(14):
         states = nodes.states_at(tick)
         if 3 <= tick < 12:  # the state returns, the row does not

@@ -1,4 +1,4 @@
-"""What controllers command: worked by hand, and as other implementations do."""
+"""Commands of controllers, compared with values worked by hand and with other implementations."""
 
 from typing import Any
 
