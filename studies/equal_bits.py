@@ -68,7 +68,7 @@ def candidates() -> dict[Choice, Scenario]:
     for mission in missions.chosen(list(MISSIONS)):
         for row in rows.chosen(list(CONTROLLERS)):
             for policy in policies.of_row(row, mission.table(), mission.name):
-                flight = policy.of(row).scenario(mission.table(), CHOICE[0], mission.name)
+                flight = policy.applied_to(row).scenario(mission.table(), CHOICE[0], mission.name)
                 found[Choice(mission.name, row.name, policy.name)] = flight
     return found
 

@@ -227,7 +227,7 @@ def tuned(names: tuple[str, ...], shown: tuple[str, ...]) -> list[str]:
 def fewest_kbit(row: str, uavs: int, lost: float) -> float:
     """The fewest bits that show the highest target of the published frontier."""
     found = frontier.read(RESULTS / frontier.FILE)
-    cell = next(each for each in found.of("streams", uavs) if (each.row, each.outage) == (row, lost))
+    cell = next(each for each in found.cells_of("streams", uavs) if (each.row, each.outage) == (row, lost))
     reached = cell.reached[-1]
     return math.nan if reached is None else reached.kbit
 

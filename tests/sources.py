@@ -61,8 +61,8 @@ def needed(path: Path) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            of = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
-            names |= {name if name in NAMES else str(node.module) for name in of.values()}
+            origins = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {name if name in NAMES else str(node.module) for name in origins.values()}
     return (names & set(NAMES)) - {module_of(path)}
 
 

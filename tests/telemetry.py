@@ -37,10 +37,10 @@ class Record(Kept):
         return [Resumption.decode(raw, history) for raw, history in zip(raws, states, strict=True)]
 
 
-def fly(of: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Record]:
+def fly(scenario: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Record]:
     """To the end: the summary and the record. `rows`: UAVs of an agent; `more` is of the engine."""
     record = Record()
-    engine = Engine(of, "flight", uavs_per_node=rows, sinks=[record], **more)
+    engine = Engine(scenario, "flight", uavs_per_node=rows, sinks=[record], **more)
     for _ in engine.fly():
         pass
     return engine.world.finish(), record

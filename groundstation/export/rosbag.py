@@ -158,9 +158,9 @@ class _Export:
         header = self._make["Header"](self._time(at.time_ns), MAP)
         self._log(DIAGNOSTICS, at.time_ns, self._make["DiagnosticArray"](header, statuses))
 
-    def _diagnostic(self, of: str, message: str, level: int, values: dict[str, Any]) -> Any:
+    def _diagnostic(self, subject: str, message: str, level: int, values: dict[str, Any]) -> Any:
         pairs = [self._make["KeyValue"](key, "" if value is None else str(value)) for key, value in values.items()]
-        return self._make["DiagnosticStatus"](level, f"meanflock: {of}", message, of, pairs)
+        return self._make["DiagnosticStatus"](level, f"meanflock: {subject}", message, subject, pairs)
 
     def _event(self, event: Event) -> None:
         make = self._make["Log"]

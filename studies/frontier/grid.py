@@ -99,7 +99,7 @@ class Grid:
         failures: dict[Place, str] = {}
         while wanted := [(place, one) for place, cell in self._cells.items() for one in cell.search.wanted()]:
             points = {(place, one): self._scenarios(place, one) for place, one in wanted}
-            before = sum(len(each.of(stage)) for each in self._flown() for stage in ("search", "confirmation"))
+            before = sum(len(each.outcomes(stage)) for each in self._flown() for stage in ("search", "confirmation"))
             every = before + sum(cell.search.estimate() for cell in self._cells.values())
 
             def tell(done: int, total: int, before: int = before, every: int = every) -> None:
@@ -107,7 +107,7 @@ class Grid:
 
             found = study.fly_all(points, jobs, tell, store, STUDY, flights.fly)
             for (place, one), results in found.items():
-                self._cells[place].search.flown[one.policy].of(one.stage).extend(map(outcome, results))
+                self._cells[place].search.flown[one.policy].outcomes(one.stage).extend(map(outcome, results))
                 failed = next((result[flights.FAILED] for result in results if flights.FAILED in result), "")
                 failures[place] = failures.get(place) or failed
         return Record(
@@ -133,7 +133,9 @@ class Grid:
                 continue
             try:
                 under = policies.of_row(row, table, mission.name, self._names)
-                scenario, *_ = (policy.of(row).scenario(table, self._first_seed, mission.name) for policy in under)
+                scenario, *_ = (
+                    policy.applied_to(row).scenario(table, self._first_seed, mission.name) for policy in under
+                )
             except BadInput as error:
                 self.absent[where] = str(error).removeprefix(f"{mission.name}: ")
                 continue
@@ -144,7 +146,9 @@ class Grid:
 
     def _cell(self, place: Place, row: Row, snr_db: float, under: Sequence[Policy], table: dict[str, Any]) -> _Cell:
         lossy = {**table, "radio": {**table.get("radio", {}), "target_snr_db": snr_db}}
-        first = {policy.name: policy.of(row).scenario(lossy, self._first_seed, place.mission) for policy in under}
+        first = {
+            policy.name: policy.applied_to(row).scenario(lossy, self._first_seed, place.mission) for policy in under
+        }
         search = Search(list(first), self.plans, self._most, {name: Flown() for name in first})
         return _Cell(row, snr_db, {policy.name: policy for policy in under}, first, search)
 
@@ -155,7 +159,7 @@ class Grid:
         """The flights of a step of a search that are missing."""
         cell = self._cells[place]
         seed = self._first_seed + _offset(one.stage)
-        there = len(cell.search.flown[one.policy].of(one.stage))
+        there = len(cell.search.flown[one.policy].outcomes(one.stage))
         first = msgspec.structs.replace(cell.first[one.policy], seed=seed + there)
         return study.seeded(first, one.flights - there)
 

@@ -73,7 +73,7 @@ def _cheapest(record: Record, mission: str, target: int) -> Iterator[str]:
     """The cheapest controller that shares, for each number of UAVs and each loss."""
     for uavs in record.sizes():
         texts = []
-        for loss in _losses([cell for cell in record.of(mission, uavs) if not _is_silent(cell)]):
+        for loss in _losses([cell for cell in record.cells_of(mission, uavs) if not _is_silent(cell)]):
             shown = _shown(record, mission, uavs, loss, target)
             if not shown:
                 texts.append(f"none reaches it with {100 * loss:g} % lost")
@@ -99,11 +99,11 @@ def _of_loss(record: Record, mission: str, target: int) -> Iterator[str]:
     texts = []
     for name in _names(record):
         for uavs in record.sizes():
-            own = [cell for cell in record.of(mission, uavs) if cell.row == name and not _is_silent(cell)]
+            own = [cell for cell in record.cells_of(mission, uavs) if cell.row == name and not _is_silent(cell)]
             ends = [cell.reached[target] for cell in sorted(own, key=lambda cell: cell.outage)]
             if len(ends) > 1 and ends[0] is not None and ends[-1] is not None:
                 texts.append(f"`{name}`, {uavs} UAVs: × {ends[-1].kbit / ends[0].kbit:.1f}")
-    losses = _losses(record.of(mission))
+    losses = _losses(record.cells_of(mission))
     if texts:
         yield (
             f"**What loss costs**: bits with {100 * losses[-1]:g} % of the broadcasts lost beside those with "
@@ -115,8 +115,8 @@ def _of_density(record: Record, mission: str, target: int) -> Iterator[str]:
     """Bits of a UAV in the largest swarm beside those in the smallest."""
     few, many = record.sizes()[0], record.sizes()[-1]
     factors: dict[str, list[float]] = {}
-    for cell in record.of(mission, few):
-        own = next((other for other in record.of(mission, many) if _same(cell, other)), None)
+    for cell in record.cells_of(mission, few):
+        own = next((other for other in record.cells_of(mission, many) if _same(cell, other)), None)
         if few == many or own is None or _is_silent(cell):
             continue
         ends = cell.reached[target], own.reached[target]
@@ -129,7 +129,7 @@ def _of_density(record: Record, mission: str, target: int) -> Iterator[str]:
 
 def _never(record: Record, mission: str) -> str:
     losses: dict[tuple[str, str], list[str]] = {}  # by the words before and after them
-    for cell in record.of(mission):
+    for cell in record.cells_of(mission):
         missed = [each.name for each, reached in zip(record.targets, cell.reached, strict=True) if reached is None]
         if missed:
             share, name = terminal.best(cell, record.survey).split(" ", 1)
@@ -140,7 +140,7 @@ def _never(record: Record, mission: str) -> str:
 
 
 def _without_radio(record: Record, mission: str) -> Iterator[str]:
-    silent = [cell for cell in record.of(mission) if _is_silent(cell)]
+    silent = [cell for cell in record.cells_of(mission) if _is_silent(cell)]
     for name in dict.fromkeys(cell.row for cell in silent):
         own = [cell for cell in silent if cell.row == name]
         reached = [one for cell in own for one in cell.reached if one is not None]
@@ -272,7 +272,7 @@ def _question(record: Record) -> str:
 
 def _tables(record: Record, mission: str) -> Iterator[str]:
     for uavs in record.sizes():
-        if cells := record.of(mission, uavs):
+        if cells := record.cells_of(mission, uavs):
             head = ("row", "lost, %", *(f"{target.name} free" for target in record.targets), "best share")
             lines = [
                 (
@@ -300,7 +300,7 @@ def _picture(mission: str) -> str:
 
 def _shown(record: Record, mission: str, uavs: int, loss: float, target: int) -> list[Cell]:
     """Cells of a loss whose controllers broadcast and reached a target, from the cheapest to the dearest."""
-    cells = [cell for cell in record.of(mission, uavs) if cell.outage == loss and not _is_silent(cell)]
+    cells = [cell for cell in record.cells_of(mission, uavs) if cell.outage == loss and not _is_silent(cell)]
     found = [(one.kbit, cell) for cell in cells if (one := cell.reached[target]) is not None]
     return [cell for _, cell in sorted(found, key=lambda each: each[0])]
 

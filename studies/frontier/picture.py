@@ -20,8 +20,8 @@ _LEADS = (1.0, 2.0, 5.0)
 
 def draw(record: Record, mission: str) -> Figure:
     """The picture of a mission."""
-    sizes = [uavs for uavs in record.sizes() if record.of(mission, uavs)]
-    names = list(dict.fromkeys(cell.row for cell in record.of(mission)))
+    sizes = [uavs for uavs in record.sizes() if record.cells_of(mission, uavs)]
+    names = list(dict.fromkeys(cell.row for cell in record.cells_of(mission)))
     looks = plotstyle.looks(names)
     with plotstyle.style():
         figure = plotstyle.figure(
@@ -32,13 +32,13 @@ def draw(record: Record, mission: str) -> Figure:
         for row, target in enumerate(record.targets):
             for column, uavs in enumerate(sizes):
                 ax = panels[row, column]
-                _panel(ax, record.of(mission, uavs), row, looks)
+                _panel(ax, record.cells_of(mission, uavs), row, looks)
                 plotstyle.titled(ax, plotstyle.letter(next(numbered)), f"{uavs} UAVs, {target.name} free")
                 if not column:
                     ax.set_ylabel("fewest bits (kbit)")
                 if row == len(record.targets) - 1:
                     ax.set_xlabel("lost broadcasts (%)")
-        _axes(panels[0, 0], record.of(mission))
+        _axes(panels[0, 0], record.cells_of(mission))
         never = Line2D([], [], linestyle="", marker="x", color=plotstyle.INK, label="never reached")
         plotstyle.legend(figure, names, markers=True, extra=[never], looks=looks)
     return figure

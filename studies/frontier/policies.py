@@ -21,7 +21,7 @@ class Policy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     settings: dict[str, Any] = {}  # msgspec copies it
 
-    def of(self, row: Row) -> Row:
+    def applied_to(self, row: Row) -> Row:
         """The row under this policy, under the same name."""
         return msgspec.structs.replace(row, method=row.controller, settings={**row.settings, **self.settings})
 

@@ -177,7 +177,7 @@ class Record(msgspec.Struct, frozen=True):
         """The numbers of UAVs, ascending."""
         return sorted({cell.uavs for cell in self.cells})
 
-    def of(self, mission: str, uavs: int | None = None) -> list[Cell]:
+    def cells_of(self, mission: str, uavs: int | None = None) -> list[Cell]:
         """The cells of a mission, and of a number of UAVs."""
         return [cell for cell in self.cells if cell.mission == mission and uavs in (None, cell.uavs)]
 

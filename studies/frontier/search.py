@@ -50,7 +50,7 @@ class Flown:
     search: list[Outcome] = field(default_factory=list)
     confirmation: list[Outcome] = field(default_factory=list)
 
-    def of(self, stage: Stage) -> list[Outcome]:
+    def outcomes(self, stage: Stage) -> list[Outcome]:
         """The flights of a stage."""
         return self.search if stage == "search" else self.confirmation
 
@@ -138,9 +138,9 @@ class Search:
         flown = self.flown[name]
         if stage == "confirmation" and not _accepts(plan, flown.search):
             return 0
-        if plan.answer(_free(flown.of(stage))) != "open":
+        if plan.answer(_free(flown.outcomes(stage))) != "open":
             return 0
-        return min(len(flown.of(stage)) + CHUNK, plan.flights)
+        return min(len(flown.outcomes(stage)) + CHUNK, plan.flights)
 
     def _is_reached(self, plan: Plan, name: str) -> bool:
         flown = self.flown[name]

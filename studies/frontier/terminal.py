@@ -18,7 +18,7 @@ def tables(record: Record) -> Iterator[Table]:
     """A table for each mission and number of UAVs."""
     for mission in record.missions():
         for uavs in record.sizes():
-            if cells := record.of(mission, uavs):
+            if cells := record.cells_of(mission, uavs):
                 yield _table(record, cells, f"{mission}, {uavs} UAVs")
 
 

@@ -22,10 +22,10 @@ def flown(*settings: str, method: str = "mfgfl-hf") -> Scenario:
     return load(None, ["uavs=8", "federation.period=5", f"method={method}", *settings])
 
 
-def welcome(of: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
+def welcome(case: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
     """Of an agent, or of the leader if there are no UAVs."""
-    plan = starts(of).astype(FLOAT_OF_BITS[of.radio.bits_per_float])
-    return Welcome(NUMBER, f"agent-{uavs[0]}" if uavs else "leader", uavs, 0, scenario.encode(of), plan)
+    plan = starts(case).astype(FLOAT_OF_BITS[case.radio.bits_per_float])
+    return Welcome(NUMBER, f"agent-{uavs[0]}" if uavs else "leader", uavs, 0, scenario.encode(case), plan)
 
 
 def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:

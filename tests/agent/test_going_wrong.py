@@ -155,8 +155,8 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("mistake", GOES_WRONG)
 def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_many(mistake: str) -> None:
     methods, text = GOES_WRONG[mistake]
-    of = flown(wrong(**methods), "federation.fraction=1.0", QUIET)
-    together, alone = fly(of), fly(of, rows=1)
+    case = flown(wrong(**methods), "federation.fraction=1.0", QUIET)
+    together, alone = fly(case), fly(case, rows=1)
     for summary, sink in (together, alone):
         assert summary["ticks"] == 30
         assert summary["dropped_messages"] == {}
@@ -208,12 +208,12 @@ def _often(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
-    of = flown(Honest, "duration=3")
-    past = fly(of)[1].checkpoints[-1]
+    case = flown(Honest, "duration=3")
+    past = fly(case)[1].checkpoints[-1]
     plugin, controller = registry.registered["controller", "stranger"]
     registry.registered["controller", "stranger"] = plugin._replace(fingerprint="sha256 of another file"), controller
     with pytest.raises(BadInput, match=r"controller 'stranger' of this process; here it is of sha256 of another"):
-        Engine(of, "strangers", resume=past)
+        Engine(case, "strangers", resume=past)
 
 
 def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_the_uavs() -> None:
@@ -234,8 +234,8 @@ def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_o
 
 @pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])
 def test_a_row_that_diverges_is_silenced_for_good_and_reported_and_the_others_never_notice(method: str) -> None:
-    of = nodes.flown(method=method)
-    agent, honest = Agent(nodes.welcome(of)), Agent(nodes.welcome(of))
+    case = nodes.flown(method=method)
+    agent, honest = Agent(nodes.welcome(case)), Agent(nodes.welcome(case))
     silent = []
     for tick in range(14):
         states = nodes.states_at(tick)

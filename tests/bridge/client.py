@@ -39,7 +39,7 @@ class Client:
         except (TimeoutError, BlockingIOError):
             self._socket.settimeout(0.05)
 
-    def of(self, kind: str, system: int | None = None) -> Iterator[Any]:
+    def messages_of(self, kind: str, system: int | None = None) -> Iterator[Any]:
         """The messages of a kind so far, of one system or of all."""
         return (
             message
@@ -48,7 +48,7 @@ class Client:
         )
 
     def systems(self) -> set[int]:
-        return {message.get_srcSystem() for message in self.of("HEARTBEAT")}
+        return {message.get_srcSystem() for message in self.messages_of("HEARTBEAT")}
 
     def until_found(self, uavs: int) -> None:
         def found() -> bool:

@@ -118,7 +118,7 @@ def test_the_command_shows_a_live_flight_to_its_end(processes: Processes, tmp_pa
     run = mf.open(folder)
     flown = run.states.astype(np.float32)[..., [1, 0, 3, 2]]  # north before east
     for uav in range(5):
-        places = list(client.of("LOCAL_POSITION_NED", uav + 1))
+        places = list(client.messages_of("LOCAL_POSITION_NED", uav + 1))
         ticks = [round(place.time_boot_ms / 1e3 / run.scenario.dt) for place in places]
         read = np.array([(place.x, place.y, place.vx, place.vy) for place in places], dtype=np.float32)
         assert read.tobytes() == flown[ticks, uav].tobytes()

@@ -38,13 +38,13 @@ def test_every_sample_is_the_state_of_the_tick_of_its_time_stamp(flown: mf.Run) 
     ticks = len(flown.states)
     assert now[0] - 100.0 == pytest.approx((ticks - 1) * flown.scenario.dt / 2.0)
     for uav in range(5):
-        places = list(client.of("LOCAL_POSITION_NED", uav + 1))
+        places = list(client.messages_of("LOCAL_POSITION_NED", uav + 1))
         assert [place.time_boot_ms for place in places] == [round(1e3 * k * flown.scenario.dt) for k in range(ticks)]
         said = np.array([(place.y, place.x, place.vy, place.vx) for place in places], dtype=np.float32)
         assert said.tobytes() == flown.states[:, uav].astype(np.float32).tobytes()
         assert {(place.z, place.vz) for place in places} == {(0.0, 0.0)}
         late = EMERGENCY if uav == 2 else ACTIVE
-        assert [beat.system_status for beat in client.of("HEARTBEAT", uav + 1)] == [ACTIVE, late, late]
+        assert [beat.system_status for beat in client.messages_of("HEARTBEAT", uav + 1)] == [ACTIVE, late, late]
         sequence = [message.get_seq() for message in client.messages if message.get_srcSystem() == uav + 1]
         assert all((after - before) % 256 == 1 for before, after in pairwise(sequence))
 
@@ -55,7 +55,7 @@ def test_global_positions_lie_about_the_home(flown: mf.Run) -> None:
         with Vehicles(1, 0.1, [Address("127.0.0.1", client.port)], home) as vehicles:
             vehicles.send(7, np.array([[1000.0, -2000.0, 3.0, -4.0]]), np.zeros(1))
         client.receive()
-    (place,) = client.of("GLOBAL_POSITION_INT")
+    (place,) = client.messages_of("GLOBAL_POSITION_INT")
     metres = np.pi * 6_371_000.0 / 180.0
     assert (place.lat / 1e7 - 60.0) * metres == pytest.approx(-2000.0, abs=0.02)
     assert (place.lon / 1e7 - 8.0) * metres / 2.0 == pytest.approx(1000.0, abs=0.02)

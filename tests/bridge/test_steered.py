@@ -28,7 +28,7 @@ def ticks(client: Client, port: int, count: int, message: Any) -> dict[int, list
     def enough() -> bool:
         client.send(port, message)
         client.receive()
-        places.update((system, list(client.of("LOCAL_POSITION_NED", system))) for system in range(1, UAVS + 1))
+        places.update((system, list(client.messages_of("LOCAL_POSITION_NED", system))) for system in range(1, UAVS + 1))
         return min(map(len, places.values())) >= count
 
     until(enough, f"{count} ticks")
@@ -98,6 +98,6 @@ def test_the_code_of_the_page_pushes_uav_2_to_the_north() -> None:
     with Client() as client:
         exec(code.replace("14540", str(client.port)), {})
         client.receive()
-        (message,) = client.of("SET_POSITION_TARGET_LOCAL_NED", 250)
+        (message,) = client.messages_of("SET_POSITION_TARGET_LOCAL_NED", 250)
     expected = setpoint(STEERED, north=2.0)
     assert message.to_dict() == expected.to_dict()

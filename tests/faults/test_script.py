@@ -69,7 +69,7 @@ def test_a_partitioned_uav_loses_each_link_and_no_other_uav_loses_any() -> None:
 
 def test_a_jam_between_two_uavs_changes_no_other_link() -> None:
     jam = '{kind="jam", tick=0, duration_s=1.0, uavs=[1, 2]}'
-    runs = [Lab(of) for of in (flown(jam, method="hjb"), scenario(method="hjb"))]
+    runs = [Lab(case) for case in (flown(jam, method="hjb"), scenario(method="hjb"))]
     for run in runs:
         run.fly()
     jammed, free = (outages(run, 0, 9) for run in runs)

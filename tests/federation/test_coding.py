@@ -131,8 +131,8 @@ def uploads(agent: Agent, until: int) -> list[tuple[np.ndarray, Frames]]:
 
 @pytest.mark.parametrize("name", ["int8", "float16"])
 def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_checkpoint(name: str) -> None:
-    of = nodes.flown(f"federation.payload={name}", "federation.fraction=0.7")
-    agent, coding = Agent(nodes.welcome(of)), Coding(name, HF)
+    case = nodes.flown(f"federation.payload={name}", "federation.fraction=0.7")
+    agent, coding = Agent(nodes.welcome(case)), Coding(name, HF)
     heard, sent, meant = uploads(agent, 36), np.zeros((3, 246)), np.zeros((3, 246))
     assert len({len(batch.source) for _, batch in heard}) > 1
     for seen, batch in heard:
@@ -144,12 +144,12 @@ def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_che
     np.testing.assert_allclose(sent + residuals, meant, rtol=0, atol=1e-12)
     past = nodes.kept(agent, 37) | {RESIDUALS: residuals[:, :-1]}
     with pytest.raises(BadInput, match="residuals"):
-        Agent(msgspec.structs.replace(nodes.welcome(of), memory=control.encode_record(past)))
+        Agent(msgspec.structs.replace(nodes.welcome(case), memory=control.encode_record(past)))
 
 
 def test_without_feedback_an_upload_is_the_rounded_model_and_no_residual_is_stored() -> None:
-    of = nodes.flown("federation.payload=int8", "federation.error_feedback=false", "federation.fraction=1.0")
-    agent, coding = Agent(nodes.welcome(of)), Coding("int8", HF)
+    case = nodes.flown("federation.payload=int8", "federation.error_feedback=false", "federation.fraction=1.0")
+    agent, coding = Agent(nodes.welcome(case)), Coding("int8", HF)
     for seen, batch in uploads(agent, 21):
         np.testing.assert_array_equal(batch.payload, coding.encode(seen))
     assert RESIDUALS not in nodes.kept(agent, 21)
@@ -199,35 +199,36 @@ def test_fragments_of_a_model_are_the_model(name: Any, weighted: bool, parts: li
 
 
 def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
-    of = flown(length=LENGTH, uavs=25)
-    cut = of.hops[0].coding.cut
-    assert cut.slots == longest(of) == 3  # 97 % of them arrive; of those of 4 slots 90 %
-    room = int(cut.slots * of.radio.bits_per_slot / 8)
-    assert of.hops[0].coding.fragments is not None
-    width = of.hops[0].coding.fragments.width
+    case = flown(length=LENGTH, uavs=25)
+    cut = case.hops[0].coding.cut
+    assert cut.slots == longest(case) == 3  # 97 % of them arrive; of those of 4 slots 90 %
+    room = int(cut.slots * case.radio.bits_per_slot / 8)
+    assert case.hops[0].coding.fragments is not None
+    width = case.hops[0].coding.fragments.width
     assert room - 4 < width <= room
     assert cut.size == (room - 4) // 4
     assert cut.per_tick == 250  # ⌊0.1 s / (8 · 50 µs)⌋
-    engine = Engine(of, "bill")
+    engine = Engine(case, "bill")
     bill = engine.complete()["radio"]["traffic"]
     fragments = 5 * 25 * math.ceil(LENGTH / cut.size)
     assert bill["uplink"]["transmissions"] == fragments - 5 * math.ceil(LENGTH / cut.size)  # the leader's own are free
     assert bill["uplink"]["payload_bits"] == 8 * width * bill["uplink"]["transmissions"]
     assert abs(bill["uplink"]["outage_rate"] - bill["uplink"]["outage_rate_theory"]) < 0.005
-    after = [hop.after for hop in of.hops]
+    after = [hop.after for hop in case.hops]
     assert after == [0, 2]
-    assert after[1] + of.hops[1].coding.ticks - 1 + of.hop_ticks <= 6  # ticks of a round
+    assert after[1] + case.hops[1].coding.ticks - 1 + case.hop_ticks <= 6  # ticks of a round
 
 
 @pytest.mark.parametrize("topology", ["topology=leader", "clusters=2", "topology=neighbours"])
 @pytest.mark.parametrize("by_samples", [False, True])
 def test_without_losses_a_round_in_fragments_is_the_mean(topology: str, by_samples: bool) -> None:
     sure = ("controller.decay=1.0", "radio.rice_xi=1e4", "radio.bits_per_float=64", "duration=2.6")
-    of = flown(f"federation.{topology}", "federation.fragment=4", f"controller.by_samples={by_samples}".lower(), *sure)
-    assert of.hops[0].coding.count > 3
-    engine = Engine(of, "mean")
+    weighted = f"controller.by_samples={by_samples}".lower()
+    case = flown(f"federation.{topology}", "federation.fragment=4", weighted, *sure)
+    assert case.hops[0].coding.count > 3
+    engine = Engine(case, "mean")
     assert engine.complete()["radio"]["traffic"]["uplink"]["outages"] == 0
-    start = Long(Long.Options(length=3600), of).init(np.arange(6), np.zeros((6, 4)))
+    start = Long(Long.Options(length=3600), case).init(np.arange(6), np.zeros((6, 4)))
     mean = np.average(start["model"], axis=0, weights=start["samples"] if by_samples else None)
     np.testing.assert_allclose(engine._agents[0]._memory["model"], np.tile(mean, (6, 1)), rtol=1e-12, atol=1e-12)
 
@@ -281,16 +282,16 @@ def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     assert uploads.arrived.tolist() == [[True, True, False, False], [True, True, False, False]]
     assert uploads.uavs.tolist() == [0, 1]  # nothing arrived of the third
     assert uploads.models[:, 2:].tolist() == [[0, 0], [0, 0]]
-    of = flown()
-    _, model = FedAvg(FedAvg.Options(), of).step({}, uploads)
+    case = flown()
+    _, model = FedAvg(FedAvg.Options(), case).step({}, uploads)
     assert model.tolist() == [2, 2, 0, 0]
-    _, middle = Median(Median.Options(), of).step({}, mail_of([[1, 1], [3, 3], [9, 9]], lost={(1, 0)}).to(0, 1)[0])
+    _, middle = Median(Median.Options(), case).step({}, mail_of([[1, 1], [3, 3], [9, 9]], lost={(1, 0)}).to(0, 1)[0])
     assert middle.tolist() == [5, 5]
     own = Own(1, np.array([7.0, 7.0, 7.0, 7.0]), 1.0)
     joined = mail_of([[1, 1, 1, 1], [0, 0, 0, 0], [4, 4, 4, 4]], lost={(1, 0), (1, 1), (2, 1)})
     uploads, *_ = joined.to(0, 1, own)
     assert uploads.uavs.tolist() == [0, 1, 2]
-    assert FedAvg(FedAvg.Options(), of).step({}, uploads)[1].tolist() == [4, 4, 4, 4]
+    assert FedAvg(FedAvg.Options(), case).step({}, uploads)[1].tolist() == [4, 4, 4, 4]
 
 
 def test_of_late_uploads_the_latest_of_each_uav_counts_in_the_order_of_the_uavs() -> None:
@@ -306,13 +307,13 @@ def test_of_late_uploads_the_latest_of_each_uav_counts_in_the_order_of_the_uavs(
 
 
 def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
-    of = flown("federation.fragment=6", "duration=2.6", uavs=2)  # most are lost
-    summary, sink = fly(of)
+    case = flown("federation.fragment=6", "duration=2.6", uavs=2)  # most are lost
+    summary, sink = fly(case)
     bill = summary["radio"]["traffic"]
     assert any(
-        f"{bill['uplink']['delivered']} of {of.hops[0].coding.count} fragments arrived" in text for text in sink.texts
+        f"{bill['uplink']['delivered']} of {case.hops[0].coding.count} fragments arrived" in text for text in sink.texts
     )
-    assert 0 < bill["uplink"]["delivered"] < of.hops[0].coding.count
+    assert 0 < bill["uplink"]["delivered"] < case.hops[0].coding.count
     assert bill["broadcast"]["transmissions"] == bill["uplink"]["delivered"]
     (text,) = [text for text in sink.texts if "of the global model were received" in text]
     _, sent, whole, part, nothing = map(int, re.findall(r"\d+", text))

@@ -87,33 +87,33 @@ def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
 LEADER = ("method=mfgfl-h", "federation.leader=3")
 
 
-def closing(of: Scenario, number: int) -> int:
-    return next(tick for tick in range(1000) if Schedule(of).closes(tick) == number)
+def closing(case: Scenario, number: int) -> int:
+    return next(tick for tick in range(1000) if Schedule(case).closes(tick) == number)
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
 def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
-    of = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
-    node, up = Leader(welcome(of, ())), Coding("int8", of.declared.parts)
+    case = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
+    node, up = Leader(welcome(case, ())), Coding("int8", case.declared.parts)
     batch = uploads([0, 1, 6], [3, 3, 3])
     written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
-    act = node.act(sense(closing(of, 1), written, uavs=()))
+    act = node.act(sense(closing(case, 1), written, uavs=()))
     (sent,) = act.outbox
     heard = up.decode(written.payload)
-    expected = Coding(down, of.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
+    expected = Coding(down, case.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
     assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
     assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
-    assert not node.act(sense(closing(of, 1) + 1, written, uavs=())).outbox
+    assert not node.act(sense(closing(case, 1) + 1, written, uavs=())).outbox
 
 
 def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
-    of = flown(*LEADER, "federation.clusters=3")
+    case = flown(*LEADER, "federation.clusters=3")
     relayed = [np.append(model(uav), count) for uav, count in ((0, 3), (6, 2))]
     relayed[0][5] = 1e10
     links = np.array([[0, 3], [1, 3]], dtype=np.int32)
     batch = Frames(FrameKind.RELAY, 1, np.array([0, 6], np.int32), np.array(relayed, np.float32), links)
-    act = Leader(welcome(of, ())).act(sense(closing(of, 1), batch, uavs=()))
+    act = Leader(welcome(case, ())).act(sense(closing(case, 1), batch, uavs=()))
     assert act.refused.tolist() == [~0]
     np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))
 
@@ -123,7 +123,7 @@ UPLOAD, RELAY, GLOBAL, STATE = FrameKind.UPLOAD, FrameKind.RELAY, FrameKind.GLOB
 HEADS = ("federation.clusters=3", "federation.leader=4")
 
 
-def of(kind: FrameKind, width: int, source: list[int], links: Any, dtype: str = "<f4", last: float = 0.0) -> Frames:
+def blank(kind: FrameKind, width: int, source: list[int], links: Any, dtype: str = "<f4", last: float = 0.0) -> Frames:
     """Models of zeros but for their last number."""
     payload = np.zeros((len(source), width), dtype)
     payload[:, -1] = last
@@ -132,7 +132,7 @@ def of(kind: FrameKind, width: int, source: list[int], links: Any, dtype: str = 
 
 
 def relay(source: int, count: float, width: int = 109) -> Frames:
-    return of(RELAY, width, [source], [[0, 4]], last=count)
+    return blank(RELAY, width, [source], [[0, 4]], last=count)
 
 
 class Node(NamedTuple):
@@ -146,43 +146,43 @@ class Node(NamedTuple):
 
 
 MODELS: dict[str, Frames] = {  # of a flat federation of 108 floats, for an agent of the UAVs 2, 3 and 5
-    "an upload": of(UPLOAD, 108, [0], [[0, 2]]),
-    "a relay": of(RELAY, 109, [0], [[0, 2]]),
-    "no links": of(GLOBAL, 108, [0], None),
-    "too short": of(GLOBAL, 107, [0], [[0, 2]]),
-    "to a UAV of another node": of(GLOBAL, 108, [0], [[0, 4]]),
-    "in doubles": of(GLOBAL, 108, [0], [[0, 2]], "<f8"),
+    "an upload": blank(UPLOAD, 108, [0], [[0, 2]]),
+    "a relay": blank(RELAY, 109, [0], [[0, 2]]),
+    "no links": blank(GLOBAL, 108, [0], None),
+    "too short": blank(GLOBAL, 107, [0], [[0, 2]]),
+    "to a UAV of another node": blank(GLOBAL, 108, [0], [[0, 4]]),
+    "in doubles": blank(GLOBAL, 108, [0], [[0, 2]], "<f8"),
 }
 UPLOADS: dict[str, Frames] = {
-    "a global model": of(GLOBAL, 108, [0, 1], [[0, 0], [1, 0]]),
-    "a state": of(STATE, 108, [0, 1], [[0, 0], [1, 0]]),
+    "a global model": blank(GLOBAL, 108, [0, 1], [[0, 0], [1, 0]]),
+    "a state": blank(STATE, 108, [0, 1], [[0, 0], [1, 0]]),
     "a relay without heads": relay(3, 2.0),
 }
 RELAYS: dict[str, Frames] = {
-    "an upload": of(UPLOAD, 108, [0, 1], [[0, 4], [1, 4]]),
+    "an upload": blank(UPLOAD, 108, [0, 1], [[0, 4], [1, 4]]),
     "of no model": relay(0, 0.0),
     "of no head": relay(5, 2.0),
     "without a count": relay(0, 2.0, width=108),
 }
 TO_HEADS: dict[str, Frames] = {
-    "to a UAV that heads nothing": of(UPLOAD, 108, [4], [[0, 5]]),
-    "to another cluster": of(UPLOAD, 108, [1], [[0, 4]]),
+    "to a UAV that heads nothing": blank(UPLOAD, 108, [4], [[0, 5]]),
+    "to another cluster": blank(UPLOAD, 108, [1], [[0, 4]]),
 }
 BYTES = {  # 108 steps and two scales
-    "floats": of(UPLOAD, 108, [1], [[0, 0]]),
-    "floats of as many columns": of(UPLOAD, 116, [1], [[0, 0]]),
-    "no scales": of(UPLOAD, 108, [1], [[0, 0]], "u1"),
-    "a byte too few": of(UPLOAD, 115, [1], [[0, 0]], "u1"),
+    "floats": blank(UPLOAD, 108, [1], [[0, 0]]),
+    "floats of as many columns": blank(UPLOAD, 116, [1], [[0, 0]]),
+    "no scales": blank(UPLOAD, 108, [1], [[0, 0]], "u1"),
+    "a byte too few": blank(UPLOAD, 115, [1], [[0, 0]], "u1"),
 }
 TO_ALL = [[0, 2], [0, 3], [0, 5]]
 NODES = {
-    "agent": Node((), 7, (2, 3, 5), (of(GLOBAL, 108, [0], TO_ALL, last=1.0),), MODELS),
-    "leader": Node((), 6, (), (of(UPLOAD, 108, [7], [[0, 0]]),), UPLOADS),
+    "agent": Node((), 7, (2, 3, 5), (blank(GLOBAL, 108, [0], TO_ALL, last=1.0),), MODELS),
+    "leader": Node((), 6, (), (blank(UPLOAD, 108, [7], [[0, 0]]),), UPLOADS),
     "leader of int8": Node(("federation.payload=int8",), 6, (), (), BYTES),
-    "leader of doubles": Node(("radio.bits_per_float=64",), 6, (), (), {"floats": of(UPLOAD, 108, [1], [[0, 0]])}),
+    "leader of doubles": Node(("radio.bits_per_float=64",), 6, (), (), {"floats": blank(UPLOAD, 108, [1], [[0, 0]])}),
     "leader of heads": Node(HEADS, 7, (), (relay(6, 2.0),), RELAYS),
-    "heads": Node(HEADS, 6, (0, 4, 5, 6), (of(UPLOAD, 108, [1, 3, 7], [[0, 0], [1, 4], [2, 6]]),), TO_HEADS),
-    "no head": Node(HEADS, 6, (1, 2, 3), (), {"an upload": of(UPLOAD, 108, [1], [[0, 0]])}),
+    "heads": Node(HEADS, 6, (0, 4, 5, 6), (blank(UPLOAD, 108, [1, 3, 7], [[0, 0], [1, 4], [2, 6]]),), TO_HEADS),
+    "no head": Node(HEADS, 6, (1, 2, 3), (), {"an upload": blank(UPLOAD, 108, [1], [[0, 0]])}),
 }
 CASES = [(name, misfit) for name, node in NODES.items() for misfit in node.misfits]
 
@@ -246,13 +246,13 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
     @given(rounds_of())
     def check(asked: list[str]) -> None:
         for levels in ((), ("federation.clusters=1",)):
-            of = load(None, [*asked, *radio, *levels])
-            found, through = one_round(of)
-            assert radio is ROUGH or through == Schedule(of).participants(1).tolist()
-            assert (not found) == (set(through) <= {of.federation.leader})  # no model of another UAV arrived
+            case = load(None, [*asked, *radio, *levels])
+            found, through = one_round(case)
+            assert radio is ROUGH or through == Schedule(case).participants(1).tolist()
+            assert (not found) == (set(through) <= {case.federation.leader})  # no model of another UAV arrived
             if found:
-                before = Long(Long.Options(length=FLOATS), of).init(np.array(through), np.zeros((len(through), 4)))
-                expected = mean(before["model"], before["samples"] if of.declared.weighted else None)
+                before = Long(Long.Options(length=FLOATS), case).init(np.array(through), np.zeros((len(through), 4)))
+                expected = mean(before["model"], before["samples"] if case.declared.weighted else None)
                 np.testing.assert_allclose(found[0], expected, rtol=0, atol=1e-12)
 
     check()
@@ -262,12 +262,12 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
 def test_both_levels_are_billed_as_counted_by_hand(leader: int, bits: int, options: tuple[str, ...]) -> None:
     """8 UAVs, 3 clusters {0 1 2}, {3 4 5}, {6 7}; all upload; five rounds."""
     mf.register(Long)
-    of = scenario(
+    case = scenario(
         "uavs=8", "federation.clusters=3", "federation.fraction=1.0", f"federation.leader={leader}",
         f"radio.bits_per_float={bits}", "radio.target_snr_db=60", *options, method="long" if options else "mfgfl-h",
     )  # fmt: skip
     samples = 32 if options else 0
-    lab = Lab(of)
+    lab = Lab(case)
     summary = lab.fly()
     traffic = summary["radio"]["traffic"]
     assert summary["rounds"] == 5

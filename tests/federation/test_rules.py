@@ -55,9 +55,9 @@ NUMBERS = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-40, 1e8, -1e8]), s
 SLOW = ("radio.coherence_time_s=0.1", "radio.latency_threshold_slots=4", "radio.bits_per_float=64")
 
 
-def broadcast(of: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]]) -> bytes:
+def broadcast(case: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]]) -> bytes:
     """The global model of `models` (N, L) that arrive as (tick after the opening, UAV), each in its own batch."""
-    node, said = Leader(nodes.welcome(of, ())), b""
+    node, said = Leader(nodes.welcome(case, ())), b""
     for tick in range(OPENS + 1, CLOSES + 1):
         batches = [
             Frames(FrameKind.UPLOAD, 1, np.array([uav], np.int32), models[[uav]], np.zeros((1, 2), np.int32))
@@ -71,19 +71,20 @@ def broadcast(of: Scenario, models: np.ndarray, arrivals: list[tuple[int, int]])
 
 @pytest.mark.parametrize("rule", ["fedavg", "median", "trimmed-mean", "krum"])
 def test_the_order_of_arrival_leaves_no_trace_in_the_global_model(rule: str) -> None:
-    of = nodes.flown(*SLOW, f"federation.period={OPENS}", f'federation.aggregation="{rule}"', method="mfgfl-h")
-    orders, ticks = st.permutations(range(of.uavs)), st.lists(st.integers(1, 4), min_size=of.uavs, max_size=of.uavs)
+    case = nodes.flown(*SLOW, f"federation.period={OPENS}", f'federation.aggregation="{rule}"', method="mfgfl-h")
+    orders = st.permutations(range(case.uavs))
+    ticks = st.lists(st.integers(1, 4), min_size=case.uavs, max_size=case.uavs)
 
     @settings(max_examples=25, deadline=None, database=None)
-    @given(hnp.arrays(np.float64, (of.uavs, 3), elements=NUMBERS), orders, ticks, st.integers(1, of.uavs))
+    @given(hnp.arrays(np.float64, (case.uavs, 3), elements=NUMBERS), orders, ticks, st.integers(1, case.uavs))
     def check(few: np.ndarray, order: list[int], when: list[int], count: int) -> None:
         rough = np.random.default_rng(count).normal(size=(8, FLOATS // 2)) * 10.0 ** np.arange(8)[:, None]
         models = np.concatenate([np.tile(few, FLOATS // 6), rough], axis=-1)
         arriving = sorted(order[:count])
-        expected = broadcast(of, models, [(1, uav) for uav in arriving])
-        assert len(expected) == 8 * FLOATS * (arriving != [of.federation.leader])
+        expected = broadcast(case, models, [(1, uav) for uav in arriving])
+        assert len(expected) == 8 * FLOATS * (arriving != [case.federation.leader])
         shuffled = [(when[uav], uav) for uav in order[:count]]
-        assert broadcast(of, models, shuffled) == expected
+        assert broadcast(case, models, shuffled) == expected
 
     check()
 
@@ -217,11 +218,11 @@ def false_swarm(*extra: str) -> tuple[str, ...]:
 
 def test_the_false_uavs_are_drawn_from_the_seed_and_the_leader_is_never_one() -> None:
     for seed in range(20):
-        of = load(None, [*false_swarm(f"seed={seed}", "federation.leader=4")], method="mfgfl-h")
-        chosen = Byzantine(of).uavs
+        case = load(None, [*false_swarm(f"seed={seed}", "federation.leader=4")], method="mfgfl-h")
+        chosen = Byzantine(case).uavs
         assert len(chosen) == 2
         assert 4 not in chosen
-        np.testing.assert_array_equal(chosen, Byzantine(of).uavs)
+        np.testing.assert_array_equal(chosen, Byzantine(case).uavs)
     assert len({tuple(Byzantine(load(None, [*false_swarm(f"seed={s}")])).uavs) for s in range(9)}) > 1
     assert not len(Byzantine(load(None)).uavs)
 

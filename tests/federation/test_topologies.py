@@ -86,16 +86,16 @@ STEADY += ("weight_spread_final", "dropped_messages")
 def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(name: str, monkeypatch) -> None:
     monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
     method, settings = ROWS[name]
-    of = scenario(*settings, method=method)
-    whole, record = fly(of)
+    case = scenario(*settings, method=method)
+    whole, record = fly(case)
     assert whole["rounds"] > 0
     assert len(whole["models_sha256"]) == 64
-    assert (method == "long") == (of.hops[0].coding.count > 10)
+    assert (method == "long") == (case.hops[0].coding.count > 10)
     assert (SILENT in settings) == (whole["uploads_silent"] > 0)
     assert (DEADLINE in settings) == (whole["uploads_late"] > 0)
     pasts = record.checkpoints[1:]
     assert [past.tick for past in pasts] == [101, 201, 301]  # a round is under way
-    others = [fly(of, rows=2)[0], *(fly(of, resume=past)[0] for past in pasts[1:])]
+    others = [fly(case, rows=2)[0], *(fly(case, resume=past)[0] for past in pasts[1:])]
     for field in STEADY:
         assert [other[field] for other in others] == [whole[field]] * len(others), field
 
@@ -115,20 +115,20 @@ def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_
 DOUBLES = "radio.bits_per_float=64"
 
 
-def drawn(of: Scenario) -> np.ndarray:
-    return np.random.default_rng(1).normal(size=(of.uavs, of.declared.parameters))
+def drawn(case: Scenario) -> np.ndarray:
+    return np.random.default_rng(1).normal(size=(case.uavs, case.declared.parameters))
 
 
-def exchanged(of: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarray:
+def exchanged(case: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarray:
     """What is made of models (N, L) in a round in which they go over `links` (K, 2): UAV to UAV."""
-    everyone = np.arange(of.uavs)
-    exchange = Exchange(of.hops[-1], of, everyone, [])
+    everyone = np.arange(case.uavs)
+    exchange = Exchange(case.hops[-1], case, everyone, [])
     exchange.remember(1, everyone, models)
     for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
         source, row = np.unique(batch[:, 0], return_inverse=True)
         ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
         exchange.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
-    rows, averages, refused = exchange.average(1, np.ones(of.uavs, dtype=bool))
+    rows, averages, refused = exchange.average(1, np.ones(case.uavs, dtype=bool))
     assert refused == []
     after = models.copy()
     after[rows] = averages
@@ -146,12 +146,12 @@ GRAPHS = {
 
 @pytest.mark.parametrize("graph", GRAPHS)
 def test_uavs_have_the_mean_of_what_they_received_and_their_own_and_contract_as_the_matrix_says(graph: str) -> None:
-    heard, of = GRAPHS[graph], scenario("uavs=9", NEIGHBOURS, DOUBLES)
+    heard, case = GRAPHS[graph], scenario("uavs=9", NEIGHBOURS, DOUBLES)
     mixing = heard / heard.sum(axis=1, keepdims=True)
-    models, spreads = drawn(of), []
+    models, spreads = drawn(case), []
     for _ in range(30):
         before = models
-        models = exchanged(of, before, np.argwhere(heard.T & ~np.eye(9, dtype=bool)))
+        models = exchanged(case, before, np.argwhere(heard.T & ~np.eye(9, dtype=bool)))
         np.testing.assert_allclose(models, mixing @ before, atol=1e-12)
         spreads.append(np.ptp(models, axis=0).max())
     second = np.sort(np.abs(np.linalg.eigvals(mixing)))[-2]
@@ -159,9 +159,9 @@ def test_uavs_have_the_mean_of_what_they_received_and_their_own_and_contract_as_
 
 
 def test_a_rule_that_is_not_linear_gets_what_was_received_and_the_own_model() -> None:
-    of = scenario("uavs=5", NEIGHBOURS, DOUBLES, MEDIAN)
-    models = drawn(of)
-    after = exchanged(of, models, np.array([[0, 3], [1, 3], [4, 3]]))
+    case = scenario("uavs=5", NEIGHBOURS, DOUBLES, MEDIAN)
+    models = drawn(case)
+    after = exchanged(case, models, np.array([[0, 3], [1, 3], [4, 3]]))
     np.testing.assert_array_equal(after[3], np.median(models[[0, 1, 3, 4]], axis=0))
     np.testing.assert_array_equal(after[[0, 1, 2, 4]], models[[0, 1, 2, 4]])  # they heard nobody
 
@@ -241,8 +241,8 @@ def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_the
     uavs: int, fraction: float, expected: int, duration: float
 ) -> None:
     keys = (f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}", "federation.period=20")
-    of, some = nodes.flown(*keys, method="mfgfl-h"), np.array([0, 2, 3, 11])
-    ahead, rows, late = Schedule(of, some), Schedule(of, some), Schedule(of)
+    case, some = nodes.flown(*keys, method="mfgfl-h"), np.array([0, 2, 3, 11])
+    ahead, rows, late = Schedule(case, some), Schedule(case, some), Schedule(case)
     ahead.draw_ahead()
     for number in (1, 10, 11, 128, 129, 130, 2):
         drawn = late.participants(number)

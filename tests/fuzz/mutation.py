@@ -31,8 +31,8 @@ def laid_out(tree: list[Any]) -> bytes:
     kind, run, tick, flags, rows, columns, *tables, frames = tree
     head = struct.pack(">BBBIBIBBIB", 0x90 | len(tree), kind, 0xCE, run, 0xCE, tick, flags, 0xCE, rows, columns)
     parts = [head, *map(_bytes, tables), struct.pack(">BH", 0xDC, len(frames))]
-    for of, number, code, width, source, payload, links in frames:
-        parts.append(struct.pack(">BBBIBBI", 0x97, of, 0xCE, number, code, 0xCE, width))
+    for label, number, code, width, source, payload, links in frames:
+        parts.append(struct.pack(">BBBIBBI", 0x97, label, 0xCE, number, code, 0xCE, width))
         parts += map(_bytes, (source, payload, links))
     return b"".join(parts)
 

@@ -46,14 +46,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Golden
     """The run folder of a flight in one node, which is flown when it is first asked for."""
     out = tmp_path_factory.mktemp("whole")
 
-    def of(row: Golden) -> Path:
+    def folder_of(row: Golden) -> Path:
         if not (out / row.name).exists():
             flight(out / row.name, row.scenario)
         return out / row.name / "run"
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
-        yield of
+        yield folder_of
 
 
 def summary_in(folder: Path) -> dict[str, Any]:

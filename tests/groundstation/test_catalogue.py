@@ -199,10 +199,10 @@ def test_a_command_ends_with_one_error_whatever_a_plugin_raises(run, tmp_path, r
 
     options = type("Options", (mf.Options,), {"__post_init__": fail}, frozen=True)
     members = {"weights": property(fail), "Options": options}
-    for (of, method), code in RAISES.items():
+    for (exported, method), code in RAISES.items():
         for name, kind in KINDS.items():
             good = having(kind.good, period_ticks=4)
-            plugins.register(having(good, **{method: members.get(method, fail)}) if name == of else good)
+            plugins.register(having(good, **{method: members.get(method, fail)}) if name == exported else good)
         check(EXIT_RUN_FAILED if isinstance(raised, Odd) else code)
     for kind in KINDS.values():
         plugins.register(kind.good)

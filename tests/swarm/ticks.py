@@ -81,11 +81,11 @@ def as_documented(tree: list[Any]) -> Sense | Act:
     """The message in what some library unpacked, read as docs/wire.md says and not by our reader."""
     kind, run, number, flags, rows, columns, first, *rest = tree
     table_, frames = array_of("<f8", first, rows, columns), []
-    for of, round_, code, width, source, said, links in rest.pop():
+    for label, round_, code, width, source, said, links in rest.pop():
         dtype, count = DTYPES[code], len(source) // 4
         pairs = array_of("<i4", links, len(links) // 8, 2) if links else None
         payload = array_of(dtype, said, count, width)
-        frames.append(Frames(FrameKind(of), round_, array_of("<i4", source), payload, pairs))
+        frames.append(Frames(FrameKind(label), round_, array_of("<i4", source), payload, pairs))
     if kind == SENSE:
         return Sense(run, number, table_, bool(flags & 1), bool(flags & 2), tuple(frames), *rest)
     lost, refused, models, memory = rest

@@ -77,13 +77,13 @@ def test_rows_are_those_of_numpy_one_by_one_and_nothing_beyond_the_last_is_touch
     backend: ModuleType, around: str, rows: int
 ) -> None:
     """The arrays given are the beginnings of longer ones, which hold what would show."""
-    weights, states, of = flying(around, 2 * LANES + 2)
+    weights, states, known = flying(around, 2 * LANES + 2)
     each = [slice(k, k + 1) for k in range(rows)]
-    alone = [tick(reference, weights[k], states[k], None if of is None else of[k])[0] for k in each]
-    for array in (states, weights, *([] if of is None else [of])):
+    alone = [tick(reference, weights[k], states[k], None if known is None else known[k])[0] for k in each]
+    for array in (states, weights, *([] if known is None else [known])):
         array[rows:] = np.nan
     stepped, numbers = np.full((2 * LANES + 2, layout.MODEL_FLOATS), 7.0), np.full((2 * LANES + 2, 5), 7.0)
-    part = None if of is None else of[:rows]
+    part = None if known is None else known[:rows]
     backend.learn(backend.prepare(TABLES), states[:rows], weights[:rows], part, stepped[:rows], numbers[:rows])
     assert [row.tobytes() for row in np.concatenate([stepped, numbers], axis=-1)[:rows]] == alone
     assert (stepped[rows:] == 7.0).all()
@@ -232,12 +232,12 @@ SCALED = STATES / [300.0, 300.0, 60.0, 60.0]
 
 def test_the_value_s_features_of_an_axis_add_up_to_the_sixth_power() -> None:
     """(1 + r̄ + v̄)⁶ − 1, and its derivatives by r, v and v twice."""
-    of = features.value(T, features.powers(T, STATES)).sum(axis=-1)  # (13, 4, 2)
+    values = features.value(T, features.powers(T, STATES)).sum(axis=-1)  # (13, 4, 2)
     base = 1.0 + SCALED[:, state.POSITION] + SCALED[:, state.VELOCITY]
     for k, expected in enumerate((base**6 - 1.0, 6 * base**5 / 300, 6 * base**5 / 60, 30 * base**4 / 60**2)):
-        np.testing.assert_allclose(of[:, k], expected, rtol=1e-12)
+        np.testing.assert_allclose(values[:, k], expected, rtol=1e-12)
 
 
 def test_the_density_s_terms_add_up_to_the_fourth_power() -> None:
-    of = features.terms(T, features.pairs(T, features.powers(T, STATES)))
-    np.testing.assert_allclose(of.sum(axis=-1), (1.0 + SCALED.sum(axis=-1)) ** 4, rtol=1e-12)
+    values = features.terms(T, features.pairs(T, features.powers(T, STATES)))
+    np.testing.assert_allclose(values.sum(axis=-1), (1.0 + SCALED.sum(axis=-1)) ** 4, rtol=1e-12)

@@ -79,7 +79,7 @@ def test_short_flights_give_a_table_and_files_and_are_flown_once(run, tmp_path, 
     assert [(cell.row, cell.uavs) for cell in found.cells] == [
         (row, uavs) for uavs in (25, 64) for row in ("orca", "cruise")
     ]
-    orca, cruise = found.of(small[0], 25)
+    orca, cruise = found.cells_of(small[0], 25)
     assert [policy.name for policy in orca.policies] == ["event", "tick"]
     assert [policy.name for policy in cruise.policies] == [policies.SILENT]
     assert cruise.policies[0].search.kbit == [3.2, 3.2]  # the mission plan alone
@@ -192,7 +192,7 @@ def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
             found = policies.of_row(row, table, "streams")
             assert len({policy.name for policy in found}) == len(found)
             for policy in found[:: max(1, len(found) // 4)]:
-                policy.of(row).scenario(table, 1, "streams")
+                policy.applied_to(row).scenario(table, 1, "streams")
     assert [policy.name for policy in policies.of_row(rows.Row("hjb"), table, "streams")] == [policies.OWN]
     assert [policy.name for policy in policies.of_row(rows.Row("orca"), table, "streams", ["tick"])] == ["tick"]
 
@@ -226,7 +226,7 @@ def test_every_number_of_the_page_is_that_of_the_flights(docs) -> None:
     assert f"| `orca` | 30 | {kbit[:29].mean():,.1f} (" in text
     assert f"{kbit.mean():,.1f} {ends}, `event-r2` |" in text
     assert f"30 % lost: `orca` {kbit.mean():,.0f} kbit (`event-r2`)" in text
-    other = next(cell for cell in found.of("near.toml", 2) if (cell.row, cell.outage) == ("vasarhelyi", 0.3))
+    other = next(cell for cell in found.cells_of("near.toml", 2) if (cell.row, cell.outage) == ("vasarhelyi", 0.3))
     ratio = statistics.ratio(kbit, other.policy("event-r2").confirmation.kbit)
     assert f" times `vasarhelyi` ({ratio.low:.2f}…{ratio.high:.2f})" in text
     assert f"`orca`, 2 UAVs: × {last.kbit / first.kbit:.1f}" in text

@@ -25,7 +25,7 @@ def searched(
     search = Search(list(shares), plans, most, {name: Flown() for name in shares})
     while wanted := search.wanted():
         for one in wanted:
-            flights = search.flown[one.policy].of(one.stage)
+            flights = search.flown[one.policy].outcomes(one.stage)
             assert len(flights) < one.flights <= most
             missing = one.flights - len(flights)
             free = draw.random(missing) < shares[one.policy]
