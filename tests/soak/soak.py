@@ -29,7 +29,7 @@ from tests.soak.vitals import Vitals
 AT_ONCE = 3  # mishaps
 BARRIER_S = 4.0
 SAMPLE_EVERY_S = 1.0
-LAST_TICKS = 1500  # of the flight, in which mishaps are mended and no other begins
+LAST_TICKS = 5000  # in which mishaps are mended and no other begins; an agent may wait a minute for a taken place
 PULSE_S, HELD_S = 0.02, 0.4  # the flight goes on in pulses, so that processes start within few ticks
 
 
