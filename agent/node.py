@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Broadcast, Received
+from meanflock.agent.controllers.base import Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.party import Party
 from meanflock.swarm import faults, state
@@ -39,6 +39,11 @@ class Agent:
             self._resume(welcome.memory)
 
     @property
+    def controller(self) -> Controller:
+        """The controller, behind its filter if there is one."""
+        return self._controller.controller
+
+    @property
     def models(self) -> Floats:
         """The learned weights of each row, `(M, W)`."""
         return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
@@ -49,20 +54,34 @@ class Agent:
         Raises:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
+        return self.reply(sense, self.hear(sense))
+
+    def hear(self, sense: Sense) -> tuple[Received, ...]:
+        """Begin a tick: the party takes models. Returns the frames of other UAVs.
+
+        Raises:
+            MessageRejected: a frame in it does not fit this node; nothing has changed.
+        """
+        before = self._memory
+        received = self._receive(sense)
+        if self._controller.asleep is not None:
+            self._memory = choose(self._controller.asleep, before, self._memory)
+        return received
+
+    def reply(self, sense: Sense, received: tuple[Received, ...]) -> Act:
+        """Compute the rest of a tick, in which the frames `received` were heard."""
         tick = sense.tick
         before, controller = self._memory, self._controller
-        # 1. Receive: models go to the party, frames of other UAVs to the controller.
-        received = self._begin(sense)
-        # 2. Take part in the rounds.
+        # 1. Take part in the rounds.
         outbox, refused = self._party.act(tick)
-        # 3. Let the controller fly.
+        # 2. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
-        # 4. Rows that the fault script pauses get their old memory back.
+        # 3. Rows that the fault script pauses get their old memory back.
         if controller.asleep is not None:
             commands[controller.asleep] = 0.0
             self._memory = choose(controller.asleep, before, self._memory)
-        # 5. A row with a diverged number is reported and sends nothing; the other rows continue.
+        # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
         if sense.checkpoint:
             controller.break_not_finite(self._memory)
         learned = controller.report(self._memory) if sense.report and self._declared.weights else None
@@ -115,14 +134,17 @@ class Agent:
             fits = np.isfinite(payload).all(axis=-1)
             if not fits.all():
                 failed = ~fits if failed is None else failed | ~fits
+        else:
+            payload = payload.copy()  # the controller may write to its own
         if failed is not None:
             names, payload = names[~failed], payload[~failed]
+        payload.flags.writeable = False  # all receivers of this process share it
         return [Frames(FrameKind.STATE, number, names, payload)] if len(names) else []
 
     # -- what comes in ------------------------------------------------------------------------------------------
 
-    def _begin(self, sense: Sense) -> tuple[Received, ...]:
-        """Begin a tick: give models to the party; returns the frames of other UAVs.
+    def _receive(self, sense: Sense) -> tuple[Received, ...]:
+        """Give models to the party; returns the frames of other UAVs.
 
         Raises:
             MessageRejected: a frame does not fit this node; nothing has changed.

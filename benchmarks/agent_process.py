@@ -17,7 +17,7 @@ from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.world import World
+from meanflock.worldsim.networked import NetworkedRun
 
 TITLE = "A process of the swarm"
 ABOUT = (
@@ -148,9 +148,9 @@ def _join_agent() -> float:
     with Children("single") as children:
         bus = ZenohBus.router(children.endpoint)
         try:
-            world = World(scenario.load(None, method="mfg", uavs=1), bus, children.run)
+            world = NetworkedRun(scenario.load(None, method="mfg", uavs=1), bus, children.run)
             ms = per_call_ms(lambda: (children.start("meanflock.agent"), world.gather(_DEADLINE_S)), 1)
-            world.stop("weighed")
+            world.nodes.stop("weighed")
             children.wait(2.0)
         finally:
             bus.close()

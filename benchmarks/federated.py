@@ -10,7 +10,8 @@ from benchmarks.processes import Children
 from meanflock.swarm import scenario
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire.messages import FrameKind
-from meanflock.worldsim.world import REPORT_EVERY_TICKS, World
+from meanflock.worldsim.networked import NetworkedRun
+from meanflock.worldsim.world import REPORT_EVERY_TICKS
 
 TITLE = "A federated round"
 ABOUT = (
@@ -40,7 +41,7 @@ def run(effort: Effort, say: Say) -> Outcome:
         say("starting 2 × 26 processes")
         bus = ZenohBus.router(swarm.endpoint)
         try:
-            world = World(flown, bus, swarm.run)
+            world = NetworkedRun(flown, bus, swarm.run)
             swarm.start("meanflock.leader")
             swarm.start("meanflock.agent", "--count", str(UAVS))
             floor.start("benchmarks.lockstep_floor", "--count", str(UAVS))
@@ -59,9 +60,9 @@ def run(effort: Effort, say: Say) -> Outcome:
                     rounds[who].append(sum(times[PERIOD : PERIOD + ROUND_TICKS]))
                     calm = [t for k, t in enumerate(times) if k % PERIOD >= ROUND_TICKS and k % REPORT_EVERY_TICKS]
                     ordinary[who].append(median(calm))
-            uploads = world.air.meter.traffic[FrameKind.UPLOAD]
-            broadcasts = world.air.meter.traffic[FrameKind.GLOBAL]
-            world.stop("measured")
+            uploads = world.world.air.meter.traffic[FrameKind.UPLOAD]
+            broadcasts = world.world.air.meter.traffic[FrameKind.GLOBAL]
+            world.nodes.stop("measured")
             swarm.wait(3.0)
         finally:
             bus.close()

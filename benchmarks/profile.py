@@ -45,19 +45,21 @@ CODEC: list[Part] = [
 WORLD: list[Part] = [
     ("meanflock.worldsim.world:World.ask", "world, the rest of the tick"),
     ("meanflock.worldsim.world:World.move", "world, the rest of the tick"),
-    ("meanflock.worldsim.world:World._ask", "address and fill inboxes"),
+    ("meanflock.worldsim.remote:RemoteCrew._ask", "address and fill inboxes"),
     ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("meanflock.worldsim.waiting:Waiting.for_answers", "barrier, the loop"),
+    ("meanflock.worldsim.remote:RemoteCrew._in_lockstep", "barrier, the loop"),
     ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
     ("meanflock.worldsim.barrier:Replies.read", "read and check replies"),
-    ("meanflock.worldsim.world:World._collect", "collect commands and frames"),
+    ("meanflock.worldsim.remote:RemoteCrew._collect", "collect commands and frames"),
+    ("meanflock.worldsim.crew:LocalCrew.hear", "address and fill inboxes"),
+    ("meanflock.worldsim.crew:LocalCrew.speak", "collect commands and frames"),
+    ("meanflock.worldsim.commands:Commands.store", "collect commands and frames"),
+    ("meanflock.worldsim.merger:FrameMerger.merged", "collect commands and frames"),
     ("meanflock.worldsim.world:World._begin_faults", "fault script"),
-    ("meanflock.worldsim.checkpoint:Checkpoints.keep", "checkpoints"),
-    ("meanflock.worldsim.world:World._report", "telemetry"),
-    ("meanflock.worldsim.reporting:Reporter.add", "telemetry"),
-    ("meanflock.worldsim.reporting:Reporter.flush", "telemetry"),
+    ("meanflock.worldsim.world:World.checkpoint", "checkpoints"),
+    ("meanflock.worldsim.reporting:Blocks.write", "telemetry"),
     ("meanflock.worldsim.reporting:Outbox.add", "telemetry"),
-    ("meanflock.worldsim.reporting:Outbox.next", "telemetry"),
+    ("meanflock.worldsim.reporting:Outbox.publish", "telemetry"),
     ("meanflock.groundstation.launch.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
@@ -190,7 +192,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
     """Profile a swarm: the world in this process, one agent of 25 that measures itself, and a ground station."""
     from benchmarks.processes import Children
     from meanflock.swarm import scenario
-    from meanflock.worldsim.world import World
+    from meanflock.worldsim.networked import NetworkedRun
 
     ticks = effort.choose(600, 150)
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
@@ -202,7 +204,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
             watch.wrap(
                 [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for replies")]
             )
-            world = World(flown, bus, children.run, stations=1)
+            world = NetworkedRun(flown, bus, children.run, stations=1)
             children.start("meanflock.groundstation", "--out", str(out), "--rerun", "")
             children.start("meanflock.leader")
             children.start("benchmarks.profile", "--report", str(report), "--ticks", str(ticks))

@@ -14,7 +14,7 @@ from meanflock.groundstation.results.timeseries_file import TIMESERIES
 from meanflock.swarm import scenario
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.world import World
+from meanflock.worldsim.networked import NetworkedRun
 
 TITLE = "The recorder"
 ABOUT = (
@@ -105,7 +105,7 @@ def _networked(effort: Effort, say: Say) -> list[float]:
         buses = ZenohBus.router(watched.endpoint), ZenohBus.router(alone.endpoint)
         try:
             buses[0].announce(keys.alive(watched.run, "world", "world"))
-            worlds = World(flown, buses[0], watched.run, stations=1), World(flown, buses[1], alone.run)
+            worlds = NetworkedRun(flown, buses[0], watched.run, stations=1), NetworkedRun(flown, buses[1], alone.run)
             watched.start("meanflock.groundstation", "--out", str(watched.folder / "runs"), "--rerun", "")
             for children, world in zip((watched, alone), worlds, strict=True):
                 children.start("meanflock.leader")

@@ -12,7 +12,8 @@ from benchmarks.processes import Children
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.world import REPORT_EVERY_TICKS, World
+from meanflock.worldsim.networked import NetworkedRun
+from meanflock.worldsim.world import REPORT_EVERY_TICKS
 
 TITLE = "Long models, and rounds without a leader"
 ABOUT = (
@@ -115,13 +116,13 @@ def _flying(topology: str) -> Iterator[Iterator[int]]:
     with Children(f"rounds-{topology}") as swarm:
         bus = ZenohBus.router(swarm.endpoint)
         try:
-            world = World(flown, bus, swarm.run)
+            world = NetworkedRun(flown, bus, swarm.run)
             if flown.leaders():
                 swarm.start("meanflock.leader")
             swarm.start("meanflock.agent", "--count", str(UAVS))
             world.gather(60.0)
             yield world.fly()
-            world.stop("measured")
+            world.nodes.stop("measured")
             swarm.wait(3.0)
         finally:
             bus.close()

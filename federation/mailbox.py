@@ -1,60 +1,56 @@
 """Mailboxes: the models that the world keeps for the UAVs that average, until the round is averaged."""
 
-from typing import Any, TypeAlias
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.topology.base import Hop
-from meanflock.swarm.state import Mask
+from meanflock.federation.topology.base import Hop, Role
+from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
 
 
+class Letter(NamedTuple):
+    """Frames that wait until a hop averages them.
+
+    number: place in the order in which all mail of a flight came, from 1. hop: the hop that averages them.
+    """
+
+    number: int
+    hop: Hop
+    frames: Frames
+
+
 class Mailbox:
     """The mail of all UAVs that average for one hop, until the round is averaged.
 
-    A node reads each frame for its UAVs once. A node that takes UAVs over reads all that there is for them.
-
     Attributes:
+        letters: the mail, oldest first.
         addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
     """
 
-    def __init__(self, uavs: int) -> None:
-        self._frames: list[Frames] = []
-        self._read = np.zeros(uavs, dtype=np.intp)  # of these frames, for each UAV, by this node:
-        self._reader = np.full(uavs, "", dtype=object)
+    def __init__(self, hop: Hop, uavs: int) -> None:
+        self.letters: list[Letter] = []
         self.addressed = np.zeros(uavs, dtype=bool)
+        self._hop = hop
 
-    def put(self, frames: Frames, awake: Mask) -> None:
-        """Adds frames for the UAVs that are awake (N,)."""
+    def put(self, number: int, frames: Frames, awake: Mask) -> None:
+        """Adds frames under a number for the UAVs that are awake (N,)."""
         target = links_of(frames)[:, 1]
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            self._frames.append(_picked(frames, received))
-
-    def read(self, reader: str, uavs: Indices) -> list[Frames]:
-        """The frames for some UAVs (M,) that a node, by name, has not read yet."""
-        begun = np.where(self._reader[uavs] == reader, self._read[uavs], 0)
-        self._reader[uavs], self._read[uavs] = reader, len(self._frames)
-        found = []
-        for first in np.unique(begun).tolist():
-            reading = np.zeros(len(self._read), dtype=bool)
-            reading[uavs[begun == first]] = True
-            for frames in self._frames[first:]:
-                here = reading[links_of(frames)[:, 1]]
-                if here.any():
-                    found.append(frames if here.all() else _picked(frames, here))
-        return found
+            self.letters.append(Letter(number, self._hop, _picked(frames, received)))
 
     def fragments(self, hop: Hop, uav: int) -> Mask:
         """The fragments that a UAV averages and sends in a hop, (F,): those that arrived; in a last hop from others."""
         assert hop.mail is not None
         cut = hop.mail.coding.fragments
         arrived = np.zeros(hop.coding.count, dtype=bool)
-        for frames in self._frames:
+        for _, _, frames in self.letters:
             links = links_of(frames)
             here = links[links[:, 1] == uav, 0]
             if hop.is_last and hop.mail.mail is None:
@@ -67,9 +63,9 @@ class Mailbox:
 
     def arrived(self, number: int) -> tuple[list[int], int]:
         """The UAVs whose models of a round arrived, or parts of them, and how many messages of others did."""
-        has_arrived = np.zeros(len(self._read), dtype=bool)
+        has_arrived = np.zeros(len(self.addressed), dtype=bool)
         copies = 0
-        for frames in self._frames:
+        for _, _, frames in self.letters:
             if frames.round == number:
                 row, target = links_of(frames).T
                 source = frames.source[row]
@@ -79,31 +75,58 @@ class Mailbox:
 
     def receivers(self, number: int) -> Mask:
         """The UAVs that a model of a round was delivered to, (N,)."""
-        received = np.zeros(len(self._read), dtype=bool)
-        for frames in self._frames:
+        received = np.zeros(len(self.addressed), dtype=bool)
+        for _, _, frames in self.letters:
             if frames.round == number:
                 received[links_of(frames)[:, 1]] = True
         return received
 
     def close(self, number: int) -> None:
         """Drops the mail of a round and of all before it."""
-        later = [place for place, frames in enumerate(self._frames) if frames.round > number]
-        self._read = np.searchsorted(later, self._read)
-        self._frames = [self._frames[place] for place in later]
+        self.letters = [letter for letter in self.letters if letter.frames.round > number]
         self.addressed[:] = False
 
     def snapshot(self) -> list[Any]:
-        """The mail, for `restore`; the nodes that average after it read everything."""
-        frames = [[int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for f in self._frames]
+        """The mail, for `restore`."""
+        frames = [
+            [number, int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for number, _, f in self.letters
+        ]
         return [np.flatnonzero(self.addressed).astype(np.int32), frames]
 
     def restore(self, snapshot: list[Any]) -> None:
         """Goes on with the mail of a snapshot."""
-        addressed, frames = snapshot
+        addressed, letters = snapshot
         self.addressed[:] = False
         self.addressed[addressed] = True
-        self._frames = [Frames(FrameKind(kind), *fields) for kind, *fields in frames]
-        self._read[:], self._reader[:] = 0, ""
+        self.letters = [
+            Letter(number, self._hop, Frames(FrameKind(kind), *fields)) for number, kind, *fields in letters
+        ]
+
+
+def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None, after: int = 0) -> tuple[Frames, ...]:
+    """Mail for a node of some role and its `uavs` (M,), each batch with its receipt.
+
+    Args:
+        uavs: None: all UAVs. after: number of the last letter that the node has read; 0 for none.
+    """
+    found: list[Frames] = []
+    for number, hop, frames in letters:
+        if number <= after or hop.role != role:
+            continue
+        averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
+        here = np.isin(links_of(frames)[:, 1], averaging)
+        if here.any():
+            part = frames if here.all() else _picked(frames, here)
+            found += [part, _receipt(part)]
+    return tuple(found)
+
+
+def _receipt(frames: Frames) -> Frames:
+    """The slots that frames of models were on the air, a row for each link."""
+    assert frames.slots is not None
+    row, target = links_of(frames).T
+    links = np.stack([np.arange(len(row), dtype=np.int32), target], axis=-1)
+    return Frames(frames.kind, frames.round, frames.source[row], frames.slots[:, None], links)
 
 
 def links_of(frames: Frames) -> NDArray[np.int32]:

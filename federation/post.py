@@ -1,6 +1,6 @@
 """Post: the world's part in the rounds. It carries, counts and keeps models, and never reads one."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, Protocol, TypeAlias
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.mailbox import Mailbox, links_of
+from meanflock.federation.mailbox import Letter, Mailbox, links_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
@@ -18,6 +18,8 @@ from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
+
+_COUNTS = ("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest")  # of a snapshot
 
 
 class Note(Protocol):
@@ -36,6 +38,7 @@ class Post:
         silent: participants, summed over rounds, that were awake and sent no model.
         isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
         rule_record: the state of the leader's aggregation rule, a record.
+        newest: number of the last letter that came.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -48,6 +51,7 @@ class Post:
         self.late = 0
         self.silent = 0
         self.isolated = 0
+        self.newest = 0
         self._averaged = 0  # number of the last round that was
         self._accounts: dict[int, Account] = {}  # of the rounds that are open
         self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
@@ -56,8 +60,8 @@ class Post:
         self._transmissions: list[Transmission] = []
         self._reception = Reception(scenario.uavs)
         self._has_failed = False  # whether the leader complained in this tick
-        self._boxes = [(hop, Mailbox(scenario.uavs)) for hop in self._hops if hop.mail is not None]
-        self._open: list[tuple[Hop, Mailbox]] = []  # those that mail was sent to
+        self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
+        self._open: list[Mailbox] = []  # those that mail was sent to
         # Ticks from the opening of a round until its uploads are averaged, by their label
         self._uploads = {hop.mail.label: hop.after for hop in self._hops if hop.mail and hop.mail.mail is None}
 
@@ -75,7 +79,8 @@ class Post:
                     self._reception.receive(frames, awake)
                 continue
             averaging, box = found
-            box.put(frames, awake)
+            self.newest += 1
+            box.put(self.newest, frames, awake)
             if (
                 self._scenario.federation.deadline is not None
                 and self._schedule.age(frames.round, tick) > averaging.after
@@ -85,15 +90,10 @@ class Post:
             self._list_open()
         return rest
 
-    def mail(self, role: Role, reader: str, uavs: NDArray[np.intp] | None = None) -> tuple[Frames, ...]:
-        """The unread mail of a node of some role and name, for its `uavs` (M,); None: of all."""
-        found: list[Frames] = []
-        for hop, box in self._open:
-            averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
-            if hop.role == role and len(averaging):
-                for frames in box.read(reader, averaging):
-                    found += [frames, _receipt(frames)]
-        return tuple(found)
+    @property
+    def letters(self) -> tuple[Letter, ...]:
+        """The mail that waits to be averaged; see `mailbox.mail_for`."""
+        return tuple(letter for box in self._open for letter in box.letters)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
         """Returns whether the leader has anything to do in this tick. It has not while its UAV is lost or paused."""
@@ -196,13 +196,13 @@ class Post:
         on_air: Iterable[Frames],
         links: NDArray[np.int32],
         awake: NDArray[np.bool_],
-        has_leader: Callable[[], bool],
+        has_leader: bool,
         note: Note,
     ) -> None:
         """Closes the hops in which nodes sent `frames` in this tick, and notes what came of it.
 
         Args:
-            on_air: what was transmitted in this tick, over `links` (K, 5).
+            on_air: what was transmitted in this tick, over `links` (K, 5). has_leader: whether a node leads.
         """
         is_busy = self._schedule.is_busy(tick)
         if is_busy:
@@ -238,7 +238,15 @@ class Post:
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
         return {
-            "counts": [self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged],
+            "counts": [
+                self.rounds,
+                self.rounds_void,
+                self.late,
+                self.silent,
+                self.isolated,
+                self._averaged,
+                self.newest,
+            ],
             "rule": self.rule_record,
             "transmissions": [one.snapshot() for one in self._transmissions],
             "reception": self._reception.snapshot(),
@@ -248,8 +256,8 @@ class Post:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Goes on where a snapshot was taken."""
-        counts = map(int, snapshot["counts"])
-        self.rounds, self.rounds_void, self.late, self.silent, self.isolated, self._averaged = counts
+        for name, count in zip(_COUNTS, snapshot["counts"], strict=True):
+            setattr(self, name, int(count))
         self.rule_record = bytes(snapshot["rule"])
         self._transmissions = [Transmission.restored(one, self._hops) for one in snapshot["transmissions"]]
         self._reception.restore(snapshot["reception"])
@@ -265,7 +273,7 @@ class Post:
         return others
 
     def _list_open(self) -> None:
-        self._open = [(hop, box) for hop, box in self._boxes if box.addressed.any()]
+        self._open = [box for _, box in self._boxes if box.addressed.any()]
 
     def _hop(self, label: FrameKind, tick: int) -> Hop | None:
         """The hop of a label that transmits in this tick."""
@@ -313,7 +321,7 @@ class Post:
         averaging: int,
         end: str,
         awake: NDArray[np.bool_],
-        has_leader: Callable[[], bool],
+        has_leader: bool,
         note: Note,
         isolated: int = 0,
     ) -> None:
@@ -331,14 +339,14 @@ class Post:
             note("round", f"round {number}: {words}; {end}", account.sent)
             return
         has_others = bool(account.received - account.refused - {self._scenario.federation.leader})
-        if hop.role == "leader" and awake[hop.senders].any() and has_leader() and has_others and not self._has_failed:
+        if hop.role == "leader" and awake[hop.senders].any() and has_leader and has_others and not self._has_failed:
             note("round", f"round {number}: {words}; the aggregation rule waits for more models", account.sent)
             return
         self.rounds_void += 1
         reason = "no model of another UAV was averaged"
         if hop.role == "leader" and not awake[hop.senders].any():
             reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
-        elif hop.role == "leader" and not has_leader():
+        elif hop.role == "leader" and not has_leader:
             reason = "there is no leader"
         elif has_others:
             reason = "the aggregation rule failed"
@@ -359,11 +367,3 @@ def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
         return f"averaged and broadcast in {hop.coding.count} fragments"
     received = np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0))
     return f"averaged and broadcast, received by {received} UAVs"
-
-
-def _receipt(frames: Frames) -> Frames:
-    """The slots that frames of models were on the air, a row for each link."""
-    assert frames.slots is not None
-    row, target = links_of(frames).T
-    links = np.stack([np.arange(len(row), dtype=np.int32), target], axis=-1)
-    return Frames(frames.kind, frames.round, frames.source[row], frames.slots[:, None], links)

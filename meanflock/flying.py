@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept, Sink
+from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.reporting import BlockSink
 
 if TYPE_CHECKING:
     from meanflock.groundstation.launch.outputs import Outputs
@@ -77,7 +78,7 @@ class Prepared(NamedTuple):
 
     def finish(self) -> Run:
         """End the flight."""
-        summary = self.engine.world.finish()
+        summary = self.engine.finish()
         folder = None
         if self.outputs is not None:
             self.outputs.summary = summary
@@ -85,10 +86,8 @@ class Prepared(NamedTuple):
         return Run(self.scenario, summary, self.memory.blocks, folder)
 
 
-def prepared(
-    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, stepped: bool = False
-) -> Prepared:
-    """Prepare a flight whose files are complete when `stack` is closed. `stepped`: see `Engine`.
+def prepared(flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack) -> Prepared:
+    """Prepare a flight whose files are complete when `stack` is closed.
 
     Raises:
         BadInput: the scenario or the folder cannot be used, or the files would not fit on the disk.
@@ -98,7 +97,7 @@ def prepared(
     check_diagnostics(flown.method, flown.declared.diagnostics)
     warn_of_lost_models([flown])
     outputs, run_id, memory = None, f"{flown.method}-s{flown.seed}", Kept()
-    sinks: list[Sink] = [memory]
+    sinks: list[BlockSink] = [memory]
     if out is not None:
         from meanflock.groundstation import disk
         from meanflock.groundstation.launch.options import Options, records
@@ -110,4 +109,4 @@ def prepared(
         run_id = new_run_id(flown, Path(out))
         outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
         sinks += outputs.sinks
-    return Prepared(flown, Engine(flown, run_id, sinks=sinks, stepped=stepped), memory, outputs)
+    return Prepared(flown, Engine(flown, run_id, sinks=sinks), memory, outputs)

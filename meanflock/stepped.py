@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Received
+from meanflock.agent.controllers.filtered import Filter, of_inner
 from meanflock.agent.guarded import check_broadcasts
 from meanflock.agent.stepped import Command, External
 from meanflock.flying import Progress, prepared
@@ -116,12 +117,14 @@ class Stepped:
     def _take_off(self, out: str | Path | None, record: bool) -> None:
         self._run: Run | None = None
         with ExitStack() as stack:
-            self._flight = prepared(self.scenario, out, record, stack, stepped=True)
+            self._flight = prepared(self.scenario, out, record, stack)
             self._stack = stack.pop_all()
-        self._world = self._flight.engine.world
-        assert self._flight.engine.outside is not None
-        self._outside = self._flight.engine.outside
-        self._world.take_off()
+        self._engine = self._flight.engine
+        self._world = self._engine.world
+        (agent,) = self._engine.crew.agents
+        controller = agent.controller
+        self._is_filtered = isinstance(controller, Filter)
+        self._external = controller.inner if isinstance(controller, Filter) else controller
         self._ask()
 
     def step(
@@ -147,8 +150,9 @@ class Stepped:
         """
         if self.over:
             raise BadInput("the flight is over; make another mf.Stepped")
-        self._outside.command(self._checked(acceleration, broadcasts, models))
-        self._world.move()
+        assert isinstance(self._external, External)
+        self._external.command = self._checked(acceleration, broadcasts, models)
+        self._engine.move(self._senses)
         if self._progress is not None and self.tick % 100 == 0:
             self._progress(self.tick, self.scenario.max_ticks)
         self._ask()
@@ -161,7 +165,7 @@ class Stepped:
     @property
     def models(self) -> NDArray[np.float64]:
         """(N, parameters), the models of the UAVs; a global model that has arrived has replaced a UAV's own."""
-        return self._outside.models.copy()
+        return self._engine.models.copy()
 
     def finish(self) -> Run:
         """Ends the flight, also before it is over, and completes its files; returns the run, as `mf.fly` does."""
@@ -184,12 +188,14 @@ class Stepped:
 
     def _ask(self) -> None:
         """Begin the next tick, if there is one."""
-        self.over = not self._world.has_next()
+        self.over = self._world.over
+        self.received: tuple[Received, ...] = ()
         if not self.over:
-            self._world.ask()
-        asked = self._outside.is_asked
-        self.states: States = self._outside.states if asked else self._world.flight.states.copy()
-        self.received: tuple[Received, ...] = self._outside.received
+            self._senses = self._world.ask()
+            self._engine.crew.hear(self._senses)
+            for received in self._engine.crew.received:  # of the one agent, if a UAV is awake
+                self.received = of_inner(received) if self._is_filtered else received
+        self.states: States = self._world.flight.states.copy()
 
     def _checked(self, acceleration: Any, broadcasts: Any, models: Any) -> Command:
         uavs, declared = self.scenario.uavs, self.scenario.declared

@@ -14,8 +14,8 @@ from meanflock.studies import job_file
 from meanflock.studies.job_file import StoredRun, StoredTrace
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.counters import weight_spread
 from meanflock.worldsim.flight import LOST, Flight
-from meanflock.worldsim.summary import weight_spread
 from reproduction.grid import Method
 
 # -- record ------------------------------------------------------------------------------------------------------------
@@ -277,7 +277,7 @@ class Recorder:
         self._sums.append((flight.speed_difference_sum, flight.near_sum, bits, flight.collisions))
         if flight.tick % self._every == 0:
             models = engine.models
-            self._snapshots.append(_look(flight, engine.world.diagnostics, models))
+            self._snapshots.append(_look(flight, engine.world.commands.diagnostics, models))
             if self._trace_every:
                 self._weights.append(models[self._scenario.federation.leader].astype(np.float32))
         if self._trace_every and flight.tick % self._trace_every == 0:

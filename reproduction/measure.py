@@ -84,7 +84,7 @@ def trip_states(scenario: Scenario) -> Floats:
     engine = Engine(theory.clear(msgspec.structs.replace(scenario, method=Method.MFG), TRIP_S), "trip")
     flight = engine.world.flight
     states = [flight.states[flight.status != Status.LOST] for _ in engine.fly()]
-    engine.world.finish()
+    engine.finish()
     return np.concatenate(states)
 
 

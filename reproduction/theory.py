@@ -116,7 +116,7 @@ def fly_long(scenario: Scenario, seconds: float) -> LongFlight:
     """Fly a scenario with the radio of `clear`: with hjb every UAV knows all states of the last tick."""
     engine = Engine(clear(scenario, seconds), "long")
     rows = [_norms(engine.world.flight, engine.models) for _ in engine.fly()]
-    engine.world.finish()
+    engine.finish()
     table = np.array(rows)
     return LongFlight(table[:, 0], table[:, 1], table[:, 2], int(table[-1, 3]))
 

@@ -43,4 +43,4 @@ def fly(scenario: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[
     engine = Engine(scenario, "flight", uavs_per_node=rows, sinks=[record], **more)
     for _ in engine.fly():
         pass
-    return engine.world.finish(), record
+    return engine.finish(), record

@@ -34,7 +34,8 @@ MAY_IMPORT: dict[str, set[str]] = {  # of the other rooms; `meanflock` is the pa
     "agent": {"swarm", "kernels", "federation"},
     "leader": {"swarm", "kernels", "federation"},
     "channel": {"swarm", "kernels", "federation"},
-    "worldsim": {"swarm", "kernels", "federation", "channel"},  # world and channel are one emulator process
+    # World and channel are one process, and agents and leader may be in it, too.
+    "worldsim": {"swarm", "kernels", "federation", "channel", "agent", "leader"},
 }
 for room in ("groundstation", "studies", "meanflock", "reproduction", "cli"):  # each may import all before it
     MAY_IMPORT[room] = set(MAY_IMPORT)

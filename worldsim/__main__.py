@@ -29,11 +29,13 @@ with needed("the world", "world"):
         seconds,
     )
     from meanflock.worldsim.checkpoint import Resumption
+    from meanflock.worldsim.clocks import factor
     from meanflock.worldsim.limits import Limits, Quotas
     from meanflock.worldsim.members import MAX_LEADERS
+    from meanflock.worldsim.networked import MODE, NetworkedRun
+    from meanflock.worldsim.remote import RemoteCrew
     from meanflock.worldsim.steering import LOCKSTEP
-    from meanflock.worldsim.summary import every_uav_was_lost, factor
-    from meanflock.worldsim.world import World
+    from meanflock.worldsim.summary import every_uav_was_lost
 
 LINGER_S = 20.0  # wait for a recorder that is slow, or that is restarted
 HURRIED_S = 5.0  # the same after an interrupt; a container engine sends SIGKILL after ten seconds
@@ -97,36 +99,39 @@ def run() -> None:
                 from meanflock.worldsim.steering_port import SteeringPort
             port = stack.enter_context(SteeringPort(steer, flown.uavs, flown.dt))
         bus.announce(keys.alive(given.run, "world", "world"))
-        world = World(
-            flown,
-            bus,
-            given.run,
-            barrier_s=given.barrier,
-            stations=given.stations,
-            realtime=realtime,
-            steer=port,
-            limits=limits,
-            resume=Resumption.load(Path(given.resume)) if given.resume else None,
-            rows_at_most=rows_at_most,
-            refused=bus.dropped,
-        )
-        if metrics is not None:
-            with needed("--metrics", "world"):  # the library is loaded only if it is used
-                from meanflock.worldsim.exporter import exported
-
-            logs.show(f"metrics at {stack.enter_context(exported(world, metrics))}")
 
         def over() -> bool:
             return bool(interrupted) or orphaned()
 
+        flight = NetworkedRun(
+            flown,
+            bus,
+            given.run,
+            Resumption.load(Path(given.resume)) if given.resume else None,
+            limits=limits,
+            stations=given.stations,
+            barrier_s=given.barrier,
+            realtime=realtime,
+            steer=port,
+            rows_at_most=rows_at_most,
+            cancelled=over,
+        )
+        flight.world.counters.refused = bus.dropped
+        if metrics is not None:
+            with needed("--metrics", "world"):  # the library is loaded only if it is used
+                from meanflock.worldsim.exporter import Exporter, exported
+
+            exporter = Exporter(flight.world, given.run, MODE, flight.watch, flight.nodes, flight.outbox)
+            flight.sinks.append(exporter)
+            logs.show(f"metrics at {stack.enter_context(exported(exporter, metrics))}")
         ready()
-        world.gather(given.wait, over)
-        for tick in world.fly(over):
+        flight.gather(given.wait)
+        for tick in flight.fly():
             if interrupted or (tick % 50 == 0 and orphaned()):
                 break
-        record = world.finish(lambda: _linger_s(hurried=bool(interrupted) or not world.flight.over))
+        record = flight.finish(lambda: _linger_s(hurried=bool(interrupted) or not flight.world.over))
         print(json.dumps(record, indent=1), flush=True)
-        _see_off(world, bus)
+        _see_off(flight.nodes, bus)
         if interrupted:
             raise RunFailed("interrupted; the summary is of what was flown")
         if every_uav_was_lost(flown, record):
@@ -144,12 +149,12 @@ def _linger_s(hurried: bool) -> float:
     return math.inf if launched() else LINGER_S
 
 
-def _see_off(world: World, bus: ZenohBus) -> None:
+def _see_off(nodes: RemoteCrew, bus: ZenohBus) -> None:
     """Wait until every node has left. The last message to a node can be lost if the router closes before."""
     end = time.monotonic() + SEE_OFF_S
-    while world.members.present and time.monotonic() < end:
+    while nodes.members.present and time.monotonic() < end:
         if (delivery := bus.receive(0.1)) is not None:
-            world.handle(delivery)
+            nodes.handle(delivery)
 
 
 if __name__ == "__main__":

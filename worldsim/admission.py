@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from meanflock.federation.fragments import resolved
-from meanflock.federation.post import Note
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.net import keys
@@ -18,15 +17,15 @@ from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received,
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.counters import MAX_DROP_EVENTS
 from meanflock.worldsim.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.worldsim.members import LEADER, JoinRefused, Member, Members
 from meanflock.worldsim.reporting import Outbox
-from meanflock.worldsim.summary import Counters
+from meanflock.worldsim.tick import Loss, News, Note, Return
+from meanflock.worldsim.world import World
 
 log = logging.getLogger("meanflock.world")
 
-MAX_DROP_EVENTS = 100  # rejected messages in log and record; the counters count all
 MAX_EVENTS = 100  # events of a node, and one more for each of its UAVs
 _REASONS_OF_REPEATS = ("duplicate", "stale")  # second reply to a repeated request, in its tick or after
 
@@ -39,6 +38,7 @@ class Admission:
         listeners: names of the ground stations that listen.
         flying: true from the first tick on; a node lost before is merely missing.
         closed: true after the last tick; a node that leaves then is not lost.
+        leader_failed: whether a leader complained; the owner resets it.
         unfit: reasons of admitted nodes that cannot take part.
         unattended: UAVs whose agent was lost and that have no other yet, and since when, on the world's clock.
     """
@@ -47,53 +47,53 @@ class Admission:
         self,
         bus: Bus,
         run: str,
+        world: World,
         members: Members,
-        flight: Flight,
         barrier: Barrier,
-        outbox: Outbox,
-        counters: Counters,
-        note: Note,
+        news: list[News],
         clock: Callable[[], float],
         *,
         limits: Limits,
+        outbox: Outbox | None,
         stations: int,
         resumed: Resumption | None,
-        on_leader_lost: Callable[[], None],
-        on_leader_failed: Callable[[], None],
     ) -> None:
         """
         Args:
+            bus: carries the messages. run: name of the run.
+            world: whose nodes join; read, never changed, but for its counters.
+            members, barrier: the nodes, and the requests of the current tick.
+            news: what became of the nodes is appended.
+            clock: seconds, monotonic.
             limits: the longest messages.
+            outbox: what stations acknowledge; None: no station ever listens.
             stations: ground stations that must listen before the first tick.
             resumed: the checkpoint whose memories agents get when they join before the first tick.
-            on_leader_lost: called when a leader is lost that was asked in this tick.
-            on_leader_failed: called when a leader complains.
         """
-        flown = flight.scenario
+        scenario = world.scenario
         self.members = members
         self.listeners: set[str] = set()
         self.flying = False
         self.closed = False
+        self.leader_failed = False
         self.unfit: list[str] = []
         self.unattended: dict[int, float] = {}
         self._bus = bus
         self._run = run
         self._fingerprint = keys.fingerprint(run)
         self._received = keys.received(run)
-        self._scenario = flown
-        self._plan = flight.states.astype(control.FLOAT_OF_BITS[flown.radio.bits_per_float])
-        self._plugins = flown.plugins()
-        self._flight = flight
+        self._scenario = scenario
+        self._plan = world.flight.states.astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self._plugins = scenario.plugins()
+        self._world = world
         self._barrier = barrier
         self._outbox = outbox
-        self._counters = counters
-        self._note = note
+        self._counters = world.counters
+        self._news = news
         self._clock = clock
         self._limits = limits
         self._stations = stations
         self._resumed = resumed
-        self._on_leader_lost = on_leader_lost
-        self._on_leader_failed = on_leader_failed
         bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
         bus.watch(keys.alive(run, "*", "*"))
@@ -104,7 +104,8 @@ class Admission:
         try:
             if delivery.kind == "message" and delivery.key == self._received:
                 received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
-                self._outbox.acknowledge(received.block)
+                if self._outbox is not None:
+                    self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":
                 self._receive(keys.node_of(delivery.key), delivery.payload)
             elif delivery.kind == "question":
@@ -120,12 +121,8 @@ class Admission:
 
     def drop(self, error: MessageRejected, where: str) -> None:
         """Count a message that is rejected, and log the first ones."""
-        self._counters.drops[error.reason] += 1
-        if self._counters.drops.total() <= MAX_DROP_EVENTS:  # so that a flood fills neither log nor record
-            about = {"tick": self._flight.tick, "peer": _peer(where), "reason": error.reason}
-            where = printable(where)
-            log.warning("dropped a message under %s: %s", where, error, extra=about)
-            self._note("dropped", f"{where}: {error}")
+        if text := self._counters.drop(error, where, self._world.tick, _peer(where)):
+            self._news.append(Note("dropped", text))
 
     def lose(self, member: Member, reason: str) -> None:
         """Mark a node as lost and send it Stop."""
@@ -133,15 +130,15 @@ class Admission:
             self.members.lose(member)  # it left because it got Stop
         if member.lost:
             return
-        about = {"tick": self._flight.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": reason}
+        about = {"tick": self._world.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": reason}
         log.warning("lost %s: %s", member.name, reason, extra=about)
         self._counters.nodes_lost += self.flying
         self.dismiss(member, reason, lost=True)
         if len(member.uavs) and self.flying:
             self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
-            self._flight.lose(member.uavs, "lost", f"{member.name}: {reason}")
+            self._news.append(Loss(member.uavs, f"{member.name}: {reason}"))
         else:
-            self._note("lost", f"{member.name}: {reason}")
+            self._news.append(Note("lost", f"{member.name}: {reason}"))
 
     def expel(self, name: str, reason: str, out_s: float) -> None:
         """Lose a node, and let no other node take its place for so many seconds."""
@@ -155,8 +152,7 @@ class Admission:
         """Stop a node and free its UAVs for another. `lost`: whether the node should join again."""
         self.members.lose(member)
         self._stop(member.name, reason, lost)
-        if self._barrier.forget(member.name) and member.role == LEADER:
-            self._on_leader_lost()
+        self._barrier.forget(member.name)
 
     def expire(self, patience_s: float) -> None:
         """Lose nodes that were admitted but not ready in time: until then no other node can have their UAVs."""
@@ -229,9 +225,8 @@ class Admission:
             member.events += 1
             if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
-            self._note(member.role, f"{member.name}: {printable(message.text)}")
-            if member.role == LEADER:
-                self._on_leader_failed()
+            self._news.append(Note(member.role, f"{member.name}: {printable(message.text)}"))
+            self.leader_failed |= member.role == LEADER
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:
@@ -241,12 +236,12 @@ class Admission:
         """Lose a node that was admitted but cannot take part. In flight its UAVs are lost already, so an event says
         why they still have no agent."""
         few = len(self.unfit) < MAX_DROP_EVENTS
-        lost = self._flight.lost[member.uavs]
+        is_out = self.flying and self.unattended.keys() >= set(member.uavs.tolist())
         if few:
             self.unfit.append(reason)
         self.lose(member, reason)
-        if few and len(lost) and lost.all():
-            self._note("lost", f"{member.name}: {reason}")
+        if few and member.rows and is_out:
+            self._news.append(Note("lost", f"{member.name}: {reason}"))
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it joined after the others were stopped
@@ -259,13 +254,13 @@ class Admission:
         for uav in member.uavs.tolist():
             self.unattended.pop(uav, None)
         if self.flying and member.role == LEADER:
-            self._note("rejoined", f"{member.name} stands by")
+            self._news.append(Note("rejoined", f"{member.name} stands by"))
         elif self.flying:
-            self._flight.rejoin(member.uavs, member.name)
-        if self.flying and self.members.rejoined(member, self._flight.tick, self._scenario.pace):
+            self._news.append(Return(member.uavs, member.name))
+        if self.flying and self.members.rejoined(member, self._world.tick, self._scenario.pace):
             text = f"{member.name} rejoined for the last time: its place stays closed after the next loss"
-            log.warning(text, extra={"tick": self._flight.tick, "peer": member.name})
-            self._note("refused", text)
+            log.warning(text, extra={"tick": self._world.tick, "peer": member.name})
+            self._news.append(Note("refused", text))
 
     # -- questions ----------------------------------------------------------------------------------------------
 
@@ -283,7 +278,7 @@ class Admission:
         name = join.role
         uavs = np.zeros(0, dtype=np.intp)
         if join.role == STATION:
-            self._outbox.rewind()
+            self._rewind()
         elif not listens:
             try:
                 member = self.members.admit(join, self._clock())
@@ -291,7 +286,7 @@ class Admission:
                 delivery.reply(control.encode(Refusal(str(error), error.for_now, error.over)))
                 return
             name, uavs = member.name, member.uavs
-            about = {"tick": self._flight.tick, "peer": name, "uavs": uavs.tolist()}
+            about = {"tick": self._world.tick, "peer": name, "uavs": uavs.tolist()}
             log.info("%s joined with UAVs %s", name, uavs.tolist(), extra=about)
         past = self._resumed if not self.flying and len(uavs) else None
         delivery.reply(
@@ -300,7 +295,7 @@ class Admission:
                     run=self._fingerprint,
                     node=name,
                     uavs=tuple(uavs.tolist()),
-                    tick=self._flight.tick,
+                    tick=self._world.tick,
                     scenario=scenario.encode(self._scenario if listens else resolved(self._scenario.known())),
                     initial_states=self._plan,
                     memory=b"" if past is None else past.memory(uavs),
@@ -316,7 +311,7 @@ class Admission:
         if role == STATION:
             if delivery.kind == "alive":
                 self.listeners.add(name)
-                self._outbox.rewind()
+                self._rewind()
             else:
                 self.listeners.discard(name)
             return
@@ -327,6 +322,10 @@ class Admission:
             self.lose(member, "its liveliness token vanished")
         elif member.lost:
             self._stop(name, "the world counts this node as lost", lost=True)
+
+    def _rewind(self) -> None:
+        if self._outbox is not None:
+            self._outbox.rewind()
 
     def _stop(self, name: str, reason: str, lost: bool = False) -> None:
         reason = f"lost: {reason}" if lost else reason

@@ -3,13 +3,11 @@
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.meter import Meter
-from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
@@ -17,11 +15,10 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, States, contains
+from meanflock.swarm.state import Floats, States, contains
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
-from meanflock.worldsim.books import block_ticks, sums
 from meanflock.worldsim.members import LEADER, Member
 
 _NOBODY = np.zeros(0, dtype=np.intp)
@@ -126,152 +123,6 @@ def _equal(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
 
 def _ascending_part(own: NDArray[np.intp], source: NDArray[np.int32]) -> bool:
     return bool(contains(own, source).all() and (source[1:] > source[:-1]).all())
-
-
-class Commands:
-    """The current command of each UAV, and the diagnostics of the flight.
-
-    Diagnostics are added up for a block of ticks at once, in the order of the ticks.
-
-    Attributes:
-        accelerations: (N, 2), m/s², of the controllers. The row of a UAV without a reply stays.
-        steered: (N, 2), m/s², what is flown in their place if a client steers; None if none can.
-        diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
-    """
-
-    def __init__(self, uavs: int, diagnostics: int) -> None:
-        self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
-        self.steered: state.Plane | None = None
-        self.diagnostics: Floats = np.zeros((uavs, diagnostics))
-        self._most = block_ticks(uavs)
-        self._largest: Floats = np.zeros(diagnostics)
-        self._summed: Floats = np.zeros(diagnostics)
-        self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
-        self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
-
-    @property
-    def flown(self) -> state.Plane:
-        """(N, 2), m/s², the commands that the UAVs fly."""
-        return self.accelerations if self.steered is None else self.steered
-
-    @property
-    def largest(self) -> Floats:
-        """(K,), maximum of |diagnostics| over the flight."""
-        self._settle()
-        return self._largest
-
-    @property
-    def summed(self) -> Floats:
-        """(K,), sum of the diagnostics of UAVs on the way over the flight."""
-        self._settle()
-        return self._summed
-
-    def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> NDArray[np.intp]:
-        """Store the numbers (N, 2 + K) of the UAVs that replied and are awake.
-
-        Args:
-            numbers: of the replies, finite; never written to again.
-            replied: (N,), UAVs whose node replied.
-            awake: (N,), UAVs that take part in the tick.
-            on_way: (N,), UAVs that have left the ground, have not arrived and are not lost; a new array if others have.
-
-        Returns:
-            The UAVs that replied with a diverged number; their rows are not stored.
-        """
-        stored = replied & awake
-        diverged = _NOBODY
-        if b"\0" in stored.tobytes() or not np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0) < BEYOND_SENSE:
-            bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
-            stored &= bounded
-            diverged = np.flatnonzero(replied & ~bounded)
-            np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
-            numbers = np.where(stored[:, None], numbers, 0.0)
-        else:
-            self.accelerations[...] = numbers[:, : state.AXES]
-        self.diagnostics = numbers[:, state.AXES :]
-        if on_way is not self._on_way or len(self._block) == self._most:
-            self._settle()
-            self._on_way = on_way
-        self._block.append(self.diagnostics)
-        return diverged
-
-    def _settle(self) -> None:
-        """Add the diagnostics of the ticks since the last call to the sums."""
-        if not self._block:
-            return
-        block = np.stack(self._block)  # (k, N, K)
-        self._block = []
-        sizes = np.abs(block.transpose(2, 0, 1), order="C")  # much faster than a maximum along few columns
-        self._largest = np.maximum(self._largest, np.maximum.reduce(sizes, axis=(1, 2)))
-        of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
-        self._summed = sums(self._summed, of_ticks)[-1]
-
-
-class FrameMerger:
-    """Joins the frames of a tick by kind, broadcast number and form; drops those that may not be sent now."""
-
-    def __init__(self, post: Post, drop: Callable[[MessageRejected, str], None]) -> None:
-        """`drop`: counts a batch that is dropped."""
-        self._post = post
-        self._drop = drop
-
-    def merged(self, tick: int, sent: Iterable[Frames], awake: Mask, meter: Meter) -> list[Frames]:
-        """The joined frames of a tick.
-
-        Args:
-            sent: one batch for each node, kind and broadcast, nodes in order of their UAVs.
-            awake: (N,), UAVs that may send.
-            meter: counts the bytes of the batches.
-        """
-        alike: dict[tuple[int, int, str, int], list[Frames]] = {}
-        for batch in sent:
-            broadcast = batch.round if batch.kind == FrameKind.STATE else 0
-            form = batch.kind, broadcast, batch.payload.dtype.str, batch.payload.shape[1]
-            alike.setdefault(form, []).append(batch)
-        # Sorted by form, so that the order does not depend on how UAVs are divided among processes.
-        ordered = [alike[form] for form in sorted(alike)] if len(alike) > 1 else alike.values()
-        return [frames for batches in ordered if (frames := self._joined(tick, batches, awake, meter))]
-
-    def _joined(self, tick: int, batches: list[Frames], awake: Mask, meter: Meter) -> Frames | None:
-        if batches[0].kind != FrameKind.STATE:
-            batches = self._in_round(tick, batches)
-        if b"\0" in awake.tobytes():  # faster than awake.all()
-            batches = [part for batch in batches if (part := _by_awake(batch, awake)) is not None]
-        for batch in batches:
-            meter.wire(batch.kind, wire.bytes_of_batch(batch))
-        return _join(batches) if batches else None
-
-    def _in_round(self, tick: int, batches: list[Frames]) -> list[Frames]:
-        """The batches that belong to a round that transmits in this tick, each UAV once."""
-        accepted: list[Frames] = []
-        senders: set[int] = set()
-        for batch in batches:
-            uavs = batch.source.tolist()
-            error = self._post.round_error(batch, tick)
-            if error is None and not senders.isdisjoint(uavs):
-                error = MessageRejected("duplicate", f"two {batch.kind.name} frames of one UAV")
-            if error is None:
-                accepted.append(batch)
-                senders.update(uavs)
-            else:
-                self._drop(error, f"frames of UAV {uavs[0]}")
-        return accepted
-
-
-def _by_awake(batch: Frames, awake: Mask) -> Frames | None:
-    """The frames of UAVs that are awake; None if there are none."""
-    sending = awake[batch.source]
-    if sending.all():
-        return batch
-    return Frames(batch.kind, batch.round, batch.source[sending], batch.payload[sending]) if sending.any() else None
-
-
-def _join(batches: list[Frames]) -> Frames:
-    """One batch of all frames of batches of one kind and round."""
-    if len(batches) == 1:
-        return batches[0]
-    source = np.concatenate([batch.source for batch in batches])
-    return Frames(batches[0].kind, batches[0].round, source, np.concatenate([batch.payload for batch in batches]))
 
 
 class Barrier:
@@ -432,29 +283,3 @@ class Barrier:
     def silent(self) -> int:
         """Number of nodes that have yet to reply."""
         return len(self._silent)
-
-
-def reaching(due: Iterable[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
-    """The frames `due` in this tick, reduced to links that end at UAVs that are `awake` (N,)."""
-    if awake.all():
-        return list(due)
-    arrived = []
-    for batch in due:
-        links = links_of(batch)
-        links = links[awake[links[:, 1]]]
-        if len(links):
-            arrived.append(only(batch, links))
-    return arrived
-
-
-def received_by(member: Member, arrived: Iterable[Frames], uavs: int) -> tuple[Frames, ...]:
-    """The part for one agent of the frames that `arrived` at all `uavs` UAVs: its links, and the payloads on them."""
-    own = []
-    for batch in arrived:
-        links = links_of(batch)
-        if member.rows < uavs:
-            targets = links[:, 1]
-            links = links[targets == member.uavs[0] if member.rows == 1 else contains(member.uavs, targets)]
-        if len(links):
-            own.append(only(batch, links))
-    return tuple(own)

@@ -41,7 +41,6 @@ class Books:
         speed_sum: (N,), sum of the speeds on the way, m/s.
         ticks_on_way: (N,), number of ticks on the way.
         speed_max: largest speed of a UAV on the way, m/s.
-        energies: arrays (k, N) of the energies after each tick; the owner empties the list.
     """
 
     def __init__(self, scenario: Scenario, physics: Physics, states: state.States) -> None:
@@ -53,7 +52,7 @@ class Books:
         self.speed_sum = np.zeros(uavs)
         self.ticks_on_way = np.zeros(uavs, dtype=np.int64)
         self.speed_max = 0.0
-        self.energies: list[Floats] = [np.zeros((1, uavs))]
+        self._energies: list[Floats] | None = None  # arrays (k, N) after each tick, if somebody takes them
         self._dt = scenario.dt
         self._physics = physics
         self._most = block_ticks(uavs)
@@ -119,7 +118,8 @@ class Books:
             power = np.where(self._waiting, 0.0, power)
         energies = sums(self.energy, power * self._dt)
         self.energy = energies[-1]
-        self.energies.append(energies)
+        if self._energies is not None:
+            self._energies.append(energies)
         speed = state.speed(states).reshape(shape) * self._on_way
         self.speed_max = max(self.speed_max, float(np.maximum.reduce(speed, axis=None)))
         self.speed_sum = sums(self.speed_sum, speed)[-1]
@@ -127,6 +127,18 @@ class Books:
         self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
         squared = commands * commands
         self.effort = sums(self.effort, (squared[:, 0] + squared[:, 1]).reshape(shape) * self._on_way)[-1]
+
+    def keep_energies(self, *, with_first: bool) -> None:
+        """From now on, store the energies after each tick, for `take_energies`; `with_first`: also those of now."""
+        self._energies = [self.energy[None].copy()] if with_first else []
+
+    def take_energies(self, ticks: int) -> Floats:
+        """The energies after the next so many ticks that were not taken yet, (ticks, N)."""
+        assert self._energies is not None
+        self.settle()
+        energies = np.concatenate([np.zeros((0, len(self.energy))), *self._energies])
+        self._energies = [energies[ticks:]]
+        return energies[:ticks]
 
     def snapshot(self) -> dict[str, Any]:
         """The sums, for `restore`; the hash needs the states of all ticks."""
@@ -140,7 +152,6 @@ class Books:
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
         self.speed_max = float(snapshot["speed_max"])
-        self.energies = []
         self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype=_HASHED).tobytes())
 
 

@@ -6,7 +6,7 @@ middle, so resuming a run also takes the states of all ticks flown, which the ru
 """
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,21 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.medium import Medium
-from meanflock.federation.account import ModelsHash
-from meanflock.federation.post import Post
 from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
-from meanflock.worldsim.barrier import Barrier, Commands
-from meanflock.worldsim.flight import Flight
-from meanflock.worldsim.members import Member
-from meanflock.worldsim.reporting import Reporter
-from meanflock.worldsim.summary import Counters
 
-SCHEMA = 11
+SCHEMA = 12
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 MAX_BYTES = 512 * 2**20
@@ -88,8 +81,8 @@ class Memories:
         self.arrays: dict[str, NDArray[Any]] = {}
         self.present: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
 
-    def take(self, member: Member, record: Mapping[str, Any]) -> None:
-        """Add the memory in the reply of one node.
+    def take(self, place: slice | NDArray[np.intp], rows: int, record: Mapping[str, Any]) -> None:
+        """Add the memory in the reply of one node, whose `rows` UAVs stand in `place`.
 
         Raises:
             MessageRejected: the arrays do not have the node's rows, differ in form from those of other nodes, or would
@@ -97,10 +90,10 @@ class Memories:
         """
         uavs = len(self.present)
         for name, array in record.items():
-            if not isinstance(array, np.ndarray) or not array.ndim or len(array) != member.rows:
-                raise MessageRejected("wrong-shape", f"memory {name!r}: expected {member.rows} rows")
+            if not isinstance(array, np.ndarray) or not array.ndim or len(array) != rows:
+                raise MessageRejected("wrong-shape", f"memory {name!r}: expected {rows} rows")
         if not self.present.any():  # the first node decides the form
-            row_bytes = sum(array.nbytes for array in record.values()) // member.rows
+            row_bytes = sum(array.nbytes for array in record.values()) // rows
             if row_bytes * uavs > MAX_MEMORY_BYTES:
                 raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {uavs} UAVs")
             try:
@@ -110,8 +103,8 @@ class Memories:
         if (form := _form(record)) != (wanted := _form(self.arrays)):
             raise MessageRejected("wrong-shape", f"a memory of {form}, expected {wanted} as of the others")
         for name, array in record.items():
-            self.arrays[name][member.place] = array
-        self.present[member.place] = True
+            self.arrays[name][place] = array
+        self.present[place] = True
 
 
 def _form(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
@@ -143,6 +136,18 @@ class Resumption:
             return b""
         return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in memory.items()})
 
+    def check(self, scenario: Scenario) -> None:
+        """Check that the checkpoint is of this scenario.
+
+        Raises:
+            BadInput: it belongs to another scenario or other plug-ins.
+        """
+        if self.checkpoint.get("scenario") != scenario.sha256():
+            raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
+        for stored, now in zip(self.checkpoint.get("plugins", ()), scenario.plugins(), strict=False):
+            if tuple(stored) != now:
+                raise BadInput(f"the checkpoint is of {stored[0]} {stored[1]!r} of {stored[2]}; here it is of {now[2]}")
+
     def encode(self) -> bytes:
         """The bytes of a file for `load`, with which a world process starts."""
         return control.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
@@ -172,94 +177,17 @@ class Resumption:
         return Resumption(_checked(record["checkpoint"]), record["history"])
 
 
-class Checkpoints:
-    """Makes checkpoints of a world, and restores them."""
-
-    def __init__(
-        self,
-        flight: Flight,
-        air: Medium,
-        counters: Counters,
-        commands: Commands,
-        post: Post,
-        models: ModelsHash,
-        reporter: Reporter,
-    ) -> None:
-        self._scenario = flight.scenario
-        self._flight = flight
-        self._air = air
-        self._counters = counters
-        self._commands = commands
-        self._post = post
-        self._models = models
-        self._reporter = reporter
-        self._memories: Memories | None = None  # those of the last tick, if all nodes were asked for them
-
-    def collect(self, barrier: Barrier, drop: Callable[[MessageRejected, str], None]) -> None:
-        """Gather the memories in the replies of this tick; none if that of a UAV in the mission is missing."""
-        memories = Memories(self._scenario.uavs)
-        for name, act in barrier.acts.items():
-            member = barrier.asked[name]
-            if member.rows and act.memory:
-                try:
-                    memories.take(member, control.decode_record(act.memory))
-                except MessageRejected as error:
-                    drop(error, f"the memory of {name}")
-        self._memories = memories if memories.present[~self._flight.lost].all() else None
-
-    def keep(self, wall_s: Callable[[], float]) -> None:
-        """Send a checkpoint, with all rows before it, if the last tick gathered the memories.
-
-        `wall_s`: wall-clock time flown so far.
-        """
-        memories, self._memories = self._memories, None
-        if memories is None or self._reporter.holds_checkpoint:
-            return
-        body = control.encode_record(
-            {
-                "schema": SCHEMA,
-                "scenario": self._scenario.sha256(),
-                "plugins": [list(plugin) for plugin in self._scenario.plugins()],
-                "version": __version__,
-                "block": self._reporter.block,
-                "flight": self._flight.snapshot(),
-                "air": self._air.snapshot(),
-                "counters": self._counters.snapshot(wall_s()),
-                "post": self._post.snapshot(),
-                "models": self._models.digest,
-                "commands": self._commands.accelerations,
-                "largest": self._commands.largest,
-                "summed": self._commands.summed,
-                "memory": memories.arrays,
-            }
-        )
-        if len(body) <= MAX_BYTES:
-            self._reporter.flush(split(body))
-
-    def restore(self, resume: Resumption) -> None:
-        """Continue from a checkpoint.
-
-        Raises:
-            BadInput: it belongs to another scenario or other plug-ins, or is incomplete.
-        """
-        checkpoint: Any = resume.checkpoint
-        if checkpoint.get("scenario") != self._scenario.sha256():
-            raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
-        for stored, now in zip(checkpoint.get("plugins", ()), self._scenario.plugins(), strict=False):
-            if tuple(stored) != now:
-                raise BadInput(f"the checkpoint is of {stored[0]} {stored[1]!r} of {stored[2]}; here it is of {now[2]}")
-        try:
-            self._flight.restore(checkpoint["flight"], resume.history)
-            self._air.restore(checkpoint["air"])
-            self._counters.restore(checkpoint["counters"])
-            self._post.restore(checkpoint["post"])
-            self._models.digest = bytes(checkpoint["models"])
-            self._commands.accelerations[...] = checkpoint["commands"]
-            self._commands.largest[...] = checkpoint["largest"]
-            self._commands.summed[...] = checkpoint["summed"]
-            self._reporter.begin(checkpoint["block"] + 1, self._flight.tick + 1)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BadInput(f"the run cannot be resumed: {error}") from error
+def encoded(scenario: Scenario, parts: Mapping[str, Any]) -> bytes:
+    """The bytes of a checkpoint of a flight of a scenario."""
+    return control.encode_record(
+        {
+            "schema": SCHEMA,
+            "scenario": scenario.sha256(),
+            "plugins": [list(plugin) for plugin in scenario.plugins()],
+            "version": __version__,
+            **parts,
+        }
+    )
 
 
 def _record(raw: bytes, what: str) -> dict[str, Any]:

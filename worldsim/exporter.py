@@ -22,7 +22,10 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.swarm import __version__
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.wire.messages import Status
-from meanflock.worldsim.summary import Durations
+from meanflock.worldsim.clocks import Durations, Stopwatch
+from meanflock.worldsim.remote import RemoteCrew
+from meanflock.worldsim.reporting import Outbox
+from meanflock.worldsim.tick import Row
 from meanflock.worldsim.world import World
 
 _TRAFFIC_FIELDS = {  # field of `Traffic` → name and help of the metric
@@ -35,28 +38,60 @@ _TRAFFIC_FIELDS = {  # field of `Traffic` → name and help of the metric
 
 
 class Exporter(Collector):
-    """Metric families of one run. Unknown is absent, never 0."""
+    """Metric families of one run. Unknown is absent, never 0. As a sink it measures how long ticks take.
 
-    def __init__(self, world: World) -> None:
+    Attributes:
+        ticks: durations of whole ticks, from row to row.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        run: str,
+        mode: str,
+        watch: Stopwatch,
+        crew: RemoteCrew | None = None,
+        outbox: Outbox | None = None,
+    ) -> None:
+        """
+        Args:
+            world: what flies. run: name of the run. mode: how its nodes run. watch: the time flown.
+            crew: nodes on a bus; None: all nodes are in this process.
+            outbox: telemetry that stations acknowledge; None without a bus.
+        """
+        self.ticks = Durations()
         self._world = world
+        self._run = run
+        self._mode = mode
+        self._watch = watch
+        self._crew = crew
+        self._outbox = outbox
+        self._told_s = 0.0  # of the flight, at the last row
+
+    def write(self, row: Row) -> None:
+        """Count the time since the last row."""
+        now_s = self._watch.flown_s
+        self.ticks.add(now_s - self._told_s)
+        self._told_s = now_s
 
     def collect(self) -> Iterator[Metric]:
         """All metrics, as they are now."""
         yield from self._flight()
         yield from self._radio()
         yield from self._protocol()
-        yield from self._nodes()
-        yield _histogram("barrier_wait_seconds", "How long a tick waited for replies.", self._world.waits)
-        yield _histogram("tick_seconds", "How long a tick took in all.", self._world.ticks)
+        if self._crew is not None:
+            yield from self._nodes(self._crew)
+            yield _histogram("barrier_wait_seconds", "How long a tick waited for replies.", self._crew.waits)
+        yield _histogram("tick_seconds", "How long a tick took in all.", self.ticks)
 
     def _flight(self) -> Iterator[Metric]:
         flight = self._world.flight
-        about = {"run": self._world.run, "mode": self._world.mode, "version": __version__}
+        about = {"run": self._run, "mode": self._mode, "version": __version__}
         yield InfoMetricFamily("meanflock_run", "Which run this is.", {**about, "method": str(flight.scenario.method)})
         yield _counter("ticks", "Ticks flown.", flight.tick)
         yield _counter("simulated_seconds", "Simulated time.", flight.time_s)
-        if self._world.ticks.total_s > 0:
-            factor = flight.time_s / self._world.wall_s()
+        if flight.tick:
+            factor = flight.time_s / self._watch.seconds
             yield GaugeMetricFamily("meanflock_real_time_factor", "Simulated seconds a second, since take-off.", factor)
         uavs = GaugeMetricFamily("meanflock_uavs", "UAVs by state of the mission.", labels=["status"])
         for status in Status:
@@ -73,7 +108,6 @@ class Exporter(Collector):
     def _protocol(self) -> Iterator[Metric]:
         counters = self._world.counters
         post = self._world.post
-        outbox = self._world.outbox
         yield _counter("rounds", "Rounds averaged and broadcast.", post.rounds)
         yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         yield _counter("uploads_silent", "Uploads that participants did not send.", post.silent)
@@ -86,19 +120,21 @@ class Exporter(Collector):
         yield drops
         yield _counter("held_commands", "Commands held over because they came late, in real time.", counters.held)
         yield _counter("deadline_misses", "Ticks in which a command came late, in real time.", counters.deadline_misses)
-        waiting = outbox.waiting
-        help_text = "Blocks of telemetry no ground station has acknowledged yet."
-        yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", help_text, waiting)
-        yield _counter("telemetry_blocks_dropped", "Blocks given up because too many waited.", outbox.dropped)
+        if self._outbox is not None:
+            waiting = self._outbox.waiting
+            help_text = "Blocks of telemetry no ground station has acknowledged yet."
+            yield GaugeMetricFamily("meanflock_telemetry_blocks_unacknowledged", help_text, waiting)
+            dropped = self._outbox.dropped
+            yield _counter("telemetry_blocks_dropped", "Blocks given up because too many waited.", dropped)
 
-    def _nodes(self) -> Iterator[Metric]:
-        roles = [member.role for member in self._world.members.present]
+    def _nodes(self, crew: RemoteCrew) -> Iterator[Metric]:
+        roles = [member.role for member in crew.members.present]
         alive = GaugeMetricFamily("meanflock_nodes_alive", "Nodes that take part and are not lost.", labels=["role"])
         for role, count in (
             ("world", 1),
             ("leader", roles.count("leader")),
             ("agent", roles.count("agent")),
-            ("station", len(self._world.listeners)),
+            ("station", len(crew.listeners)),
         ):
             alive.add_metric([role], count)
         yield alive
@@ -107,14 +143,14 @@ class Exporter(Collector):
 
 
 @contextmanager
-def exported(world: World, address: Address) -> Iterator[str]:
+def exported(exporter: Exporter, address: Address) -> Iterator[str]:
     """Serve the metrics of a run while the context lasts; its value is the URL.
 
     Raises:
         BadInput: the address cannot be listened on.
     """
     shown = CollectorRegistry()
-    shown.register(Exporter(world))
+    shown.register(exporter)
     ProcessCollector("", lambda: "self", "/proc", shown)  # memory, CPU and files of this process, under the usual names
     try:
         server, thread = start_http_server(address.port, address.host, shown)

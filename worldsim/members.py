@@ -13,6 +13,7 @@ from meanflock.swarm.errors import MeanflockError
 from meanflock.swarm.net.access import LEADER
 from meanflock.swarm.scenario import tables
 from meanflock.swarm.wire.messages import Join
+from meanflock.worldsim.crew import place_of
 
 MAX_LEADERS = 8  # at the same time, standbys included
 _LEADERS_PLACE = -1  # the places of an agent are its UAVs
@@ -40,16 +41,15 @@ class Member:
     uavs: NDArray[np.intp]  # ascending; none for a leader
     since_s: float = 0.0  # when it was admitted, on the world's clock
     events: int = 0  # that it has sent
+    read: int = 0  # number of the last letter that it was sent
+    informed: bool = False  # whether a leader has the state of the aggregation rule
     ready: bool = False
     lost: bool = False
 
     def __post_init__(self) -> None:
         self.rows = len(self.uavs)
         self.places = self.uavs.tolist() if self.rows else [_LEADERS_PLACE]
-        # Index of its UAVs among all UAVs: a slice if possible, which costs a fraction of an array of indices.
-        first = int(self.uavs[0]) if self.rows else 0
-        end = int(self.uavs[-1]) + 1 if self.rows else 0
-        self.place: slice | NDArray[np.intp] = slice(first, end) if end - first == self.rows else self.uavs
+        self.place = place_of(self.uavs)  # of its UAVs among all UAVs
 
 
 class Members:

@@ -1,14 +1,16 @@
 """Steering: commands of outside clients in place of those of the controllers, in real time."""
 
+import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from meanflock.federation.post import Note
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.state import Mask, Plane, States
-from meanflock.worldsim.summary import Counters
+from meanflock.swarm.state import AXES, Mask, States
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.crew import Crew
+from meanflock.worldsim.tick import Acts, Note, Row, Senses
 
 LOCKSTEP = "--steer: only a flight in real time can be steered; add --realtime"
 SILENCE_S = 1.0  # after which a UAV is given back to its controller
@@ -32,62 +34,50 @@ class Port(Protocol):
         """Tell the clients the states (N, 4) and the status (N,) of a tick."""
 
 
-class Steering:
-    """Setpoints of clients, each until its UAV is given back."""
+class Steered:
+    """Crew around a crew: setpoints of clients replace commands. As a sink, it tells the clients each tick."""
 
-    def __init__(
-        self,
-        port: Port,
-        counters: Counters,
-        note: Note,
-        drop: Callable[[MessageRejected, str], None],
-        clock: Callable[[], float],
-    ) -> None:
-        """
-        Args:
-            note: records the event of a UAV that is taken or given back.
-            drop: counts a message that is rejected.
-            clock: seconds, monotonic.
-        """
-        self.tell = port.tell
+    def __init__(self, crew: Crew, port: Port, counters: Counters, clock: Callable[[], float] = time.monotonic) -> None:
+        """`counters`: count messages that are rejected. `clock`: seconds, monotonic."""
+        self._crew = crew
         self._port = port
         self._counters = counters
-        self._note = note
-        self._drop = drop
         self._clock = clock
+        self._has_begun = False
         self._wanted: dict[int, tuple[float, Setpoint]] = {}  # the last setpoint of each UAV, and when it came
         self._steered: set[int] = set()  # UAVs, now
 
-    def begin(self) -> None:
-        """Discard what came before take-off."""
-        for _ in self._port.receive():
-            pass
-
-    def replaced(self, commands: Plane, idle: Mask | None) -> Plane:
-        """The commands (N, 2) of a tick, with setpoints in the rows of steered UAVs; `commands` stays as it is.
-
-        `idle`: (N,), UAVs that cannot be steered; None for no UAV.
-        """
+    def answer(self, senses: Senses) -> tuple[Acts, Mask]:
+        """See `Crew.answer`. A lost or paused UAV is not steered."""
+        if not self._has_begun:
+            self._has_begun = True
+            for _ in self._port.receive():  # what came before take-off
+                pass
+        acts, absent = self._crew.answer(senses)
         now = self._clock()
         for received in self._port.receive():
             if isinstance(received, Setpoint):
                 self._wanted[received.uav] = now, received
-            else:
-                self._drop(*received)
+            elif text := self._counters.drop(*received, senses.tick):
+                acts.news.append(Note("dropped", text))
         wanted = {
             uav: setpoint
             for uav, (since, setpoint) in self._wanted.items()
-            if now - since <= SILENCE_S and (idle is None or not idle[uav])
+            if now - since <= SILENCE_S and senses.awake[uav] and (senses.idle is None or not senses.idle[uav])
         }
         for uav in sorted(self._steered - wanted.keys()):
-            self._note("released", f"UAV {uav} flies by its controller again", [uav])
+            acts.news.append(Note("released", f"UAV {uav} flies by its controller again", [uav]))
         for uav in sorted(wanted.keys() - self._steered):
-            self._note("steered", f"UAV {uav} is steered by {wanted[uav].client}, not by its controller", [uav])
+            client = wanted[uav].client
+            acts.news.append(Note("steered", f"UAV {uav} is steered by {client}, not by its controller", [uav]))
         self._steered = set(wanted)
-        if not wanted:
-            return commands
-        self._counters.steered += len(wanted)
-        flown = commands.copy()
-        for uav, setpoint in wanted.items():
-            flown[uav] = setpoint.acceleration
-        return flown
+        if wanted:
+            acts.steered = len(wanted)
+            acts.commands, absent = acts.commands.copy(), absent.copy()
+            for uav, setpoint in wanted.items():
+                acts.commands[uav, :AXES], absent[uav] = setpoint.acceleration, False
+        return acts, absent
+
+    def write(self, row: Row) -> None:
+        """Tell the clients a row."""
+        self._port.tell(row.tick, row.states, row.status)

@@ -9,7 +9,6 @@ from typing import Any
 
 import msgspec
 
-from meanflock.groundstation.launch.station import Sink
 from meanflock.groundstation.results import inbound
 from meanflock.groundstation.results.flown import Flown
 from meanflock.swarm.errors import BusError, MessageRejected, RunFailed
@@ -20,6 +19,7 @@ from meanflock.swarm.net.client import connected
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Telemetry, Welcome
+from meanflock.worldsim.reporting import BlockSink
 
 log = logging.getLogger("meanflock.observer")
 
@@ -68,7 +68,7 @@ class Observer:
             raise BusError(f"the world of run {self.run!r} did not say what is flown")
         self.scenario = msgspec.json.decode(welcome.scenario, type=Flown)
 
-    def listen(self, sink: Sink) -> dict[str, Any]:
+    def listen(self, sink: BlockSink) -> dict[str, Any]:
         """Pass on all telemetry from now on; returns the summary at the end of the flight.
 
         Raises:

@@ -19,7 +19,8 @@ from meanflock.groundstation.launch.run import Run, fly
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.access import Address
-from meanflock.worldsim.summary import every_uav_was_lost, factor
+from meanflock.worldsim.clocks import factor
+from meanflock.worldsim.summary import every_uav_was_lost
 
 if TYPE_CHECKING:
     from meanflock.groundstation.launch.resume import Back

@@ -32,7 +32,7 @@ class _Run(click.Command):
         for first, second in pairwise([*args, ""]):
             given = second if first == "--realtime" else first.removeprefix("--realtime=")
             if given != first and re.match(r"-[.\d]", given) and not ctx.resilient_parsing:
-                from meanflock.worldsim.summary import factor
+                from meanflock.worldsim.clocks import factor
 
                 factor(given)
         return super().parse_args(ctx, args)

@@ -1,23 +1,21 @@
-"""All rooms in one process and one thread: the same nodes, messages and codec as the swarm of processes."""
+"""One run in this process and thread: a world, a crew, and outputs."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
-from meanflock.agent.node import Agent
-from meanflock.agent.stepped import SteppedAgent, SteppedClient
-from meanflock.groundstation.launch.station import Sink, Station
-from meanflock.leader.node import Leader
-from meanflock.swarm.net.bus import MemoryNetwork
-from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.control import encode_record
-from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
-from meanflock.worldsim.steering import Port
+from meanflock.worldsim.clocks import Schedule, Stopwatch
+from meanflock.worldsim.crew import Crew, LocalCrew, Paced, Sink, fly, move
+from meanflock.worldsim.limits import Limits
+from meanflock.worldsim.reporting import Blocks, BlockSink, Direct
+from meanflock.worldsim.steering import LOCKSTEP, Port, Steered
+from meanflock.worldsim.summary import summary
+from meanflock.worldsim.tick import Senses
 from meanflock.worldsim.world import World
 
 # Of a block of telemetry. Here the recorder runs within a tick, and each call has a cost. A small swarm flies so many
@@ -32,7 +30,13 @@ Observer = Callable[["Engine"], None]
 
 
 class Engine:
-    """One run in this process. Every node replies at once, so the world never waits."""
+    """One run in this process.
+
+    Attributes:
+        world: what flies.
+        crew: agents and leader.
+        watch: the time flown.
+    """
 
     def __init__(
         self,
@@ -40,108 +44,105 @@ class Engine:
         run: str,
         *,
         uavs_per_node: int | None = None,
-        sinks: Sequence[Sink] = (),
+        sinks: Sequence[BlockSink] = (),
         realtime: float | None = None,
         steer: Port | None = None,
         resume: Resumption | None = None,
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
-        stepped: bool = False,
     ) -> None:
-        """`uavs_per_node`: None for all in one node. `sinks` get the telemetry; without any, nothing is encoded or
-        stored. `steer`: where clients steer UAVs. `resume`: the checkpoint to continue from. `leaders`: one and its
-        standbys; None: as many as the fault script needs. `memory`: arrays of N rows that replace the memory of `init`.
-        `stepped`: one node of all UAVs, commanded through `outside`; its scenario flies the controller `stepped`.
+        """
+        Args:
+            scenario: what is flown.
+            run: name of the run.
+            uavs_per_node: UAVs of an agent; None: one agent has all.
+            sinks: get the telemetry; without any, no telemetry is gathered.
+            realtime: how many times faster than the wall clock ticks go; None: as fast as they can.
+            steer: where clients steer UAVs; only in real time.
+            resume: the checkpoint to continue from; None: start at tick 0.
+            leaders: one and its standbys; None: as many as the fault script needs.
+            memory: arrays of N rows that replace the memory of `init`.
 
         Raises:
-            BadInput: the checkpoint does not fit the scenario.
+            BadInput: a plug-in cannot be used, the checkpoint does not fit, or lockstep would be steered.
         """
-        self._run, self._memory = run, memory
-        self._agents: list[Agent] = []
-        self.outside: SteppedClient | None = None
-        self.network = MemoryNetwork()
-        hub = self.network.endpoint()
-        self.world = World(
-            scenario,
-            hub,
-            run,
-            mode="in-process",
-            realtime=realtime,
-            steer=steer,
-            resume=resume,
-            checkpoint_every=_checkpoint_every(scenario, realtime) if sinks else 0,
-            block_rows=_BLOCK_ROWS,
-            telemetry=bool(sinks),
-        )
-        hub.handler = self.world.handle
-        first_block = None if resume is None else resume.block + 1
-        self.station = self._record(sinks, first_block, scenario.uavs) if sinks else None
-        self._crew(scenario, uavs_per_node or scenario.uavs, leaders, stepped)
-        self.world.gather(0.0)
+        if steer is not None and realtime is None:
+            raise BadInput(LOCKSTEP)
+        every = _checkpoint_every(scenario, realtime) if sinks else 0
+        self.world = World(scenario, resume, checkpoint_every=every)
+        Limits(scenario)  # refuses plug-ins that cannot begin
+        self.crew = LocalCrew(self.world, resume, rows_at_most=uavs_per_node, leaders=leaders, memory=memory)
+        self.watch = Stopwatch(self.world.counters.wall_s)
+        self._run = run
+        self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
+        self._answering: Crew = self.crew if self._schedule is None else Paced(self.crew, self._schedule)
+        self._blocks: Blocks | None = None
+        self._sinks: list[Sink] = []
+        self._can_be_steered = steer is not None
+        if steer is not None:
+            steered = Steered(self._answering, steer, self.world.counters)
+            self._answering = steered
+            self._sinks.append(steered)
+        if sinks:
+            self._blocks = Blocks(
+                self.world,
+                Direct(sinks),
+                self.watch,
+                block_rows=_BLOCK_ROWS if realtime is None else None,
+                block=0 if resume is None else resume.block + 1,
+            )
+            self._sinks.append(self._blocks)
 
-    def _record(self, sinks: Sequence[Sink], first_block: int | None, uavs: int) -> Station:
-        """Add a ground station."""
-        bus = self.network.endpoint()
-        station = Station(bus, self._run, sinks, first_block=first_block, uavs=uavs)
-        bus.handler = station.handle
-        return station
-
-    def _crew(self, scenario: Scenario, rows: int, leaders: int | None, stepped: bool) -> None:
-        """Add agents of at most so many rows, and the leaders."""
-        if stepped:
-            client = self.join(Join("agent", rows), SteppedAgent, SteppedClient)
-            assert isinstance(client, SteppedClient)
-            self.outside = client
-        else:
-            for _ in range(-(-scenario.uavs // rows)):
-                self.join(Join("agent", rows), Agent)
-        wanted = scenario.leaders(self.world.flight.tick)
-        for _ in range(wanted if leaders is None else leaders):
-            self.join(Join("leader", 0), Leader)
+    def add_sink(self, sink: Sink) -> None:
+        """From now on, `sink` gets the rows, too."""
+        self._sinks.append(sink)
 
     def fly(self) -> Iterator[int]:
-        """See `World.fly`."""
-        return self.world.fly()
+        """Fly; yields the number of each tick, so that the caller can stop after any.
+
+        Raises:
+            RunFailed: the vehicle failed.
+        """
+        self.watch.restart()
+        for row in fly(self.world, self._answering, self._sinks):
+            yield row.tick
+        self.world.flight.books.settle()
+
+    def move(self, senses: Senses) -> None:
+        """Fly the tick that was asked for and heard, by the crew's answer."""
+        move(self.world, self.crew.speak(senses), self._sinks)
 
     def complete(self, observe: Observer | None = None) -> dict[str, Any]:
         """Fly the whole flight; returns its summary. `observe` is called at take-off and after every tick. It may read
-        `world.flight`, `world.air.meter`, `world.diagnostics` and `models`, and must not change them.
+        `world` and `models`, and must not change them.
         """
         if observe is not None:
             observe(self)
         for _ in self.fly():
             if observe is not None:
                 observe(self)
-        return self.world.finish()
+        return self.finish()
+
+    def finish(self) -> dict[str, Any]:
+        """End the run, also before it is over; returns its summary."""
+        world = self.world
+        record = summary(
+            world,
+            self._run,
+            "in-process",
+            self.watch.seconds,
+            schedule=self._schedule,
+            can_be_steered=self._can_be_steered,
+        )
+        if self._blocks is not None:
+            world.note("finished", f"{record['arrived']} of {world.scenario.uavs} arrived")
+            self._blocks.finish()
+        return record
 
     @property
     def models(self) -> Floats:
         """Learned weights of every UAV, `(N, W)`; the last ones of a lost UAV."""
-        scenario = self.world.flight.scenario
-        models = np.zeros((scenario.uavs, scenario.declared.weights))
-        for agent in self._agents:
-            models[agent.uavs] = agent.models
-        return models
-
-    def join(
-        self, request: Join, make: Callable[[Welcome], Node], client_type: type[NodeClient] = NodeClient
-    ) -> NodeClient:
-        """Add another node to this process."""
-
-        def build(welcome: Welcome) -> Node:
-            if self._memory is not None and welcome.tick == 0:
-                rows = {name: array[list(welcome.uavs)] for name, array in self._memory.items()}
-                welcome = structs.replace(welcome, memory=encode_record(rows))
-            node = make(welcome)
-            if isinstance(node, Agent):
-                self._agents.append(node)
-            return node
-
-        bus = self.network.endpoint()
-        client = client_type(bus, self._run)
-        bus.handler = client.handle
-        client.join(request, build, timeout_s=0.0)
-        return client
+        return self.crew.models
 
 
 def _checkpoint_every(scenario: Scenario, realtime: float | None) -> int:

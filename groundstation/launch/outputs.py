@@ -8,11 +8,11 @@ from typing import Any
 from meanflock.groundstation.disk import coarseness
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import FlightProgress
-from meanflock.groundstation.launch.station import Sink
 from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.reporting import BlockSink
 
 
 def go_on(folder: Path) -> str:
@@ -38,7 +38,7 @@ class Outputs:
         with ExitStack() as opening:
             self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
             self.progress = FlightProgress(scenario, options.quiet)
-            self.sinks: list[Sink] = [self.folder, self.progress]
+            self.sinks: list[BlockSink] = [self.folder, self.progress]
             if options.record:
                 # Here, for rerun takes a third of a second to load.
                 from meanflock.groundstation.recording.recorder import Recorder

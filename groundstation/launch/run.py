@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from meanflock.groundstation.launch.outputs import Outputs
     from meanflock.groundstation.launch.processes import Swarm
     from meanflock.groundstation.launch.resume import Back
-    from meanflock.groundstation.launch.station import Sink, Station
+    from meanflock.groundstation.launch.station import Station
     from meanflock.swarm.net.session import ZenohBus
+    from meanflock.worldsim.reporting import BlockSink
 
 _CONNECT_S = 60.0
 _STEP_S = 0.2  # between two looks at the processes
@@ -132,7 +133,7 @@ def _in_process(
     scenario: Scenario,
     run_id: str,
     options: Options,
-    sinks: "list[Sink]",
+    sinks: "list[BlockSink]",
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
@@ -149,13 +150,15 @@ def _in_process(
             scenario, run_id, uavs_per_node=rows, sinks=sinks, realtime=options.realtime, steer=port, resume=start
         )
         if options.metrics is not None:
-            from meanflock.worldsim.exporter import exported  # a library that most runs need not load
+            from meanflock.worldsim.exporter import Exporter, exported  # a library that most runs need not load
 
-            logs.show(f"metrics at {stack.enter_context(exported(engine.world, options.metrics))}")
+            exporter = Exporter(engine.world, run_id, "in-process", engine.watch)
+            logs.show(f"metrics at {stack.enter_context(exported(exporter, options.metrics))}")
+            engine.add_sink(exporter)
         for _ in engine.fly():
             if interrupted:
                 break
-        return engine.world.finish()
+        return engine.finish()
 
 
 def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption | None) -> "Swarm":

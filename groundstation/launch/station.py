@@ -4,7 +4,7 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from meanflock.groundstation.results import inbound
 from meanflock.swarm.errors import MessageRejected
@@ -13,18 +13,12 @@ from meanflock.swarm.net.access import STATION
 from meanflock.swarm.net.bus import Bus, Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
+from meanflock.worldsim.reporting import BlockSink
 
 log = logging.getLogger("meanflock.station")
 
 MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ASK_S = 2.0  # at most, for what is missing
-
-
-class Sink(Protocol):
-    """Interface of outputs that store or show telemetry."""
-
-    def write(self, block: Telemetry) -> None:
-        """Takes the next block; blocks come in order, each once."""
 
 
 class Kept:
@@ -45,7 +39,7 @@ class Station:
         self,
         bus: Bus,
         run: str,
-        sinks: Sequence[Sink],
+        sinks: Sequence[BlockSink],
         first_block: int | None = None,
         uavs: int | None = None,
     ) -> None:

@@ -64,7 +64,7 @@ def _why(flown: Scenario) -> str:
     try:
         engine = Engine(flown, "leaderboard", sinks=[first])
         if not any(first.text for _ in engine.fly()):
-            engine.world.finish()
+            engine.finish()
     finally:
         log.disabled = before
     return first.text or "UAVs were lost"

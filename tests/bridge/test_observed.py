@@ -12,7 +12,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.groundstation.bridge.observer import Observer
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.launch.station import Kept, Station
 from meanflock.swarm import scenario
@@ -24,6 +23,7 @@ from meanflock.swarm.net.session import ZenohBus
 from meanflock.worldsim.reporting import WINDOW_BLOCKS
 from tests.bridge.client import Client
 from tests.faults.by_hand import Processes
+from tests.memory_swarm import MemorySwarm
 from tests.polling import until
 
 RUN = "observed"
@@ -33,15 +33,15 @@ def test_an_observer_gets_every_row_though_nobody_acknowledges(monkeypatch: pyte
     monkeypatch.setattr(Station, "_acknowledge", lambda *_: None)
     recorded, seen = Kept(), Kept()
     flown = scenario.load(None, ["uavs=5", "duration=100", "seed=7"])
-    engine = Engine(flown, RUN, sinks=[recorded])
+    engine = MemorySwarm(flown, RUN, sinks=[recorded])
     engine.network.endpoint().announce(keys.alive(RUN, WORLD, WORLD))
     observer = Observer(engine.network.endpoint(), 0.0)
     assert (observer.run, observer.scenario.uavs, observer.scenario.dt) == (RUN, 5, flown.dt)
-    assert len(engine.world.listeners) == 1  # the station
+    assert len(engine.nodes.listeners) == 1  # the station
     flight = engine.world.flight
     states = [flight.states.copy(), *(flight.states.copy() for _ in engine.fly())]
-    assert engine.world.outbox.waiting > WINDOW_BLOCKS == len(recorded.blocks)
-    record = engine.world.finish(lambda: 0.0)
+    assert engine.outbox.waiting > WINDOW_BLOCKS == len(recorded.blocks)
+    record = engine.finish(lambda: 0.0)
     assert observer.listen(seen)["trajectory_sha256"] == record["trajectory_sha256"]
     assert np.concatenate([block.states for block in seen.blocks]).tobytes() == np.array(states).tobytes()
 
@@ -53,7 +53,7 @@ def test_an_observer_without_a_flight_says_so() -> None:
 
 
 def test_an_observer_notices_the_end_of_a_world_and_drops_what_is_no_telemetry() -> None:
-    engine = Engine(scenario.load(None, ["uavs=2", "duration=1"]), RUN, sinks=[Kept()])
+    engine = MemorySwarm(scenario.load(None, ["uavs=2", "duration=1"]), RUN, sinks=[Kept()])
     world = engine.network.endpoint()
     world.announce(keys.alive(RUN, WORLD, WORLD))
     observer = Observer(engine.network.endpoint(), 0.0)

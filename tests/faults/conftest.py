@@ -1,6 +1,7 @@
 """Swarms in one process that lose nodes."""
 
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Any
@@ -8,7 +9,6 @@ from typing import Any
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.wire import SENSE
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
@@ -18,6 +18,7 @@ from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, Frames, Join
 from meanflock.worldsim.checkpoint import EVERY_TICKS
+from tests.memory_swarm import MemorySwarm
 from tests.swarm.examples import read, written
 from tests.telemetry import Record
 
@@ -38,11 +39,12 @@ def scenario(*settings: str, method: str = "mfgfl-h") -> Scenario:
 
 
 class Lab:
-    """An engine whose nodes can die and be started again between two ticks."""
+    """A swarm whose nodes can die and be started again between two ticks."""
 
     def __init__(self, flown: Scenario, **options: Any) -> None:
         self.record = Record()
-        self.engine = Engine(flown, RUN, sinks=[self.record], **options)
+        self.now: Callable[[], float] = time.monotonic
+        self.engine = MemorySwarm(flown, RUN, sinks=[self.record], clock=lambda: self.now(), **options)
         self.world = self.engine.world
 
     def fly(self, at: dict[int, Callable[[], Any]] | None = None) -> dict[str, Any]:
@@ -50,7 +52,7 @@ class Lab:
         for tick in self.engine.fly():
             if at and tick in at:
                 at[tick]()
-        return self.world.finish()
+        return self.engine.finish()
 
     def bus_of(self, name: str) -> MemoryBus:
         key = keys.sense(RUN, name)
@@ -92,12 +94,13 @@ class Lab:
 
     def freeze(self, name: str) -> None:
         """The node takes nothing more and keeps its token; from now on a barrier's patience takes no time."""
-        bus, times = self.bus_of(name), itertools.count()
+        bus = self.bus_of(name)
         for key in bus._subscriptions:
             bus.subscribe(key)
         bus.handler = lambda delivery: None
-        self.world._waiting._clock = lambda: float(next(times))
-        self.world._waiting._receive = lambda timeout_s: None
+        looks = itertools.count(int(time.monotonic()) + 1)
+        self.now = lambda: float(next(looks))
+        self.engine.hub.receive = lambda timeout_s: None
 
     def agent(self, rows: int = 1) -> NodeClient:
         return self.engine.join(Join("agent", rows), Agent)

@@ -33,7 +33,7 @@ def flight(
             folder._spool = None  # as after kill -9: nothing is completed
             folder._events.close()
             raise Died
-    summary = engine.world.finish()
+    summary = engine.finish()
     with folder:
         folder.summarise(summary)
     return json.loads((folder.path / "summary.json").read_text())

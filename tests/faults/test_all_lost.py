@@ -20,27 +20,27 @@ class Patient(Lab):
 
     def __init__(self, *settings: str, **options: Any) -> None:
         super().__init__(scenario(*settings), **options)
-        self.now = 0.0
+        self.waited_s = 0.0
         self.waits = 0
         self.while_waiting: dict[int, Callable[[], Any]] = {}
-        for part in (self.world._waiting, self.world._admission):
-            part._clock = lambda: self.now
-        self.world._waiting._receive = self._wait
+        self.now = lambda: self.waited_s
+        self.engine.hub.receive = self._wait
 
     def _wait(self, timeout_s: float) -> None:
-        self.now += 0.5
-        self.waits += 1
-        self.while_waiting.get(self.waits, lambda: None)()
+        self.waited_s += 0.5
+        if not self.world.over:
+            self.waits += 1
+            self.while_waiting.get(self.waits, lambda: None)()
 
     def kill_all(self) -> None:
-        for member in list(self.world.members.present):
+        for member in list(self.engine.nodes.members.present):
             if member.role == "agent":
                 self.kill(member.name)
 
 
 def test_a_flight_without_agents_stands_still_until_the_first_is_back() -> None:
     lab = Patient("uavs=3", uavs_per_node=1)
-    lab.while_waiting = dict.fromkeys((5, 6), lab.agent)
+    lab.while_waiting = {5: lab.agent}
     summary = lab.fly({40: lab.kill_all})
     assert lab.waits == 5
     assert lab.record.kinds("lost", "rejoined") == [(40, "lost")] * 3 + [(40, "rejoined")]
@@ -53,7 +53,7 @@ def test_a_flight_without_agents_fails_after_the_time_of_a_barrier_if_no_agent_c
     lab = Patient(f"stop={stop}")
     with pytest.raises(RunFailed, match="every agent is lost, and none came back within 10 s"):
         lab.fly({40: lab.kill_all})
-    assert 10.0 < lab.now <= 11.0
+    assert 10.0 < lab.waited_s <= 11.0
     assert lab.record.kinds("failed", "finished") == [(40, "failed")]
     assert lab.world.flight.tick == 40
 
@@ -78,7 +78,7 @@ def test_a_loss_for_good_delays_checkpoints_no_longer_than_a_barrier(tmp_path: P
     lab = Patient("duration=45", uavs_per_node=1)
 
     def later() -> None:
-        lab.now += 11.0
+        lab.waited_s += 11.0
 
     lab.fly({150: lambda: lab.kill("agent-4"), 250: later})
     kept = [block.first_tick + len(block.states) for block in lab.record.blocks if block.checkpoint]

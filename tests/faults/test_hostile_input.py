@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
@@ -26,6 +25,7 @@ from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, R
 from tests.faults.clusters import FLOATS, swarm
 from tests.faults.conftest import RUN, Lab, honest, scenario
 from tests.golden.flights import steady
+from tests.memory_swarm import MemorySwarm
 from tests.swarm.examples import written
 
 NUMBER = keys.fingerprint(RUN)
@@ -147,7 +147,7 @@ def at_world(lab: Lab, key: str, valid: Any, changes: Changes) -> Receiver:
     kind: Any = "question" if isinstance(valid, Join) else "message"
 
     def deliver(raw: bytes) -> None:
-        lab.world.handle(Delivery(kind, key, raw, pytest.fail))
+        lab.engine.nodes.handle(Delivery(kind, key, raw, pytest.fail))
 
     return Receiver(valid, deliver, lambda: lab.world.counters.drops, changes)
 
@@ -240,7 +240,7 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
             found = {drop: count - before.get(drop, 0) for drop, count in after.items() if count != before.get(drop, 0)}
             assert found == {reason: 1}, mutation
             thrown += 1
-    summary = lab.world.finish()
+    summary = lab.engine.finish()
     assert thrown >= 3 * 7
     assert summary["trajectory_sha256"] == honest(flown)
     nothing = ("lost", "nodes_lost", "telemetry_blocks_dropped", "uploads_refused", "states_refused")
@@ -257,12 +257,12 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
 )
 def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged) -> None:
     kept = Kept()
-    engine = Engine(scenario("duration=3", method="mfg"), RUN, sinks=[kept], uavs_per_node=2)
+    engine = MemorySwarm(scenario("duration=3", method="mfg"), RUN, sinks=[kept], uavs_per_node=2)
     for tick in engine.fly():
         message = b"\xc1" if kind == "dropped" else control.encode(Event(tick, "failed", "again"))
         for _ in range(20):
-            engine.world.handle(Delivery("message", keys.act(RUN, node), message))
-    assert engine.world.finish()["dropped_messages"] == dropped
+            engine.nodes.handle(Delivery("message", keys.act(RUN, node), message))
+    assert engine.finish()["dropped_messages"] == dropped
     events = [event.kind for block in kept.blocks for event in block.events]
     assert (events.count(kind), events.count("dropped")) == (logged, 100)
 
@@ -272,9 +272,9 @@ JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Joi
 
 @pytest.mark.parametrize("join", [*JOINS, Join("leader", 0), Join("pirate", 1)])
 def test_a_join_without_a_free_place_is_refused_with_a_reason(join: Join) -> None:
-    engine, replies = Engine(scenario("duration=2", method="mfg"), RUN), []
+    engine, replies = MemorySwarm(scenario("duration=2", method="mfg"), RUN), []
     key = keys.join(RUN, keys.requested_name(join.role, join.uav))
-    engine.world.handle(Delivery("question", key, control.encode(join), replies.append))
+    engine.nodes.handle(Delivery("question", key, control.encode(join), replies.append))
     (answer,) = (control.decode(raw) for raw in replies)
     assert isinstance(answer, Refusal)
     assert answer.reason
@@ -292,14 +292,14 @@ HOSTILE_KEYS += [f"{keys.ROOT}/{RUN}{suffix}" for suffix in SUFFIXES]
 
 def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
     flown = scenario("duration=2", method="mfg")
-    honest, kept = Engine(flown, RUN).complete(), Kept()
-    engine, replies = Engine(flown, RUN, sinks=[kept]), []
+    honest, kept = MemorySwarm(flown, RUN).complete(), Kept()
+    engine, replies = MemorySwarm(flown, RUN, sinks=[kept]), []
     question = control.encode(Join("agent", 1))
     for tick in engine.fly():
         if tick != 4:
             continue
         for key in (keys.act(RUN, "agent-0"), keys.received(RUN)):
-            engine.world.handle(Delivery("oversized", key, size=70, largest=64))
+            engine.nodes.handle(Delivery("oversized", key, size=70, largest=64))
             assert caplog.messages[-1].endswith("oversized: 70 bytes, at most 64 expected")
         for key in HOSTILE_KEYS:
             for delivery in (
@@ -310,9 +310,9 @@ def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.Log
                 Delivery("oversized", key, size=1),
             ):
                 before = engine.world.counters.drops.total()
-                engine.world.handle(delivery)
+                engine.nodes.handle(delivery)
                 assert engine.world.counters.drops.total() == before + 1, delivery
-    summary = engine.world.finish()
+    summary = engine.finish()
     assert summary["dropped_messages"] == {"wrong-key": 5 * len(HOSTILE_KEYS), "oversized": 2}
     assert not replies
     texts = [event.text for block in kept.blocks for event in block.events]

@@ -123,8 +123,7 @@ def test_a_paused_head_a_killed_head_and_a_lost_relay_each_cost_their_cluster() 
 @pytest.mark.parametrize("clusters", [1, CLUSTERS])
 def test_a_run_that_is_killed_in_any_phase_of_a_round_is_resumed_to_the_same_end(clusters, monkeypatch) -> None:
     monkeypatch.setattr("meanflock.worldsim.world.REPORT_EVERY_TICKS", 1)
-    lab = Lab(flown(clusters), uavs_per_node=4)
-    lab.world._checkpoint_every = 1
+    lab = Lab(flown(clusters), uavs_per_node=4, checkpoint_every=1)
     lab.fly()
     checkpoints = {past.tick: past for past in lab.record.checkpoints}
     expected = undisturbed(clusters)

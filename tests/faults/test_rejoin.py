@@ -89,12 +89,12 @@ def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(
 def test_a_node_that_never_becomes_ready_frees_its_place_in_flight() -> None:
     clock = [0.0]
     lab = Lab(scenario(), uavs_per_node=1)
-    lab.world._admission._clock = lambda: clock[0]
+    lab.now = lambda: clock[0]
 
     def half() -> None:
         answers: list[bytes] = []
         raw = control.encode(Join("agent", 1))
-        lab.world.handle(Delivery("question", keys.join(RUN, "agent"), raw, answers.append))
+        lab.engine.nodes.handle(Delivery("question", keys.join(RUN, "agent"), raw, answers.append))
         assert control.decode(answers[0]).node == "agent-5.2"
 
     def patience_ends() -> None:
@@ -116,7 +116,7 @@ def test_a_lost_node_that_speaks_again_is_sent_home_and_its_successor_is_not() -
 
     def freeze() -> None:
         old.handler = lambda delivery: None  # it hears nothing of its loss
-        lab.world.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
+        lab.engine.nodes.handle(Delivery("gone", keys.alive(RUN, "agent", "agent-1")))
 
     summary = lab.fly({20: freeze, 40: lab.agent, 60: thaw})
     assert (summary["lost"], summary["nodes_lost"]) == (0, 1)

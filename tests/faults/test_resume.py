@@ -76,7 +76,7 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[s
         if tick == 250:
             break
     with folder:
-        folder.summarise(engine.world.finish())
+        folder.summarise(engine.finish())
     assert (folder.path / "timeseries.parquet").exists()
     assert steady(resumed(folder.path)) == steady(undisturbed)
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1

@@ -46,9 +46,8 @@ def test_a_station_that_comes_late_is_sent_every_row_and_the_latest_checkpoint()
 
 
 def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits() -> None:
-    lab = Lab(scenario())
+    lab = Lab(scenario(), stations=1)
     lab.engine.network.endpoints[1].close()
-    lab.world._stations = 1
     late: list[Record] = []
 
     def start(_timeout_s: float) -> None:
@@ -58,7 +57,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
             assert isinstance(control.decode(answer), Welcome)
             late.append(listen(lab))
 
-    lab.world._wait = start
+    lab.engine.hub.receive = start
     lab.fly()
     assert sum(len(block.states) for block in late[0].blocks) == 121
 
@@ -67,9 +66,9 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(m
     monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 60_000)
     lab = Lab(scenario("duration=40"))
     deafen(lab)
-    assert max(lab.world.outbox._bytes for _ in lab.engine.fly()) <= 60_000
+    assert max(lab.engine.outbox._bytes for _ in lab.engine.fly()) <= 60_000
     record = listen(lab, first_block=0)
-    summary = lab.world.finish()
+    summary = lab.engine.finish()
     assert summary["telemetry_blocks_dropped"] > 0
     first = record.blocks[0]
     assert first.block >= summary["telemetry_blocks_dropped"]
@@ -115,10 +114,10 @@ def test_the_world_waits_for_a_slow_station_that_takes_something_now_and_then(
         if waiting and now[0] % every_s < timeout_s:
             station.handle(waiting.pop(0))
 
-    lab.world._wait, lab.world._clock = wait, lambda: now[0]
+    lab.engine.hub.receive, lab.now = wait, lambda: now[0]
     for _ in lab.engine.fly():
         pass
-    summary = lab.world.finish(lambda: linger_s)
+    summary = lab.engine.finish(lambda: linger_s)
     assert (station.summary == summary) is all_of_it
     assert (sum(len(block.states) for block in slow.blocks) == 121) is all_of_it
 

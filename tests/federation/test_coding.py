@@ -230,7 +230,7 @@ def test_without_losses_a_round_in_fragments_is_the_mean(topology: str, by_sampl
     assert engine.complete()["radio"]["traffic"]["uplink"]["outages"] == 0
     start = Long(Long.Options(length=3600), case).init(np.arange(6), np.zeros((6, 4)))
     mean = np.average(start["model"], axis=0, weights=start["samples"] if by_samples else None)
-    np.testing.assert_allclose(engine._agents[0]._memory["model"], np.tile(mean, (6, 1)), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(engine.crew.agents[0]._memory["model"], np.tile(mean, (6, 1)), rtol=1e-12, atol=1e-12)
 
 
 def test_a_uav_fills_what_it_missed_from_the_last_global_model_and_not_from_its_own() -> None:

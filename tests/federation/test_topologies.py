@@ -19,6 +19,7 @@ from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.agent import nodes
 from tests.federation.plugins import Long, Momentum
+from tests.memory_swarm import MemorySwarm
 from tests.telemetry import fly
 
 # A radio on which messages need up to five ticks, and many are lost.
@@ -101,8 +102,8 @@ def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(
 
 
 def test_a_ring_is_billed_by_the_hop_and_no_uav_pays_for_its_own_model_or_needs_a_leader() -> None:
-    engine = Engine(scenario("federation.fraction=1.0", CLEAR), "ring", uavs_per_node=4)
-    assert all(member.role == "agent" for member in engine.world.members.present)
+    engine = MemorySwarm(scenario("federation.fraction=1.0", CLEAR), "ring", uavs_per_node=4)
+    assert all(member.role == "agent" for member in engine.nodes.members.present)
     summary = engine.complete()
     traffic: dict[str, Any] = summary["radio"]["traffic"]
     assert traffic["uplink"]["transmissions"] == traffic["uplink"]["delivered"] == 17 * UAVS

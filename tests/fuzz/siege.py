@@ -10,7 +10,6 @@ from typing import Any
 
 import psutil
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Station
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.results.run_folder import RunFolder
@@ -18,11 +17,13 @@ from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryNetwork
+from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import control
+from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
 from tests.faults.conftest import RUN, Lab, saying, scenario
 from tests.fuzz.mutation import Mutator
+from tests.memory_swarm import MemorySwarm
 from tests.swarm.examples import RAW, read, written
 
 NUMBER = keys.fingerprint(RUN)
@@ -43,7 +44,7 @@ def besieged(clusters: int) -> Scenario:
 
 
 def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
-    engine = Engine(flown, RUN, uavs_per_node=ROWS, leaders=2)
+    engine = MemorySwarm(flown, RUN, uavs_per_node=ROWS, leaders=2)
     said: list[bytes] = []
     spy = engine.network.endpoint()
     spy.handler = lambda delivery: said.append(delivery.payload)
@@ -69,6 +70,7 @@ class Siege:
         self._a_tick = -(-count // TICKS)
         self._lab = Lab(self._flown, uavs_per_node=ROWS, leaders=2)
         self._world = self._lab.world
+        self._nodes = self._lab.engine.nodes
         self._spokes = [self._lab.client_of(name) for name in NODES]
         self._turn, self._ambushed = 0, -1
         self._answers: list[bytes] = []
@@ -89,7 +91,7 @@ class Siege:
             for _ in self._lab.engine.fly():
                 self._assault(self._a_tick - self._a_tick // 2)
                 self.rss.append(process.memory_info().rss)
-            summary = self._world.finish()
+            summary = self._lab.engine.finish()
             self.rss.append(process.memory_info().rss)
         return summary
 
@@ -100,7 +102,7 @@ class Siege:
 
         def first_the_attack(key: str, raw: bytes) -> bool:
             now = self._world.flight.tick
-            if self._world._barrier.standing and now > self._ambushed:
+            if self._nodes._barrier.standing and now > self._ambushed:
                 self._ambushed = now
                 self._assault(self._a_tick // 2)
             return reply(key, raw)
@@ -127,7 +129,7 @@ class Siege:
             return None
 
     def _at_world(self, raw: bytes, message: Any) -> None:
-        names = [*self._world.members._by_name, "agent-77", "nobody"]
+        names = [*self._nodes.members._by_name, "agent-77", "nobody"]
         name = names[self._turn // 32 % len(names)]
         delivery = Delivery("message", keys.act(RUN, name), raw)
         match self._turn // 4 % 8:
@@ -143,7 +145,7 @@ class Siege:
                 return
         self.thrown["world"] += 1
         before = self._world.counters.drops.total()
-        self._world.handle(delivery)
+        self._nodes.handle(delivery)
         dropped = self._world.counters.drops.total() - before
         if dropped != 1 and not (dropped == 0 and isinstance(message, HARMLESS)):
             raise Broken(f"{dropped} drops counted for {type(message).__name__} under {delivery.key}: {raw.hex()}")
@@ -153,7 +155,7 @@ class Siege:
 
     def _is_its_word(self, name: str, raw: bytes, message: Any) -> bool:
         """Whether that is what the node may say in this moment: whoever can say it under its key is that node."""
-        barrier, member = self._world._barrier, self._world.members.get(name)
+        barrier, member = self._nodes._barrier, self._nodes.members.get(name)
         if member is None or member.lost:
             return False
         if isinstance(message, Event | Refusal):
@@ -177,9 +179,17 @@ class Siege:
         before = client.dropped.total()
         client.handle(Delivery("message", keys.sense(RUN, "x"), raw))
         again = isinstance(message, Sense) and message.run == NUMBER and message.tick == client._last_tick
-        again = again and message.states.shape == client._blank.shape  # not one for a node of other rows
+        again = again and self._is_for(client, raw)
         if client.dropped.total() - before != (0 if again else 1):
             raise Broken(f"a node let in {type(message).__name__}: {raw.hex()}")
+
+    def _is_for(self, client: NodeClient, raw: bytes) -> bool:
+        """Whether a request fits the rows of a node, and names UAVs of the swarm."""
+        try:
+            tick.read_sense(raw, client._blank.copy(), client._everyone)
+        except MessageRejected:
+            return False
+        return True
 
     def _station(self) -> Station:
         return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=self._flown.uavs)
@@ -210,7 +220,7 @@ class Insider:
             mutate = Mutator([written(act)], self._seed + act.tick)
             for _ in range(-(-self._count // TICKS)):
                 yield mutate(act.tick)
-            self.let_in += self._who in lab.world._barrier.acts
+            self.let_in += self._who in lab.engine.nodes._barrier.acts
             yield act
 
         lab = saying(self._flown, self._who, possessed)

@@ -77,7 +77,7 @@ def test_the_line_and_the_table_have_late_commands_in_real_time_alone(realtime: 
             engine.world.counters.late(1234)
     line = str(bar._bar.tasks[0].fields["detail"])
     out = io.StringIO()
-    Console(file=out, width=120).print(summary_table(engine.world.finish()))
+    Console(file=out, width=120).print(summary_table(engine.finish()))
     table = out.getvalue()
     assert "arrived" in line
     assert ("held 1234 in 1 late ticks" in line, "held" in line) == (realtime is not None, realtime is not None)

@@ -51,7 +51,7 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
                 code, _, err = run(*verb, str(folder.path))
                 assert (code, err.count("\n")) == (EXIT_BAD_INPUT, 1)
                 assert "still writes this run" in err
-        engine.world.finish()
+        engine.finish()
     assert verify(folder.path / "recording.rrd") is None
     assert recorded([folder.path / "recording.rrd"]).ticks[-1] == 40
     assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41

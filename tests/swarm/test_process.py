@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
@@ -18,6 +17,7 @@ from meanflock.swarm.net.access import Address
 from meanflock.swarm.process import AT_MOST, QUICK_S, Restarts, parser, seconds
 from meanflock.swarm.scenario import load
 from tests.commands import printed
+from tests.memory_swarm import MemorySwarm
 
 
 @pytest.mark.parametrize("text", ["nan", "-1", "soon"])
@@ -132,7 +132,7 @@ def test_an_unknown_form_or_level_is_bad_input(monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_world_and_a_node_log_the_reason_of_a_drop_and_of_a_loss(capsys: pytest.CaptureFixture[str]) -> None:
     logs.start("json", run=RUN, node="world")
-    engine = Engine(load(None, ["uavs=4", "duration=2", "method=mfg"]), RUN, uavs_per_node=2)
+    engine = MemorySwarm(load(None, ["uavs=4", "duration=2", "method=mfg"]), RUN, uavs_per_node=2)
     network = engine.network.endpoint()
     (doomed,) = (bus for bus in engine.network.endpoints if keys.sense(RUN, "agent-2") in bus._subscriptions)
     for tick in engine.fly():

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import Address
 from meanflock.swarm.scenario import load
-from meanflock.worldsim.exporter import exported
+from meanflock.worldsim.clocks import BOUNDS_S
+from meanflock.worldsim.exporter import Exporter, exported
 from meanflock.worldsim.reporting import Outbox
-from meanflock.worldsim.summary import BOUNDS_S
+from tests.memory_swarm import MemorySwarm
 from tests.polling import DEADLINE_S
 
 RUN = "watched"
@@ -38,19 +38,28 @@ class Scrape:
 
 
 @pytest.fixture
-def engine() -> Engine:
+def engine() -> MemorySwarm:
     settings = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "radio.target_snr_db=78"]
     flown = load(None, settings, method="mfgfl-hf", faults=[{"kind": "kill", "uavs": [4], "time_s": 3.0}])
-    return Engine(flown, RUN, uavs_per_node=2, sinks=[Kept()])
+    return MemorySwarm(flown, RUN, uavs_per_node=2, sinks=[Kept()])
 
 
 @pytest.fixture
-def url(engine: Engine) -> Iterator[str]:
-    with exported(engine.world, ANY) as url:
+def exporter(engine: MemorySwarm) -> Exporter:
+    exporter = Exporter(engine.world, RUN, "processes", engine.watch, engine.nodes, engine.outbox)
+    engine.sinks.append(exporter)
+    return exporter
+
+
+@pytest.fixture
+def url(exporter: Exporter) -> Iterator[str]:
+    with exported(exporter, ANY) as url:
         yield url
 
 
-def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_metric_is_the_number_of_the_summary(
+    engine: MemorySwarm, exporter: Exporter, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     network = engine.network.endpoint()
     for tick in engine.fly():
         if tick == 7:
@@ -59,10 +68,10 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str, mon
     with monkeypatch.context() as patch:
         patch.setattr(Outbox, "waiting", 7)
         scraped = Scrape(url)
-    summary: dict[str, Any] = engine.world.finish()
+    summary: dict[str, Any] = engine.finish()
     assert scraped("ticks_total") == summary["ticks"] == 120
     assert scraped("simulated_seconds_total") == summary["sim_time_s"]
-    fastest = summary["sim_time_s"] / engine.world.ticks.total_s
+    fastest = summary["sim_time_s"] / exporter.ticks.total_s
     assert 0.0 < summary["real_time_factor"] <= scraped("real_time_factor") <= fastest
     for name in ("rounds", "rounds_void", "rounds_isolated", "uploads_silent", "uploads_late", "uploads_refused"):
         assert scraped(f"{name}_total") == summary[name]
@@ -82,12 +91,12 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str, mon
         assert scraped("dropped_messages_total", reason=reason) == count
     assert scraped("telemetry_blocks_unacknowledged") == 7
     assert scraped("held_commands_total") == scraped("deadline_misses_total") == 0
-    assert scraped("run_info", run=RUN, mode="in-process", method="mfgfl-hf", version=summary["version"]) == 1
+    assert scraped("run_info", run=RUN, mode="processes", method="mfgfl-hf", version=summary["version"]) == 1
     for name in ("tick_seconds", "barrier_wait_seconds"):
         buckets = [scraped(f"{name}_bucket", le=f"{bound:g}") for bound in BOUNDS_S]
         assert buckets == sorted(buckets)
         assert buckets[-1] <= scraped(f"{name}_bucket", le="+Inf") == scraped(f"{name}_count") == 120
-    assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.world.wall_s()
+    assert 0.0 < scraped("barrier_wait_seconds_sum") < scraped("tick_seconds_sum") < engine.watch.seconds
     assert {"process_resident_memory_bytes", "process_cpu_seconds"} <= {family.name for family in scraped.families}
     for family in scraped.families:
         assert family.documentation
@@ -95,7 +104,7 @@ def test_every_metric_is_the_number_of_the_summary(engine: Engine, url: str, mon
         assert family.type in ("counter", "gauge", "histogram")
 
 
-def test_unknown_metrics_are_absent_and_nodes_are_counted_as_they_come_and_go(engine: Engine, url: str) -> None:
+def test_unknown_metrics_are_absent_and_nodes_are_counted_as_they_come_and_go(engine: MemorySwarm, url: str) -> None:
     before = Scrape(url)
     assert before("ticks_total") == 0
     assert "meanflock_real_time_factor" not in {sample.name for family in before.families for sample in family.samples}

@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.agent.node import Agent
-from meanflock.leader.node import Leader
+from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
-from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import load
-from meanflock.swarm.wire.messages import Join
+from meanflock.swarm.wire.messages import Event
+from meanflock.worldsim.clocks import factor
 from meanflock.worldsim.members import Member
-from meanflock.worldsim.summary import factor
-from meanflock.worldsim.waiting import Pace
-from meanflock.worldsim.world import World
+from meanflock.worldsim.pace import Pace
+from meanflock.worldsim.tick import Row
+from tests.memory_swarm import MemorySwarm
 
 RUN = "late"
 TICK_S = 0.05  # dt = 0.1 s, twice as fast as the wall clock
@@ -33,7 +32,7 @@ class SlowBus(MemoryBus):
         network.endpoints.append(self)
         self.now = 0.0
         self.delay_s: Callable[[str], float] = lambda node: PROMPT_S
-        self.world: World
+        self.handler = None
         self._coming: list[tuple[float, int, Delivery]] = []
 
     def subscribe(self, key: str, offer: Offer | None = None) -> None:
@@ -41,7 +40,7 @@ class SlowBus(MemoryBus):
 
     def _deliver(self, delivery: Delivery) -> None:
         if delivery.kind != "message":
-            self.world.handle(delivery)
+            self.handler(delivery)
             return
         due = self.now + self.delay_s(keys.node_of(delivery.key))
         self._coming.append((due, len(self._coming), delivery))
@@ -63,29 +62,36 @@ class Flight:
         self, realtime: float | None = 2.0, settings: Sequence[str] = (), rows: Sequence[int] = (1, 1)
     ) -> None:
         """`rows`: UAVs of each agent."""
-        self._network = MemoryNetwork()
-        self.bus = SlowBus(self._network)
         flown = load(None, [f"uavs={sum(rows)}", "method=mfg", "duration=2", 'stop="duration"', *settings])
-        self.world = self.bus.world = World(flown, self.bus, RUN, realtime=realtime, clock=lambda: self.bus.now)
-        for count in rows:
-            self._join(Join("agent", count), Agent)
-        if flown.declared.is_federated:
-            self._join(Join("leader", 0), Leader)
-        self.world.gather(10.0)
+        self.events: list[Event] = []
+        self.bus: SlowBus
+
+        def make_bus(network: MemoryNetwork) -> SlowBus:
+            self.bus = SlowBus(network)
+            return self.bus
+
+        self.swarm = MemorySwarm(
+            flown,
+            RUN,
+            uavs_per_node=rows,
+            realtime=realtime,
+            make_bus=make_bus,
+            clock=lambda: self.bus.now,
+            leaders=None if flown.declared.is_federated else 0,
+        )
+        self.swarm.sinks.append(self)
+        self.world = self.swarm.world
         self.commands: list[np.ndarray] = []
 
-    def _join(self, request: Join, make: Callable[..., Agent | Leader]) -> None:
-        endpoint = self._network.endpoint()
-        client = NodeClient(endpoint, RUN)
-        endpoint.handler = client.handle
-        client.join(request, make, timeout_s=1.0)
+    def write(self, row: Row) -> None:
+        self.events += row.events
 
     def fly(self, delay_s: Callable[[int, str], float] = lambda tick, node: PROMPT_S) -> dict:
         """To the end, each node answering when `delay_s` of tick and node is over."""
-        self.bus.delay_s = lambda node: delay_s(self.world.flight.tick, node)
-        for _ in self.world.fly():
-            self.commands.append(self.world._commands.accelerations.copy())
-        return self.world.finish(lambda: 0.0)
+        self.bus.delay_s = lambda node: delay_s(self.world.tick, node)
+        for _ in self.swarm.fly():
+            self.commands.append(self.world.commands.accelerations.copy())
+        return self.swarm.finish(lambda: 0.0)
 
 
 LATE = (3, 4, 9)  # ticks
@@ -117,10 +123,10 @@ def test_a_late_node_keeps_its_last_command_and_its_tick_is_counted() -> None:
 
 def test_a_late_world_reports_its_jitter_and_catches_up() -> None:
     flight = Flight()
-    for tick in flight.world.fly():
+    for tick in flight.swarm.fly():
         if tick == 5:
             flight.bus.now += 0.12  # begins tick 5 so late that 6 and 7 are late too
-    summary = flight.world.finish(lambda: 0.0)
+    summary = flight.swarm.finish(lambda: 0.0)
     late = [0.0] * 17 + [20.0, 70.0, 120.0]
     assert summary["realtime"]["tick_start_jitter_ms"] == pytest.approx(
         {"mean": np.mean(late), "p99": np.percentile(late, 99), "max": 120.0}, rel=1e-5
@@ -138,7 +144,7 @@ def test_an_invalid_factor_is_bad_input(text: str) -> None:
 
 def test_lockstep_cannot_be_steered() -> None:
     with pytest.raises(BadInput, match="add --realtime"):
-        World(load(None, ["uavs=1"]), MemoryNetwork().endpoint(), RUN, steer=object())
+        Engine(load(None, ["uavs=1"]), RUN, steer=object())
 
 
 JUST_IN_TIME_S = 9.5  # the barrier's deadline is 10 s
@@ -149,16 +155,8 @@ SHORT = ["pace.slow_ticks=6", ANY]
 def fly(delay_s: Callable[[int, str], float], *settings: str, rows: Sequence[int] = (1, 1, 1)) -> dict[str, Any]:
     """A flight in lockstep: the summary, and the events in it that tell of slow and of lost nodes."""
     flight = Flight(None, settings, rows)
-    heard: list[tuple[int, str, str]] = []
-    begin = flight.world._reporter.begin
-
-    def begin_and_tell(block: int, first_tick: int) -> None:
-        heard.extend((event.tick, event.kind, event.text) for event in flight.world._reporter.events)
-        begin(block, first_tick)
-
-    flight.world._reporter.begin = begin_and_tell
     summary = flight.fly(delay_s)
-    told = heard + [(event.tick, event.kind, event.text) for event in flight.world.flight.events]
+    told = [(event.tick, event.kind, event.text) for event in flight.events]
     return {**summary, "told": [entry for entry in told if entry[1] in ("slow", "lost")]}
 
 
@@ -248,7 +246,7 @@ def slow_tick(pace: Pace, late: str) -> list[str]:
 
 
 def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None:
-    pace = Pace(load(None, SHORT).pace, lambda kind, text: None, 10.0)
+    pace = Pace(load(None, SHORT).pace, [], 10.0)
     assert [slow_tick(pace, "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
     assert slow_tick(pace, "agent-1.2") == ["agent-1.2"]
     for _ in range(3 * Pace.FORGIVEN_TICKS):

@@ -17,6 +17,7 @@ from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
+from tests.memory_swarm import MemorySwarm
 from tests.testing.good import GoodVehicle
 
 ORACLES = Path(__file__).parents[1] / "oracle"
@@ -115,7 +116,7 @@ def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.
     sent = []
     monkeypatch.setattr(admission.scenario, "encode", lambda flown: sent.append(encode(flown)) or sent[-1])
     flown = load(None, [*TRUE, "uavs=3"])
-    Engine(flown, "truth", uavs_per_node=1)
+    MemorySwarm(flown, "truth", uavs_per_node=1)
     assert len(sent) == 4
     for raw in sent:
         assert decode(raw) == resolved(load(None, ["uavs=3"]))

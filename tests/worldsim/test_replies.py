@@ -20,9 +20,11 @@ from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim import checkpoint
-from meanflock.worldsim.barrier import Barrier, Commands, FrameMerger, Replies
+from meanflock.worldsim.barrier import Barrier, Replies
 from meanflock.worldsim.checkpoint import Assembly, Memories, split
+from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.members import Member
+from meanflock.worldsim.merger import FrameMerger
 from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
 from tests.faults.dying import dead, resumed
 from tests.swarm.examples import same
@@ -79,17 +81,16 @@ def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
 
 
 def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_rounds_and_silent_uavs() -> None:
-    dropped: list[str] = []
-    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(ALL), lambda error, where: dropped.append(where))
+    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(ALL))
     batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
-    (merged,) = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
+    (merged,), rejected = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
     kept = [upload(ALL, 0), upload(ALL, 2, 3)]
     assert (merged.kind, merged.round, merged.links) == (FrameKind.UPLOAD, 2, None)  # not that of the first batch
     assert merged.source.tolist() == [0, 2]
     np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload[:1] for each in kept]))
-    assert dropped == ["frames of UAV 1", "frames of UAV 5"]
+    assert [where for _, where in rejected] == ["frames of UAV 1", "frames of UAV 5"]
     assert meter.traffic[FrameKind.UPLOAD].wire_bytes == 2 * wire.bytes_of_batch(upload(ALL, 0))
-    assert merger.merged(TICK, batches[:1], np.ones(8, dtype=bool), meter) == []
+    assert merger.merged(TICK, batches[:1], np.ones(8, dtype=bool), meter)[0] == []
 
 
 @pytest.mark.parametrize("column", range(5))
@@ -124,12 +125,12 @@ def test_memories_are_joined_by_row_and_a_wrong_one_is_refused_and_changes_nothi
     memories = Memories(ROWS)
     for record, reason in WRONG_MEMORIES[:3]:
         with pytest.raises(MessageRejected, match=f"^{reason}"):
-            memories.take(member(3), record)
-    memories.take(member(2), memory(1, 9.0))
-    memories.take(member(0, 1), memory(2))
+            memories.take(slice(3, 4), 1, record)
+    memories.take(slice(2, 3), 1, memory(1, 9.0))
+    memories.take(np.arange(2), 2, memory(2))
     for record, reason in WRONG_MEMORIES[3:]:
         with pytest.raises(MessageRejected, match=f"^{reason}"):
-            memories.take(member(3), record)
+            memories.take(slice(3, 4), 1, record)
     assert memories.arrays["model"][:3].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [9.0, 10.0, 11.0]]
     assert memories.arrays["tick"].tolist() == [7, 7, 7, *[0] * (ROWS - 3)]
     assert memories.present.tolist() == [True] * 3 + [False] * (ROWS - 3)

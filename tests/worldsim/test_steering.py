@@ -7,8 +7,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire.mavlink import Reader
 from meanflock.swarm.wire.mavlink import Setpoint as Read
-from meanflock.worldsim.steering import Setpoint, Steering
-from meanflock.worldsim.summary import Counters
+from meanflock.worldsim.counters import Counters
+from meanflock.worldsim.steering import Setpoint, Steered
+from meanflock.worldsim.tick import Acts, Senses
 from tests.bridge.client import heartbeat, setpoint
 
 WRITER = mavlink.MAVLink(None, srcSystem=250)
@@ -28,26 +29,36 @@ class Heard:
         pass
 
 
-class Steered:
-    """Steering of three UAVs, with its port, its clock and its events."""
+class Hovering:
+    """A crew of three UAVs that command nothing."""
+
+    def __init__(self) -> None:
+        self.commands = np.zeros((3, 2))
+
+    def answer(self, senses: Senses) -> tuple[Acts, np.ndarray]:
+        return Acts(self.commands), np.zeros(3, dtype=bool)
+
+
+class Flight:
+    """A steered crew of three UAVs, with its port, its clock and its events."""
 
     def __init__(self) -> None:
         self.now = 0.0
-        self.port, self.counters = Heard(), Counters()
+        self.port, self.counters, self.crew = Heard(), Counters(), Hovering()
         self.events: list[tuple[str, list[int]]] = []
-
-        def note(kind: str, _text: str, uavs=()) -> None:
-            self.events.append((kind, list(uavs)))
-
-        self.steering = Steering(self.port, self.counters, note, pytest.fail, lambda: self.now)
+        self.steered = Steered(self.crew, self.port, self.counters, lambda: self.now)
+        self.steered_ticks = 0
 
     def tick(self, now: float, *came: Setpoint, idle: np.ndarray | None = None) -> list[list[float]]:
         self.now = now
         self.port.coming += came
-        commands = np.zeros((3, 2))
-        flown = self.steering.replaced(commands, idle)
-        assert not commands.any()
-        return flown.tolist()
+        all_awake = np.ones(3, dtype=bool)
+        nothing = [], (), 0, False, b"", False, False, np.zeros(0, dtype=int), 0
+        acts, _ = self.steered.answer(Senses(0, np.zeros((3, 4)), all_awake, ~all_awake, idle, *nothing))
+        assert not self.crew.commands.any()
+        self.events += [(note.kind, list(note.uavs)) for note in acts.news]
+        self.steered_ticks += acts.steered
+        return acts.commands.tolist()
 
 
 OWN = [0.0, 0.0]
@@ -55,19 +66,20 @@ PUSH = Setpoint(1, (3.0, -4.0), "127.0.0.1:5000")
 
 
 def test_a_setpoint_replaces_the_command_of_its_uav_until_a_second_of_silence() -> None:
-    steered = Steered()
+    steered = Flight()
     assert steered.tick(0.0) == [OWN, OWN, OWN]
     for now in (0.1, 0.6, 1.1):  # the last one is not old enough
         assert steered.tick(now, *[PUSH] * (now == 0.1)) == [OWN, [3.0, -4.0], OWN]
     assert steered.tick(1.2) == [OWN, OWN, OWN]
     assert steered.tick(1.3, PUSH, PUSH._replace(acceleration=(1.0, 0.0))) == [OWN, [1.0, 0.0], OWN]  # the last counts
     assert steered.events == [("steered", [1]), ("released", [1]), ("steered", [1])]
-    assert steered.counters.steered == 4
+    assert steered.steered_ticks == 4
 
 
 def test_an_idle_uav_is_not_steered() -> None:
-    steered = Steered()
+    steered = Flight()
     idle = np.array([False, True, False])
+    steered.tick(0.0)
     assert steered.tick(0.0, PUSH, idle=idle) == [OWN, OWN, OWN]
     assert steered.tick(0.1) == [OWN, [3.0, -4.0], OWN]
     assert steered.tick(0.2, idle=idle) == [OWN, OWN, OWN]
@@ -75,16 +87,16 @@ def test_an_idle_uav_is_not_steered() -> None:
 
 
 def test_what_came_before_take_off_is_discarded() -> None:
-    steered = Steered()
+    steered = Flight()
     steered.port.coming = [PUSH]
-    steered.steering.begin()
     assert steered.tick(0.1) == [OWN, OWN, OWN]
+    assert steered.tick(0.2, PUSH) == [OWN, [3.0, -4.0], OWN]
 
 
 def test_a_resumed_flight_knows_that_it_was_steered() -> None:
-    steered, resumed = Steered(), Counters()
-    steered.tick(0.0, PUSH)
-    resumed.restore(steered.counters.snapshot(1.0))
+    counted, resumed = Counters(), Counters()
+    counted.steered = 1
+    resumed.restore(counted.snapshot(1.0))
     assert resumed.steered == 1
 
 

@@ -1,121 +1,15 @@
-"""The wait for replies: how long a tick waits, and which nodes are lost because they are silent or slow."""
+"""Pace: which nodes are lost because they delay the flight tick after tick."""
 
 import logging
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple
 
-from meanflock.federation.post import Note
-from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import tables
-from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.barrier import Barrier
 from meanflock.worldsim.members import LEADER, Member
-from meanflock.worldsim.summary import Counters, Durations, Schedule
+from meanflock.worldsim.tick import News, Note
 
 log = logging.getLogger("meanflock.world")
-
-STALL_S = 0.5  # longest step of the wait that counts: in a longer one this machine stood still, perhaps the nodes too
-ASK_AGAIN_S = 1.0  # a request without a reply is repeated: the first one after a declaration can get lost
-
-
-class Waiting:
-    """Waits for the replies of a tick, in lockstep or in real time, and for an agent when all are lost.
-
-    Attributes:
-        took: durations from the last request of a tick to its last reply, or to the end of the wait.
-    """
-
-    def __init__(
-        self,
-        barrier: Barrier,
-        admission: Admission,
-        counters: Counters,
-        schedule: Schedule | None,
-        patience_s: float,
-        pace: "Pace",
-        receive: Callable[[float], None],
-        clock: Callable[[], float],
-    ) -> None:
-        """
-        Args:
-            schedule: of a flight in real time; None in lockstep.
-            patience_s: how long lockstep waits for a node before it is lost.
-            pace: loses nodes that are slow in many ticks.
-            receive: handles the next delivery, or returns after so many seconds without one.
-            clock: seconds, monotonic.
-        """
-        self.took = Durations()
-        self._barrier = barrier
-        self._admission = admission
-        self._counters = counters
-        self._schedule = schedule
-        self._patience_s = patience_s
-        self._pace = pace
-        self._receive = receive
-        self._clock = clock
-
-    def for_answers(self) -> None:
-        """Wait for the replies of a tick."""
-        begin = self._clock()
-        end = self._in_lockstep() if self._schedule is None else self._until(self._schedule.end)
-        self.took.add(end - begin)
-
-    def for_an_agent(self, cancelled: Callable[[], bool]) -> bool:
-        """Wait, before a tick, while all agents are lost; returns whether there is one, which is false if `cancelled`.
-
-        Raises:
-            RunFailed: no agent came back in time.
-        """
-        if not self._admission.unattended:
-            return True
-        end = self._clock() + self._patience_s
-        while not any(member.role != LEADER and member.ready for member in self._admission.members.present):
-            if cancelled():
-                return False
-            if self._clock() > end:
-                raise RunFailed(f"every agent is lost, and none came back within {self._patience_s:.0f} s")
-            self._receive(0.1)
-            self._admission.expire(self._patience_s)
-        return True
-
-    def _in_lockstep(self) -> float:
-        """Wait until every node has replied or is lost; returns the time then."""
-        now = self._clock()
-        waited = 0.0  # by the nodes that are asked now
-        waited_before = 0.0  # by nodes that are lost since
-        repeated = 0.0  # value of `waited` when the requests were last repeated
-        self._pace.begin()
-        while self._barrier.silent:
-            before = now
-            self._receive(0.1)
-            now = self._clock()
-            waited += min(now - before, STALL_S)
-            self._pace.look(waited, self._barrier)
-            if waited > self._patience_s:
-                for name in self._barrier.missing:
-                    self._admission.lose(self._barrier.asked[name], f"no answer for {self._patience_s:.0f} s")
-                waited_before += waited
-                waited = repeated = 0.0  # a leader that takes over has as much time
-            elif waited - repeated > ASK_AGAIN_S:
-                repeated = waited
-                self._barrier.ask_again()
-        self._pace.charge(waited_before + waited, now, self._barrier)
-        for verdict in self._pace.overdrawn():
-            self._admission.expel(verdict.node, verdict.reason, verdict.out_s)
-        return now
-
-    def _until(self, end: float) -> float:
-        """Wait in real time until `end`; returns the time of the last reply, or `end` if replies are missing."""
-        complete: float | None = None
-        for _ in range(len(self._barrier.asked)):  # takes replies that are here already, even if the tick began late
-            self._receive(0.0)
-        while (left := end - (now := self._clock())) > 0:
-            if complete is None and not self._barrier.silent:
-                complete = now
-            self._receive(left)
-        self._counters.late(sum(len(self._barrier.asked[name].uavs) for name in self._barrier.missing))
-        return now if complete is None else complete
 
 
 class Verdict(NamedTuple):
@@ -173,10 +67,10 @@ class Pace:
     FORGIVEN_TICKS = 100
     ORDINARY = 2.0
 
-    def __init__(self, rules: tables.Pace, note: Note, patience_s: float) -> None:
-        """`note`: records the event of a warning. `patience_s`: how long a tick waits for a node before it is lost."""
+    def __init__(self, rules: tables.Pace, news: list[News], patience_s: float) -> None:
+        """`news`: warnings are appended. `patience_s`: how long a tick waits for a node before it is lost."""
         self._rules = rules
-        self._note = note
+        self._news = news
         self._patience_s = patience_s
         self._accounts: dict[str, _Account] = {}
         self._waits: dict[str, _Waits] = {}
@@ -249,7 +143,7 @@ class Pace:
         if (name := _account(node)) not in self._warned:
             self._warned.add(name)
             log.warning("%s is slow: %s", node, text, extra={"peer": node, "reason": "slow"})
-            self._note("slow", f"{node}: {text}")
+            self._news.append(Note("slow", f"{node}: {text}"))
 
 
 def _agents(barrier: Barrier) -> list[Member]:

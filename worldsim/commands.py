@@ -1,0 +1,82 @@
+"""Commands of a flight: what the UAVs do, and the diagnostics that came with it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm import state
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
+from meanflock.worldsim.books import block_ticks, sums
+
+_NOBODY = np.zeros(0, dtype=np.intp)
+
+
+class Commands:
+    """The current command of each UAV, and the diagnostics of the flight.
+
+    Diagnostics are added up for a block of ticks at once, in the order of the ticks.
+
+    Attributes:
+        accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
+        diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
+    """
+
+    def __init__(self, uavs: int, diagnostics: int) -> None:
+        self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
+        self.diagnostics: Floats = np.zeros((uavs, diagnostics))
+        self._most = block_ticks(uavs)
+        self._largest: Floats = np.zeros(diagnostics)
+        self._summed: Floats = np.zeros(diagnostics)
+        self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
+        self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
+
+    @property
+    def largest(self) -> Floats:
+        """(K,), maximum of |diagnostics| over the flight."""
+        self._settle()
+        return self._largest
+
+    @property
+    def summed(self) -> Floats:
+        """(K,), sum of the diagnostics of UAVs on the way over the flight."""
+        self._settle()
+        return self._summed
+
+    def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> NDArray[np.intp]:
+        """Store the numbers (N, 2 + K) of the UAVs that replied and are awake.
+
+        Args:
+            numbers: of the replies, finite; never written to again.
+            replied: (N,), UAVs whose node replied.
+            awake: (N,), UAVs that take part in the tick.
+            on_way: (N,), UAVs that have left the ground, have not arrived and are not lost; a new array if others have.
+
+        Returns:
+            The UAVs that replied with a diverged number; their rows are not stored.
+        """
+        stored = replied & awake
+        diverged = _NOBODY
+        if b"\0" in stored.tobytes() or not np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0) < BEYOND_SENSE:
+            bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
+            stored &= bounded
+            diverged = np.flatnonzero(replied & ~bounded)
+            np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
+            numbers = np.where(stored[:, None], numbers, 0.0)
+        else:
+            self.accelerations[...] = numbers[:, : state.AXES]
+        self.diagnostics = numbers[:, state.AXES :]
+        if on_way is not self._on_way or len(self._block) == self._most:
+            self._settle()
+            self._on_way = on_way
+        self._block.append(self.diagnostics)
+        return diverged
+
+    def _settle(self) -> None:
+        """Add the diagnostics of the ticks since the last call to the sums."""
+        if not self._block:
+            return
+        block = np.stack(self._block)  # (k, N, K)
+        self._block = []
+        sizes = np.abs(block.transpose(2, 0, 1), order="C")  # much faster than a maximum along few columns
+        self._largest = np.maximum(self._largest, np.maximum.reduce(sizes, axis=(1, 2)))
+        of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
+        self._summed = sums(self._summed, of_ticks)[-1]

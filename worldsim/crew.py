@@ -1,0 +1,278 @@
+"""Crews: who answers for the UAVs of a world. A flight is a world, a crew and sinks."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Received
+from meanflock.agent.node import Agent
+from meanflock.federation.fragments import resolved
+from meanflock.federation.mailbox import links_of, mail_for, only
+from meanflock.leader.node import Leader
+from meanflock.swarm import scenario as scenarios
+from meanflock.swarm import state
+from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
+from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
+from meanflock.worldsim.checkpoint import Memories, Resumption
+from meanflock.worldsim.clocks import Schedule
+from meanflock.worldsim.tick import Acts, News, Note, Row, Senses
+from meanflock.worldsim.world import KILLED, World
+
+Place: TypeAlias = slice | NDArray[np.intp]  # index of the UAVs of a node among all UAVs
+
+
+class Crew(Protocol):
+    """Answers for all UAVs of a world."""
+
+    def answer(self, senses: Senses) -> tuple[Acts, Mask]:
+        """What the UAVs say in a tick, and the mask (N,) of those that do not answer.
+
+        Raises:
+            RunFailed: nobody can answer any more.
+        """
+
+
+class Sink(Protocol):
+    """Output that takes the rows of a flight."""
+
+    def write(self, row: Row) -> None:
+        """Take the next row. Its arrays hold until the next tick."""
+
+
+def fly(world: World, crew: Crew, sinks: Sequence[Sink] = ()) -> Iterator[Row]:
+    """Fly a world to its end, a row a tick; the caller can stop after any.
+
+    Raises:
+        RunFailed: the crew or the vehicle failed.
+    """
+    while not world.over:
+        yield move(world, crew.answer(world.ask()), sinks)
+
+
+def move(world: World, answer: tuple[Acts, Mask], sinks: Sequence[Sink]) -> Row:
+    """Fly the tick that was asked for, by the answer of a crew."""
+    row = world.move(*answer)
+    for sink in sinks:
+        sink.write(row)
+    return row
+
+
+def heard_by(heard: Iterable[Frames], uavs: NDArray[np.intp], everyone: int) -> tuple[Frames, ...]:
+    """The part for some UAVs, ascending, of the frames that all UAVs of a swarm of `everyone` heard."""
+    own = []
+    for batch in heard:
+        links = links_of(batch)
+        if len(uavs) < everyone:
+            targets = links[:, 1]
+            links = links[targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)]
+        if len(links):
+            own.append(only(batch, links))
+    return tuple(own)
+
+
+def place_of(uavs: NDArray[np.intp]) -> Place:
+    """Index of some UAVs, ascending, among all UAVs: a slice if possible, which costs a fraction of an array."""
+    if not len(uavs):
+        return slice(0)
+    first, end = int(uavs[0]), int(uavs[-1]) + 1
+    return slice(first, end) if end - first == len(uavs) else uavs
+
+
+class LocalCrew:
+    """Agents and a leader in this process and thread, called one after the other.
+
+    Attributes:
+        agents: they hold all UAVs, in order.
+        received: the frames that the agents with a UAV awake heard in this tick.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        resume: Resumption | None = None,
+        *,
+        rows_at_most: int | None = None,
+        leaders: int | None = None,
+        memory: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        """
+        Args:
+            world: whose UAVs fly; it is not changed.
+            resume: the checkpoint that the world continues from; None: none.
+            rows_at_most: most UAVs of an agent; None: one agent has all.
+            leaders: one and its standbys; None: as many as the fault script needs.
+            memory: arrays of N rows that replace the memory of `init`.
+
+        Raises:
+            BadInput: a controller cannot be made, its `init` fails, or a memory does not fit.
+        """
+        scenario = world.scenario
+        uavs, tick = scenario.uavs, world.tick
+        size = uavs if rows_at_most is None else rows_at_most
+        self._scenario = scenario
+        self._encoded = scenarios.encode(resolved(scenario.known()))
+        self._plan = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self.agents: list[Agent] = []
+        for first in range(0, uavs, size):
+            rows = np.arange(first, min(first + size, uavs))
+            record = b"" if resume is None else resume.memory(rows)
+            if memory is not None and tick == 0:
+                record = encode_record({name: array[rows] for name, array in memory.items()})
+            names = tuple(rows.tolist())
+            self.agents.append(Agent(Welcome(0, f"agent-{first}", names, tick, self._encoded, self._plan, record)))
+        self._places = [place_of(agent.uavs) for agent in self.agents]
+        self._nothing = np.zeros((uavs, state.AXES + len(scenario.declared.diagnostics)))
+        self._nobody = np.zeros(uavs, dtype=bool)
+        self._standbys = scenario.leaders(tick) if leaders is None else leaders
+        nodes = f"{len(self.agents) + self._standbys} nodes hold {uavs} UAVs"
+        joined = Note("joined", nodes) if resume is None else Note("resumed", f"{nodes} and continue from tick {tick}")
+        self._news: list[News] = [joined]
+        self._senses: list[tuple[int, Sense]] = []  # of the tick that was heard, by the number of the agent
+        self.received: list[tuple[Received, ...]] = []
+        self._led = 0  # number of the last leader
+        self._leader: Leader | None = None
+        self._took_over = True
+        self._read = [0] * len(self.agents)  # number of the last letter that each has read
+        self._read_by_leader = 0
+        self._elect()
+
+    def answer(self, senses: Senses) -> tuple[Acts, Mask]:
+        """See `Crew.answer`."""
+        self.hear(senses)
+        return self.speak(senses)
+
+    def hear(self, senses: Senses) -> None:
+        """Let the agents that have a UAV awake hear the frames of a tick."""
+        self._senses = []
+        self.received = []
+        for number, (agent, place) in enumerate(zip(self.agents, self._places, strict=True)):
+            if not senses.awake[place].any():
+                continue
+            inbox = heard_by(senses.heard, agent.uavs, self._scenario.uavs) if senses.heard else ()
+            if senses.newest > self._read[number]:
+                inbox += mail_for(senses.letters, "agent", agent.uavs, self._read[number])
+                self._read[number] = senses.newest
+            states = senses.states[place].copy()  # a controller may write to its own
+            sense = Sense(0, senses.tick, states, senses.report, senses.checkpoint, inbox)
+            self._senses.append((number, sense))
+            self.received.append(agent.hear(sense))
+
+    def speak(self, senses: Senses) -> tuple[Acts, Mask]:
+        """The answer to the tick that was heard."""
+        acts = Acts(self._nothing, has_leader=self._leader is not None, news=self._news)
+        self._news = []
+        for _ in range(senses.leaders_killed):
+            self._lose_leader(acts)
+        if senses.leads and self._leader is not None:
+            self._lead(self._leader, senses, acts)
+        replies = []
+        for (number, sense), received in zip(self._senses, self.received, strict=True):
+            agent = self.agents[number]
+            reply = agent.reply(sense, received)
+            replies.append((number, reply))
+            acts.outbox += reply.outbox
+            acts.add(reply)
+            if agent.problems:
+                acts.news += [Note("agent", f"agent-{agent.uavs[0]}: {text}") for text in agent.problems]
+                agent.problems.clear()
+        if len(replies) == len(self.agents) == 1:
+            acts.commands, acts.models = replies[0][1].commands, replies[0][1].models
+            absent = self._nobody
+        else:
+            absent = self._join(replies, senses, acts)
+        if senses.checkpoint:
+            acts.memories = Memories(self._scenario.uavs)
+            for number, reply in replies:
+                if reply.memory:
+                    rows = len(self.agents[number].uavs)
+                    acts.memories.take(self._places[number], rows, decode_record(reply.memory))
+        return acts, absent
+
+    @property
+    def models(self) -> Floats:
+        """Learned weights of every UAV, (N, W); the last ones of a lost UAV."""
+        return np.concatenate([agent.models for agent in self.agents])
+
+    def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
+        """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""
+        uavs, weights = self._scenario.uavs, self._scenario.declared.weights
+        acts.commands, absent = self._nothing.copy(), np.ones(uavs, dtype=bool)
+        acts.models = np.full((uavs, weights), np.nan) if senses.report and weights else None
+        for number, reply in replies:
+            place = self._places[number]
+            acts.commands[place], absent[place] = reply.commands, False
+            if reply.models is not None and acts.models is not None:
+                acts.models[place] = reply.models
+        return absent
+
+    def _lead(self, leader: Leader, senses: Senses, acts: Acts) -> None:
+        """Let the leader answer; one that took over gets the state of the rule, and all mail."""
+        record = senses.rule_record if self._took_over else b""
+        self._took_over = False
+        inbox = mail_for(senses.letters, "leader", after=self._read_by_leader)
+        self._read_by_leader = senses.newest
+        states = np.zeros((0, state.SIZE))
+        reply = leader.act(Sense(0, senses.tick, states, inbox=inbox, memory=record))
+        acts.outbox += reply.outbox
+        acts.add(reply)
+        if reply.memory:
+            acts.rule_record = reply.memory
+        if leader.problems:
+            acts.leader_failed = True
+            acts.news += [Note("leader", f"{_name(self._led)}: {text}") for text in leader.problems]
+            leader.problems.clear()
+
+    def _lose_leader(self, acts: Acts) -> None:
+        """The fault script kills the leader; the next standby takes over."""
+        if self._leader is None:
+            return
+        lost = _name(self._led)
+        acts.news.append(Note("lost", f"{lost}: {KILLED}"))
+        self._elect()
+        acts.has_leader = self._leader is not None
+        if acts.has_leader:
+            acts.news.append(Note("leader", f"{_name(self._led)} takes over from {lost}"))
+
+    def _elect(self) -> None:
+        self._leader = None
+        self._took_over = True
+        self._read_by_leader = 0
+        if self._standbys:
+            self._standbys -= 1
+            self._led += 1
+            names: tuple[int, ...] = ()
+            self._leader = Leader(Welcome(0, _name(self._led), names, 0, self._encoded, self._plan))
+
+
+def _name(leader: int) -> str:
+    """Name of the leader of a number."""
+    return "leader" if leader == 1 else f"leader.{leader}"
+
+
+class Paced:
+    """Crew that answers at the end of each tick of a flight in real time."""
+
+    def __init__(
+        self,
+        crew: Crew,
+        schedule: Schedule,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """`clock`: seconds, monotonic. `sleep`: waits so many seconds."""
+        self._crew = crew
+        self._schedule = schedule
+        self._clock = clock
+        self._sleep = sleep
+
+    def answer(self, senses: Senses) -> tuple[Acts, Mask]:
+        """See `Crew.answer`."""
+        self._schedule.begin(self._clock())
+        answer = self._crew.answer(senses)
+        if (left_s := self._schedule.end - self._clock()) > 0:
+            self._sleep(left_s)
+        return answer
