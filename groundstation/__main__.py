@@ -4,7 +4,7 @@ import json
 import re
 import time
 from argparse import Namespace
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,10 @@ from meanflock.swarm.errors import needed
 with needed("the ground station", "ground"):
     from meanflock.groundstation.launch.options import Options, records
     from meanflock.groundstation.launch.outputs import Outputs, go_on
-    from meanflock.groundstation.launch.run import unused
     from meanflock.groundstation.launch.station import Station
     from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, lost_everyone
     from meanflock.groundstation.results.timeseries_file import Past, past
-    from meanflock.swarm import (
-        logs,
-        scenario,
-    )
+    from meanflock.swarm import durable, logs, scenario
     from meanflock.swarm.errors import BadInput, BusError, RunFailed
     from meanflock.swarm.net import keys
     from meanflock.swarm.net.access import STATION, Address
@@ -58,10 +54,15 @@ def _run() -> None:
         bus.watch(keys.alive(keys.check_run(given.run), "world", "world"))
         welcome = _ask(bus, given, interrupted)
         flown = scenario.decode(welcome.scenario)
-        folder, so_far = _folder(given.resume, Path(given.out), given.run, flown, welcome.tick)
         record = records(None, "", quiet=False)
-        flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
-        with Outputs(flown, folder.name, flight, so_far) as outputs:
+        with ExitStack() as stack:
+            out = Path(given.out)
+            folder, so_far = _folder(given.resume, out, given.run, flown, welcome.tick) or (
+                stack.enter_context(durable.new_folder(out, f"{given.run}-{datetime.now():%Y%m%d-%H%M%S}")),
+                None,
+            )
+            flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
+            outputs = stack.enter_context(Outputs(flown, folder.name, flight, so_far))
             first_block = so_far.next_block if so_far is not None else None
             station = Station(bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs)
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
@@ -99,12 +100,12 @@ def _listen(
     return station.summary
 
 
-def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past | None]:
-    """The folder for a flight that has reached `tick`, and the rows that it has already."""
-    if wanted == LATEST and (found := _of_this_flight(out, run, flown, tick)) is not None:
-        return found
-    if wanted in ("", LATEST):
-        return out / unused(out, f"{run}-{datetime.now():%Y%m%d-%H%M%S}"), None
+def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tuple[Path, Past] | None:
+    """The folder to continue for a flight that has reached `tick`, and the rows in it; None: a new folder is needed."""
+    if wanted == LATEST:
+        return _of_this_flight(out, run, flown, tick)
+    if not wanted:
+        return None
     folder = Path(wanted)
     if not (folder / SCENARIO).is_file() or scenario.load(folder / SCENARIO).sha256() != flown.sha256():
         raise BadInput(f"--resume {folder}: not a run of the scenario that is flown; leave --resume out")

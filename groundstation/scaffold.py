@@ -21,6 +21,7 @@ _THINGS: dict[Kind, str] = {
     "filter": "filter",
 }
 _TEMPLATES = Path(__file__).with_name("templates")
+_TAKEN = "exists already; take another name, or another working folder"
 _LONGEST = 64  # characters of a name
 
 
@@ -36,7 +37,7 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
     """
     folder = parent / name
     if os.path.lexists(folder):
-        raise BadInput(f"{folder}: exists already; take another name, or another working folder")
+        raise BadInput(f"{folder}: {_TAKEN}")
     _check(kind, name)
     values = {
         "kind": kind,
@@ -56,7 +57,7 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
         Path(".github", "workflows", "test.yml"): "workflow",
         Path(".gitignore"): "gitignore",
     }
-    part = parent / f".{name}.{os.getpid()}.part"
+    part = parent / f".{name}.{os.urandom(4).hex()}.part"
     try:
         part.mkdir()
     except OSError as error:
@@ -68,6 +69,8 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
             (part / path).write_text(text, encoding="utf-8")
         part.rename(folder)
     except OSError as error:
+        if os.path.lexists(folder):  # another process was faster
+            raise BadInput(f"{folder}: {_TAKEN}") from error
         raise RunFailed(f"{folder}: {error.strerror}; make room and repeat the command") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)

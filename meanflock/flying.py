@@ -102,11 +102,11 @@ def prepared(flown: Scenario, out: str | Path | None, record: bool, stack: ExitS
         from meanflock.groundstation import disk
         from meanflock.groundstation.launch.options import Options, records
         from meanflock.groundstation.launch.outputs import Outputs
-        from meanflock.groundstation.launch.run import new_run_id
+        from meanflock.groundstation.launch.run import new_run
 
         record = record and records(True, "record=True", quiet=True)
         disk.check(flown, Path(out), record, disk.OF_PYTHON)
-        run_id = new_run_id(flown, Path(out))
+        run_id = stack.enter_context(new_run(flown, Path(out))).name
         outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
         sinks += outputs.sinks
     return Prepared(flown, Engine(flown, run_id, sinks=sinks), memory, outputs)

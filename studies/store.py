@@ -17,6 +17,7 @@ from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
 
 DATA = "data"
+_FORGOTTEN_S = 3600.0  # before the last change of the folder: a file that no process writes any more
 CODE = "code.txt"  # version of the code that flew the runs of a folder
 
 
@@ -38,7 +39,8 @@ class Store:
         try:
             self._jobs.mkdir(parents=True, exist_ok=True)
             for left_over in self._jobs.glob(".*.part"):
-                left_over.unlink()
+                if left_over.stat().st_mtime < self._jobs.stat().st_mtime - _FORGOTTEN_S:  # else a study may write it
+                    left_over.unlink(missing_ok=True)
         except OSError as error:
             raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
 

@@ -4,8 +4,10 @@ import errno
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from glob import escape
 from io import FileIO
+from itertools import count
 from pathlib import Path
 
 from meanflock.swarm.errors import BadInput, RunFailed
@@ -86,14 +88,49 @@ def rename(part: Path, path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Deletes a file and the temporary file of a killed `replace`, durably."""
-    _part(path).unlink(missing_ok=True)
+    """Deletes a file and the temporary files of killed calls of `replace`, durably."""
+    for part in path.parent.glob(f".{escape(path.name)}.*.part"):
+        part.unlink(missing_ok=True)
     path.unlink(missing_ok=True)
     sync_folder(path.parent)
 
 
 def _part(path: Path) -> Path:
-    return path.with_name(f".{path.name}.part")
+    """A temporary file for `path` that no other writer of `path` uses."""
+    return path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
+
+
+@contextmanager
+def new_folder(parent: Path, stem: str) -> Iterator[Path]:
+    """Context with a new folder in `parent`, called `stem`, or `stem` with a number if that name is taken.
+
+    Processes that ask for the same name at the same time get folders of their own. A folder that is empty at the end is
+    removed, and so is `parent` if it was made for it.
+
+    Raises:
+        BadInput: no folder can be made there.
+    """
+    new = not parent.exists()
+    try:
+        folder = _made(parent, stem)
+    except OSError as error:
+        raise BadInput(f"--out {parent}: {error.strerror}; name a folder that can be written") from error
+    try:
+        yield folder
+    finally:
+        for left in (folder, *[parent] * new):
+            with suppress(OSError):  # it has files, or another run has begun in it
+                left.rmdir()
+
+
+def _made(parent: Path, stem: str) -> Path:
+    parent.mkdir(parents=True, exist_ok=True)
+    for number in count():
+        folder = parent / (f"{stem}-{number}" if number else stem)
+        with suppress(FileExistsError):
+            folder.mkdir(parents=True)
+            return folder
+    raise AssertionError("unreachable")
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
 
 import time
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from datetime import datetime
 from logging import WARNING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from meanflock.groundstation import doctor
 from meanflock.groundstation.launch.options import Options
-from meanflock.swarm import logs
+from meanflock.swarm import durable, logs
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed, needed
 from meanflock.swarm.net.access import STATION, Address, check_free
@@ -44,17 +44,9 @@ class Run:
     summary: dict[str, Any]
 
 
-def new_run_id(scenario: Scenario, parent: Path) -> str:
-    """New name of a run in `parent`: time, method, seed."""
-    return unused(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
-
-
-def unused(parent: Path, stem: str) -> str:
-    """A name that is free in `parent`: `stem`, or `stem` with a number."""
-    taken = 0
-    while (parent / (name := stem if not taken else f"{stem}-{taken}")).exists():
-        taken += 1
-    return name
+def new_run(scenario: Scenario, parent: Path) -> AbstractContextManager[Path]:
+    """Context with the folder of a new run in `parent`, named by time, method and seed; see `durable.new_folder`."""
+    return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
 
 
 def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> Run:
@@ -64,12 +56,12 @@ def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> Run
         BadInput: an option cannot be used; nothing was written.
         RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown.
     """
-    with Interrupted() as interrupted:
-        return _fly(scenario, options, back, interrupted)
+    folder = new_run(scenario, options.out) if back is None else nullcontext(back.folder)
+    with Interrupted() as interrupted, folder as path:
+        return _fly(scenario, path.name, options, back, interrupted)
 
 
-def _fly(scenario: Scenario, options: Options, back: "Back | None", interrupted: Interrupted) -> Run:
-    run_id = new_run_id(scenario, options.out) if back is None else back.run_id
+def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None", interrupted: Interrupted) -> Run:
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     for name, given in (("--tls", options.tls), ("--endpoint", options.endpoint)):

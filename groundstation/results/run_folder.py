@@ -1,5 +1,6 @@
 """The run folder: all files of a run, complete at its end and usable after a kill."""
 
+import errno
 import hashlib
 import json
 import os
@@ -73,7 +74,7 @@ class RunFolder:
     """Writes one run; a `Sink`."""
 
     def __init__(self, parent: Path, run_id: str, flown: Scenario, past: Past | None = None) -> None:
-        """Creates `parent/run_id` and writes the resolved scenario into it; with a `past`, goes on in that folder.
+        """Writes the scenario into `parent/run_id`, which is new or empty; with a `past`, goes on in that folder.
 
         Raises:
             BadInput: the folder cannot be created or written, another process still writes it, events or rows of the
@@ -89,20 +90,19 @@ class RunFolder:
         self._over = False
         self._full = False
         self.last_tick = -1
-        new = past is None and not self.path.exists()
-        self._first = not parent.exists()
+        self._new = False  # whether this object may delete the folder
         sources = flown_plugins.files(flown) if past is None else {}
         try:
             if past is None:
                 self._create(sources)
             self._events = EventLog(self.path / EVENTS, flown.dt)
         except OSError as error:
-            raise self._unusable(error, new) from error
+            raise self._unusable(error) from error
         try:
             self._spool = self._begin(past)
         except OSError as error:
             self._events.close()
-            raise self._unusable(error, new) from error
+            raise self._unusable(error) from error
         except MessageRejected as error:
             self._events.close()
             raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {remedy}") from error
@@ -112,7 +112,10 @@ class RunFolder:
 
     def _create(self, sources: dict[str, bytes]) -> None:
         """Create the folder of a new run, with the scenario and the files of its plug-ins."""
-        self.path.mkdir(parents=True)
+        self.path.mkdir(parents=True, exist_ok=True)
+        if any(self.path.iterdir()):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+        self._new = True
         durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
         flown_plugins.keep(self.path, sources)
         durable.sync_folder(self.path.parent)
@@ -123,6 +126,8 @@ class RunFolder:
         Raises:
             MessageRejected: a row of the past is damaged. OSError: there is no room. The folder is as it was.
         """
+        for left_over in self.path.glob(".*.part"):  # of a process that was killed
+            left_over.unlink()
         spool = self.path / SPOOL
         part = spool.with_suffix(".part")
         try:
@@ -141,8 +146,8 @@ class RunFolder:
             raise
         return begun
 
-    def _unusable(self, error: OSError, new: bool) -> BadInput:
-        if new:
+    def _unusable(self, error: OSError) -> BadInput:
+        if self._new:
             shutil.rmtree(self.path, ignore_errors=True)
         if self._resumed:
             return BadInput(
@@ -229,9 +234,6 @@ class RunFolder:
                 self._spool.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
-                with suppress(OSError):  # another run may have begun there
-                    if self._first:
-                        self.path.parent.rmdir()
             elif not self._full:  # without room the rows stay in the spool, as after a kill
                 recover(self.path)
         except OSError as error:

@@ -62,7 +62,7 @@ def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undist
     os.truncate(spool, spool.stat().st_size - 1000)
     with (folder / "events.jsonl").open("a") as file:
         file.write('{"tick": 2')
-    (folder / f".{CHECKPOINT}.part").write_bytes((folder / CHECKPOINT).read_bytes()[:99])  # the next one
+    (folder / f".{CHECKPOINT}.0123abcd.part").write_bytes((folder / CHECKPOINT).read_bytes()[:99])  # the next one
     assert resumed(folder)["trajectory_sha256"] == undisturbed["trajectory_sha256"]
     assert all(event["tick"] <= 350 for event in events(folder))
     assert not list(folder.glob(".*"))

@@ -124,14 +124,15 @@ def test_the_world_waits_for_a_slow_station_that_takes_something_now_and_then(
 
 def test_a_station_goes_on_in_no_folder_that_is_finished_or_of_another_scenario_or_empty(tmp_path: Path) -> None:
     finished = dead(tmp_path, LONG, 250).rename(tmp_path / "compose-20260101-000000")
-    folder, so_far = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)
-    assert (folder, so_far is None) == (finished, False)
-    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 50)[1] is None  # of a flight that has not come so far
+    found = _folder(LATEST, tmp_path, OF_RUN, LONG, 260)
+    assert found is not None
+    assert found[0] == finished
+    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 50) is None  # of a flight that has not come so far
     (finished / SUMMARY).write_text("{}")
-    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
+    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260) is None
     dead(tmp_path, scenario("duration=35", "seed=4"), 250).rename(tmp_path / "compose-20260102-000000")
-    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
+    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260) is None
     (tmp_path / "compose-20260103-000000").mkdir()
-    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260)[1] is None
+    assert _folder(LATEST, tmp_path, OF_RUN, LONG, 260) is None
     with pytest.raises(BadInput, match="not a run of the scenario"):
         _folder(str(tmp_path / "compose-20260102-000000"), tmp_path, OF_RUN, LONG, 260)
