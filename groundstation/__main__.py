@@ -18,7 +18,7 @@ with needed("the ground station", "ground"):
     from meanflock.groundstation.launch.station import Station
     from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, lost_everyone
     from meanflock.groundstation.results.timeseries_file import Past, past
-    from meanflock.swarm import durable, logs, scenario
+    from meanflock.swarm import durable, logs, paths, scenario
     from meanflock.swarm.errors import BadInput, BusError, RunFailed
     from meanflock.swarm.net import keys
     from meanflock.swarm.net.access import STATION, Address
@@ -56,7 +56,7 @@ def _run() -> None:
         flown = scenario.decode(welcome.scenario)
         record = records(None, "", quiet=False)
         with ExitStack() as stack:
-            out = Path(given.out)
+            out = paths.given(given.out)
             folder, so_far = _folder(given.resume, out, given.run, flown, welcome.tick) or (
                 stack.enter_context(durable.new_folder(out, f"{given.run}-{datetime.now():%Y%m%d-%H%M%S}")),
                 None,
@@ -106,7 +106,7 @@ def _folder(wanted: str, out: Path, run: str, flown: Scenario, tick: int) -> tup
         return _of_this_flight(out, run, flown, tick)
     if not wanted:
         return None
-    folder = Path(wanted)
+    folder = paths.given(wanted)
     if not (folder / SCENARIO).is_file() or scenario.load(folder / SCENARIO).sha256() != flown.sha256():
         raise BadInput(f"--resume {folder}: not a run of the scenario that is flown; leave --resume out")
     return folder.resolve(), past(folder)

@@ -12,6 +12,7 @@ from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.studies.store import Store
+from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
 
@@ -166,7 +167,7 @@ def _fly(
     warn_of_lost_models(flights[0] for flights in points.values())
     try:
         if out is not None:
-            return study.fly_all(points, jobs, show, Store(Path(out)))
+            return study.fly_all(points, jobs, show, Store(paths.given(out)))
         with tempfile.TemporaryDirectory(prefix="meanflock-") as folder:
             return study.fly_all(points, jobs, show, Store(Path(folder)), keeps=False)
     except study.Interrupted as error:

@@ -11,6 +11,7 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
+from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.reporting import BlockSink
@@ -105,8 +106,9 @@ def prepared(flown: Scenario, out: str | Path | None, record: bool, stack: ExitS
         from meanflock.groundstation.launch.run import new_run
 
         record = record and records(True, "record=True", quiet=True)
-        disk.check(flown, Path(out), record, disk.OF_PYTHON)
-        run_id = stack.enter_context(new_run(flown, Path(out))).name
-        outputs = stack.enter_context(Outputs(flown, run_id, Options(Path(out), record=record, quiet=True)))
+        out = paths.given(out)
+        disk.check(flown, out, record, disk.OF_PYTHON)
+        run_id = stack.enter_context(new_run(flown, out)).name
+        outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
         sinks += outputs.sinks
     return Prepared(flown, Engine(flown, run_id, sinks=sinks), memory, outputs)

@@ -15,7 +15,7 @@ from meanflock.groundstation.results.event_log import row_of
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
 from meanflock.groundstation.results.series import long_form, rows_of, states_of
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
-from meanflock.swarm import scenario
+from meanflock.swarm import paths, scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
@@ -112,7 +112,7 @@ class Run:
             RunFailed: the disk is full.
         """
         _check(per)
-        return write_csv(self._rows(), Path(path), per, progress or (lambda _done, _all: None))
+        return write_csv(self._rows(), paths.given(path), per, progress or (lambda _done, _all: None))
 
     def _rows(self) -> pa.Table:
         if self._blocks:
@@ -142,7 +142,7 @@ def open_run(folder: str | Path) -> Run:
     Raises:
         BadInput: the folder has no run, or the run has not finished.
     """
-    path = Path(folder)
+    path = paths.given(folder)
     if not (path / SCENARIO).is_file():
         raise BadInput(f"{path}: no run; name the folder of one")
     with alone(path):

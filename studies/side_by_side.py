@@ -56,7 +56,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
         )
         for number, (name, flown) in enumerate(flights.items())
     }
-    start(stream, [rr.FileSink(path)], _blueprint(flights), path)
+    start(stream, [rr.FileSink(path.absolute())], _blueprint(flights), path)
     try:
         stream.send_recording_name(f"compare: {', '.join(flights)}")
         summaries = {}

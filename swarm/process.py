@@ -13,10 +13,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, Self
 
-from meanflock.swarm import logs, plugins
+from meanflock.swarm import logs, paths, plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
 from meanflock.swarm.net.access import DEFAULT_ENDPOINT, Identity
 
@@ -92,7 +91,7 @@ def seconds(name: str, least: float = 0.0) -> Callable[[str], float]:
 
 def identity(tls: str, name: str) -> Identity | None:
     """Identity of this process if `--tls` was given, else None."""
-    return Identity(Path(tls), name) if tls else None
+    return Identity(paths.given(tls), name) if tls else None
 
 
 class Interrupted:

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import BEYOND_SENSE
 
@@ -43,13 +44,14 @@ def found(path: Path) -> Path:
 
 
 def read(path: Path, kind: str) -> dict[str, Any]:
-    """Read the table of a file, or of a shipped file. `kind`: that of the file, for an error.
+    """Read the table of a file or a pipe, or of a shipped file. `kind`: that of the file, for an error.
 
     Raises:
         BadInput: the file does not exist, cannot be read, or is not TOML.
     """
+    path = paths.given(path)
     try:
-        return _parse(found(path).read_text(encoding="utf-8-sig"))  # some editors write a byte order mark
+        return parse(paths.read_stream(found(path)))
     except OSError as error:
         named = path.parent == FOLDER or not path.suffix
         choices = f", or name one of {', '.join(file.stem for file in shipped())}" if named else ""
@@ -58,12 +60,12 @@ def read(path: Path, kind: str) -> dict[str, Any]:
         raise BadInput(f"{path}: not TOML: {error}") from error
 
 
-def _parse(text: str) -> dict[str, Any]:
-    """The table in a TOML text; raises ValueError if it is not TOML."""
+def parse(content: bytes) -> dict[str, Any]:
+    """The table in a TOML file; raises ValueError if it is not TOML."""
     import tomllib  # only here: nodes are sent their scenario as JSON
 
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(content.decode("utf-8-sig"))  # some editors write a byte order mark
     except RecursionError:
         raise ValueError("lists or tables are nested too deeply") from None
 
@@ -81,7 +83,7 @@ def apply(table: dict[str, Any], setting: str) -> str:
     if not equals or not key.strip():
         raise BadInput(f"--set {setting}: write it as key=value, for example --set wind.sigma=0.2")
     try:
-        value = _parse(f"value = {text}")["value"]
+        value = parse(f"value = {text}".encode())["value"]
     except (ValueError, KeyError) as error:
         value = text.strip()
         if value[:1] in tuple("[{\"'"):  # not a bare word

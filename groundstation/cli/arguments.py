@@ -13,12 +13,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.groundstation.cli import completion
-from meanflock.swarm import logs
+from meanflock.swarm import logs, paths
 
 if TYPE_CHECKING:
     from meanflock.swarm.scenario import Scenario
 
-PATH = click.Path(path_type=Path)
+
+class _Path(click.Path):
+    """Type of all paths of the command line; see `paths.given`."""
+
+    def convert(self, value: Any, _parameter: click.Parameter | None, _context: click.Context | None) -> Path:
+        """The path, with the home folder in place of `~`."""
+        return paths.given(value)
+
+
+PATH = _Path()
 
 
 def _register(context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:

@@ -173,7 +173,7 @@ class Recorder(Writer):
             sinks.append(rr.GrpcServerSink(bind_ip=host, port=port, server_memory_limit=_LATE_VIEWERS))
         if path is not None:
             durable.check_writable(path)
-            sinks.append(rr.FileSink(path))
+            sinks.append(rr.FileSink(path.absolute()))
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
 

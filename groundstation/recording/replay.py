@@ -36,7 +36,7 @@ log = logging.getLogger("meanflock.recording")
 
 def verify(path: Path) -> str | None:
     """The fault of a recording; None: it has none."""
-    done = run_program("rrd", "verify", str(path))
+    done = run_program("rrd", "verify", path)
     if done.returncode != 0:
         return reason(done)
     return None if _holds_a_run(path) else "there is no recording in it"
@@ -50,7 +50,7 @@ def repair(path: Path) -> None:
     """
     repaired = path.with_name(f".{path.name}.mended")
     try:
-        done = run_program("rrd", "optimize", str(path), "-o", str(repaired))
+        done = run_program("rrd", "optimize", path, "-o", repaired)
         if done.returncode != 0 or not repaired.exists():
             raise RunFailed(f"{path}: the recording cannot be repaired: {reason(done)}")
         if not _holds_a_run(repaired):
@@ -63,7 +63,7 @@ def repair(path: Path) -> None:
 def _holds_a_run(path: Path) -> bool:
     """Returns whether a recording has more than a blueprint; Rerun's program accepts a file that was cut after that."""
     try:
-        RrdReader(path).stream()
+        RrdReader(path.absolute()).stream()
     except (RuntimeError, ValueError):
         return False
     return True
@@ -96,8 +96,7 @@ class Continued:
             return
         joined = self._path.with_name(f".joined.{self._path.name}")
         try:
-            parts = [str(part) for part in (*self.earlier, self._path)]
-            if run_program("rrd", "merge", *parts, "-o", str(joined)).returncode == 0 and joined.exists():
+            if run_program("rrd", "merge", *self.earlier, self._path, "-o", joined).returncode == 0 and joined.exists():
                 joined.replace(self._path)
                 for part in self.earlier:
                     part.unlink()
@@ -124,7 +123,7 @@ def recorded(parts: Iterable[Path]) -> Recorded:
 
 
 def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
+    for chunk in RrdReader(path.absolute()).stream().filter(content=f"/{entity}"):
         batch = chunk.to_record_batch()
         if {blueprint.TICKS, component} <= set(batch.schema.names):
             ticks = batch.column(blueprint.TICKS).to_pylist()

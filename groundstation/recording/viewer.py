@@ -40,9 +40,9 @@ def open_viewer(path_or_url: Path | str) -> "subprocess.Popen[bytes]":
     Raises:
         BadInput: there is no such file.
     """
-    target = str(path_or_url)
-    if "://" not in target and not Path(target).is_file():
-        raise BadInput(f"{target}: no such recording; give the `recording.rrd` of a run, or a rerun+http:// URL")
+    if isinstance(path_or_url, Path) and not path_or_url.is_file():
+        raise BadInput(f"{path_or_url}: no such recording; give the `recording.rrd` of a run, or a rerun+http:// URL")
+    target = str(path_or_url.absolute() if isinstance(path_or_url, Path) else path_or_url)
     return subprocess.Popen([*_program(), target, "--bind", LOOPBACK, "--port", "auto"], env=_environment())
 
 
@@ -102,7 +102,7 @@ def start_headless(path: Path, size: tuple[int, int], log: Path) -> tuple["subpr
     environment = {**_environment(), "RUST_LOG": "warn"}  # it would show lesser messages over the views
     with log.open("wb") as output:
         viewer = subprocess.Popen(
-            [*_program(), str(path), *arguments], env=environment, stdout=output, stderr=subprocess.STDOUT
+            [*_program(), str(path.absolute()), *arguments], env=environment, stdout=output, stderr=subprocess.STDOUT
         )
     return viewer, f"rerun+http://{LOOPBACK}:{port}/proxy"
 
@@ -147,9 +147,10 @@ def await_listener(host: str, port: int, timeout_s: float = LISTEN_S) -> None:
         time.sleep(_ASK_AGAIN_S)
 
 
-def run_program(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """Runs Rerun's program to its end."""
-    return subprocess.run([*_program(), *arguments], env=_environment(), capture_output=True, text=True, check=False)
+def run_program(*arguments: str | Path) -> "subprocess.CompletedProcess[str]":
+    """Runs Rerun's program to its end. It gets whole paths: it takes some others for options or URLs."""
+    words = [str(each.absolute()) if isinstance(each, Path) else each for each in arguments]
+    return subprocess.run([*_program(), *words], env=_environment(), capture_output=True, text=True, check=False)
 
 
 def _program() -> list[str]:

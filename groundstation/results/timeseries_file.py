@@ -19,7 +19,7 @@ from pyarrow import csv
 
 from meanflock.groundstation.results.series import long_form, rows_of, schema
 from meanflock.groundstation.results.spool import spooled
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
 
 TIMESERIES = "timeseries.parquet"
@@ -30,6 +30,7 @@ _NO_HEADER = csv.WriteOptions(include_header=False)
 _SEAL = b"mf\x89seal\n"
 _SEAL_BYTES = len(_SEAL) + 4
 _TAIL_BYTES = 8  # of Parquet: the footer's length and a mark
+_LONGEST_FOOTER = 2**27  # bytes
 _MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
 
 
@@ -62,7 +63,10 @@ def _to_parquet(spool: Path, path: Path) -> None:
     first = list(islice(rows, 1))
     columns = first[0][0].schema if first else schema(())
     rows = chain(first, rows)
-    with pq.ParquetWriter(path, columns, compression="zstd", write_page_checksum=True) as writer:
+    with (
+        pa.OSFile(str(path), "wb") as file,  # of a path pyarrow makes a URI or a home folder
+        pq.ParquetWriter(file, columns, compression="zstd", write_page_checksum=True) as writer,
+    ):
         last: dict[str, str] = {}
         while blocks := list(islice(rows, 50)):
             writer.write_table(pa.Table.from_batches([batch for batch, _ in blocks], columns))
@@ -77,8 +81,7 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     Raises OSError if the file is damaged or missing.
     """
     with _reading():
-        _check_seal(path)
-        return pq.read_table(path, columns=columns, page_checksum_verification=True)
+        return _opened(path).read(columns)
 
 
 class SeriesReader:
@@ -90,8 +93,7 @@ class SeriesReader:
     def __init__(self, path: Path) -> None:
         """Raises OSError if the file is damaged or missing."""
         with _reading():
-            _check_seal(path)
-            self._file = pq.ParquetFile(path, page_checksum_verification=True)
+            self._file = _opened(path)
             metadata = self._file.metadata
             self.ticks: int = metadata.num_rows
             self.columns: pa.Schema = self._file.schema_arrow
@@ -130,8 +132,10 @@ def past(folder: Path, tick: int | None = None) -> Past:
             rows = pa.Table.from_batches(batches, batches[0].schema if batches else schema(()))
             mark = read[-1][1] if read else {}
         else:
-            rows = read_table(folder / TIMESERIES)
-            mark = {k.decode(): v.decode() for k, v in (pq.read_metadata(folder / TIMESERIES).metadata or {}).items()}
+            with _reading():
+                file = _opened(folder / TIMESERIES)
+                rows = file.read()
+                mark = {key.decode(): value.decode() for key, value in (file.metadata.metadata or {}).items()}
     except OSError as error:
         raise BadInput(f"{folder}: no time series to continue ({error})") from error
     if tick is not None:
@@ -155,9 +159,15 @@ def _seal(path: Path) -> None:
         file.write(_SEAL + crc32(footer).to_bytes(4, "little") + footer)
 
 
+def _opened(path: Path) -> pq.ParquetFile:
+    """A file whose footer is whole. Raises OSError if it is damaged or missing."""
+    _check_seal(path)
+    return pq.ParquetFile(pa.OSFile(str(path)), page_checksum_verification=True)
+
+
 def _check_seal(path: Path) -> None:
     """Raises OSError if the footer is damaged; a file without a seal, of another program, passes."""
-    with path.open("rb") as file:
+    with paths.opened(path) as file:
         begins, footer = _footer(file)
         file.seek(max(0, begins - _SEAL_BYTES))
         found = file.read(_SEAL_BYTES)
@@ -172,7 +182,7 @@ def _footer(file: BinaryIO) -> tuple[int, bytes]:
     length = int.from_bytes(file.read(4), "little")
     begins = max(0, size - _TAIL_BYTES - length)
     file.seek(begins)
-    return begins, file.read()
+    return begins, file.read(_LONGEST_FOOTER)
 
 
 def write_csv(rows: pa.Table, path: Path, per: Per, progress: Callable[[int, int], None]) -> Path:

@@ -13,6 +13,7 @@ from meanflock.agent.controllers.policy.network import Network, read
 from meanflock.agent.controllers.policy.network import save as _save
 from meanflock.env.rewards import TERMS, WEIGHTS
 from meanflock.settings import with_settings
+from meanflock.swarm import paths
 from meanflock.swarm.errors import available
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane
@@ -90,7 +91,7 @@ class Policy:
 
     def __init__(self, path: str | Path) -> None:
         network, self.sha256 = read(path)
-        self.path = Path(path)
+        self.path = paths.given(path)
         self._network = network
         self.neighbours = network.neighbours
         self.message = network.message

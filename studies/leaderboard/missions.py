@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from meanflock.swarm import toml
+from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
 
 ALL = "all"
@@ -61,7 +61,7 @@ def chosen(names: Iterable[str]) -> list[Mission]:
             missions |= known
         elif name in known:
             missions[name] = known[name]
-        elif Path(name).is_file() or _path(name) in toml.shipped():
+        elif paths.given(name).is_file() or _path(name) in toml.shipped():
             missions[name] = Mission(name, Path(name).stem)
         else:
             raise BadInput(f"--missions {name}: no such mission; there are {', '.join(known)}; or name a TOML file")
@@ -69,4 +69,4 @@ def chosen(names: Iterable[str]) -> list[Mission]:
 
 
 def _path(name: str) -> Path:
-    return Path(name) if Path(name).suffix else toml.FOLDER / f"{name}.toml"
+    return paths.given(name) if Path(name).suffix else toml.FOLDER / f"{name}.toml"

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
+from meanflock.swarm.paths import given as given_path
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Plugin, PluginKind, entry_of, key_of
 
@@ -36,7 +37,7 @@ def load_file(path: Path | str) -> list[Plugin]:
     Raises:
         BadInput: the file cannot be read or run, or has no plug-in.
     """
-    where, path = f"--plugin {path}", Path(path).resolve()  # one path for each file
+    where, path = f"--plugin {path}", _resolved(path)
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -90,7 +91,7 @@ def load_files(paths: Iterable[Path | str]) -> None:
     Raises:
         BadInput: like `load_file`.
     """
-    given = [Path(path).resolve() for path in paths]
+    given = [_resolved(path) for path in paths]
     for path in given:
         if os.pathsep in str(path):  # other processes get it by a variable
             raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
@@ -99,6 +100,11 @@ def load_files(paths: Iterable[Path | str]) -> None:
     if given:
         before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
         os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
+
+
+def _resolved(path: Path | str) -> Path:
+    """The path under which a file is registered: one for each file."""
+    return given_path(given_path(path).resolve())
 
 
 def _is_registered(path: Path) -> bool:

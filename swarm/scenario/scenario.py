@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta, field
 from numpy.typing import NDArray
 
-from meanflock.swarm import mission, toml
+from meanflock.swarm import mission, paths, toml
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Fault, LeaderLoss
@@ -124,7 +124,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         Raises:
             BadInput: no such file or scenario, bad TOML, or an invalid scenario.
         """
-        path = Path(source)
+        path = paths.given(source)
         path = path if path.suffix else toml.FOLDER / f"{path}.toml"
         return with_keys(toml.read(path, "scenario"), settings, cls, str(source))
 
@@ -152,9 +152,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         from meanflock.swarm import durable  # only here: nodes write no files
 
         text = toml_text(self).encode()
-        with durable.replacing(Path(path)) as file:
+        path = paths.given(path)
+        with durable.replacing(path) as file:
             durable.write(file, text)
-        return Path(path)
+        return path
 
     def __post_init__(self) -> None:
         super().__post_init__()

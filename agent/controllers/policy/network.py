@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from meanflock.agent.controllers.policy.perception import width
+from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import AXES, Floats, Plane
 
@@ -90,12 +91,13 @@ def save(path: str | Path, network: Network) -> Path:
         arrays |= {f"weights_{number}": weights, f"biases_{number}": biases}
     content = io.BytesIO()
     np.savez(content, **arrays)
+    path = paths.given(path)
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(content.getvalue())
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content.getvalue())
     except OSError as error:
         raise BadInput(f"policy {path}: {error.strerror}; name a file that can be written") from error
-    return Path(path)
+    return path
 
 
 def read(path: str | Path) -> tuple[Network, str]:
@@ -104,10 +106,11 @@ def read(path: str | Path) -> tuple[Network, str]:
     Raises:
         BadInput: it cannot be read, or is no policy of this version.
     """
+    path = paths.given(path)
     try:
-        if not Path(path).is_file():
+        if not path.is_file():
             raise BadInput(f"policy {path}: no such file; `controller.file` names the file of a saved policy")
-        with Path(path).open("rb") as file:
+        with path.open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
     except OSError as error:
         raise BadInput(f"policy {path}: {error.strerror}; name a readable file") from error
