@@ -130,6 +130,7 @@ def main(arguments: list[str] | None = None) -> int:
         completion.install()
     elif arguments is None:
         os.environ["PYTHONSAFEPATH"] = "1"  # workers of a sweep do not import files of the working folder
+        os.environ["MPLBACKEND"] = "agg"  # a notebook sets one that may not be installed here
         logs.divert()  # native code of libraries must not write to standard output
         if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show φ shows a question mark

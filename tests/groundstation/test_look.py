@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import re
 import shutil
 import signal
@@ -27,7 +28,8 @@ from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
-from tests.commands import COMMAND, ended
+from tests.commands import COMMAND, ended, printed
+from tests.groundstation.conftest import QUICK
 from tests.groundstation.recordings import flight, record
 from tests.polling import DEADLINE_S, until
 
@@ -55,6 +57,13 @@ def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> N
     assert verify(folder.path / "recording.rrd") is None
     assert recorded([folder.path / "recording.rrd"]).ticks[-1] == 40
     assert len(pq.read_table(folder.path / "timeseries.parquet")) == 41
+
+
+def test_pictures_are_drawn_whatever_backend_of_matplotlib_a_notebook_names(run, tmp_path: Path) -> None:
+    assert run(*QUICK)[0] == EXIT_DONE
+    inline = {**os.environ, "MPLBACKEND": "inline"}  # of a library that is not installed here
+    printed(*COMMAND, "list", "--quiet", "--html", "page.html", env=inline, cwd=tmp_path)
+    assert "<svg" in (tmp_path / "page.html").read_text()
 
 
 def test_without_a_display_view_fails_and_names_the_commands_that_work(run, tmp_path, monkeypatch) -> None:
