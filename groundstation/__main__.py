@@ -14,9 +14,9 @@ from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
     from meanflock.groundstation.launch.options import Options, records
-    from meanflock.groundstation.launch.outputs import Outputs, go_on
+    from meanflock.groundstation.launch.outputs import Outputs
     from meanflock.groundstation.launch.station import Station
-    from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, lost_everyone
+    from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY, RunFolder, go_on, lost_everyone
     from meanflock.groundstation.results.timeseries_file import Past, past
     from meanflock.swarm import durable, logs, paths, scenario
     from meanflock.swarm.errors import BadInput, BusError, RunFailed

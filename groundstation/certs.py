@@ -25,6 +25,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, WORLD, Identity
+from meanflock.swarm.paths import read
 
 HOSTS = ("127.0.0.1", "::1", "localhost", "worldsim")  # names of the world: this machine, or its container
 DAYS = 90
@@ -250,7 +251,7 @@ def _give(paths: Sequence[Path], user: int) -> None:
 def _read(path: Path) -> x509.Certificate | str:
     """Read a certificate; returns a text if that fails."""
     try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
+        return x509.load_pem_x509_certificate(read(path))
     except OSError as error:
         return str(error.strerror)
     except ValueError:

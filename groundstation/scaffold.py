@@ -9,8 +9,8 @@ from string import Template
 from typing import Literal, TypeAlias, cast
 
 from meanflock.groundstation.catalogue import KEYS
-from meanflock.swarm import __version__, plugins
-from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm import __version__, durable, plugins
+from meanflock.swarm.errors import BadInput
 
 Kind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
 _THINGS: dict[Kind, str] = {
@@ -71,7 +71,7 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
     except OSError as error:
         if os.path.lexists(folder):  # another process was faster
             raise BadInput(f"{folder}: {_TAKEN}") from error
-        raise RunFailed(f"{folder}: {error.strerror}; make room and repeat the command") from error
+        raise durable.not_written(folder, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return [folder / path for path in templates]

@@ -111,4 +111,4 @@ def prepared(flown: Scenario, out: str | Path | None, record: bool, stack: ExitS
         run_id = stack.enter_context(new_run(flown, out)).name
         outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
         sinks += outputs.sinks
-    return Prepared(flown, Engine(flown, run_id, sinks=sinks), memory, outputs)
+    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), memory, outputs)

@@ -11,9 +11,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from meanflock.groundstation.results.event_log import row_of
-from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone
+from meanflock.groundstation.results.event_log import row_of, stored_lines
+from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
 from meanflock.groundstation.results.series import long_form, rows_of, states_of
+from meanflock.groundstation.results.summary_file import read_summary
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
 from meanflock.swarm import paths, scenario
 from meanflock.swarm.errors import BadInput
@@ -59,9 +60,7 @@ class Run:
         assert self.folder is not None
         path = self.folder / EVENTS
         try:
-            return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        except OSError as error:
-            raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
+            return [json.loads(line) for line in stored_lines(path)]
         except ValueError as error:
             raise BadInput(f"{path}: damaged: {error}; fly the run again") from error
 
@@ -147,12 +146,10 @@ def open_run(folder: str | Path) -> Run:
         raise BadInput(f"{path}: no run; name the folder of one")
     with alone(path):
         recover(path)
+    if not (path / SUMMARY).exists():
+        raise BadInput(f"{path}: the run has not finished: it has no {SUMMARY}; {go_on(path)}")
     try:
-        summary = json.loads((path / SUMMARY).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(
-            f"{path}: the run has not finished ({SUMMARY}: {error.strerror}); `meanflock resume` it"
-        ) from error
-    except ValueError as error:
-        raise BadInput(f"{path / SUMMARY}: not JSON: {error}") from error
+        summary = read_summary(path / SUMMARY)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from error
     return Run(scenario.load(path / SCENARIO), summary, folder=path)

@@ -117,7 +117,7 @@ class Stepped:
     def _take_off(self, out: str | Path | None, record: bool) -> None:
         self._run: Run | None = None
         with ExitStack() as stack:
-            self._flight = prepared(self.scenario, out, record, stack)
+            self._flight = prepared(self.scenario, out, record, stack, is_resumable=False)
             self._stack = stack.pop_all()
         self._engine = self._flight.engine
         self._world = self._engine.world

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from meanflock import agent, channel, federation, kernels, leader, swarm, worldsim
+from meanflock.swarm.paths import LOG_BYTES
 
 _MAGIC = b"meanflock job 1\n"
 _DIGEST = hashlib.sha256().digest_size
@@ -72,8 +73,9 @@ def decode(raw: bytes, code: str | None = None) -> tuple[StoredRun, ...]:
     if hashlib.sha256(body).digest() != digest:
         raise ValueError("damaged")
     try:
-        content = msgspec.msgpack.decode(zlib.decompress(body), type=_Body)
-    except msgspec.MsgspecError as error:
+        unpacked = zlib.decompressobj()
+        content = msgspec.msgpack.decode(unpacked.decompress(body, LOG_BYTES), type=_Body)
+    except (msgspec.MsgspecError, zlib.error) as error:
         raise ValueError(str(error)) from error
     if content.version != (code or version()):
         raise ValueError(f"of version {content.version}")

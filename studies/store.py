@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from meanflock.studies.job_file import StoredRun, decode, version
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput, RunFailed
 
 DATA = "data"
@@ -50,8 +50,9 @@ class Store:
             self._runs = {}
             for path in sorted(self._jobs.glob("*.job")):
                 try:
-                    self._runs.update((run.key, run) for run in decode(path.read_bytes(), self._code))
-                except ValueError:
+                    raw = paths.read(path, paths.LOG_BYTES)
+                    self._runs.update((run.key, run) for run in decode(raw, self._code))
+                except (OSError, ValueError):
                     path.unlink(missing_ok=True)
         return dict(self._runs)
 
@@ -62,7 +63,7 @@ class Store:
             BadInput: the folder has flights of other code, which must not be mixed with these.
         """
         mark = self._out / CODE
-        if mark.exists() and (other := mark.read_text(encoding="utf-8").strip()) != self._code:
+        if mark.exists() and (other := paths.read(mark).decode(errors="replace").strip()) != self._code:
             raise BadInput(
                 f"{self._out}: its flights are of code {other}, this is {self._code}; name another folder: --out DIR"
             )
@@ -87,7 +88,7 @@ class Store:
 
     def write(self, path: Path, raw: bytes | memoryview) -> None:
         """Write a file atomically; raises RunFailed."""
-        durable.put(path, raw, "the runs finished so far are kept: make room and repeat the command")
+        durable.put(path, raw, "the runs finished so far are kept: ")
 
     def save(self, name: str, table: pa.Table) -> None:
         """Writes one of the tables."""

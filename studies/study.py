@@ -139,9 +139,4 @@ def save(flown: Iterable[Summaries], path: Path) -> None:
         RunFailed: the disk is full.
     """
     lines = "".join(json.dumps(summary) + "\n" for summaries in flown for summary in summaries)
-    try:
-        durable.replace(path, lines.encode())
-    except OSError as error:
-        raise RunFailed(
-            f"{path}: {error.strerror}; make room and repeat the command, nothing is flown twice"
-        ) from error
+    durable.put(path, lines.encode(), "nothing is flown twice: ")

@@ -13,6 +13,14 @@ from pathlib import Path
 from meanflock.swarm.errors import BadInput, RunFailed
 
 _PATIENCE_S = 5.0  # of a flush
+_REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room"),
+    errno.EFBIG: "allow larger files",
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "let it be written"),
+    **dict.fromkeys((errno.ENOENT, errno.ENOTDIR, errno.ESTALE), "bring back what was deleted or renamed"),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), "let more files be open"),
+    errno.EIO: "check the disk",
+}
 
 
 def replace(path: Path, content: bytes | memoryview) -> None:
@@ -28,17 +36,32 @@ def replace(path: Path, content: bytes | memoryview) -> None:
         raise
 
 
-def put(path: Path, content: bytes | memoryview, remedy: str = "make room and repeat the command") -> Path:
+def put(path: Path, content: bytes | memoryview, kept: str = "") -> Path:
     """Like `replace`, for an output of a command; returns the path.
 
     Raises:
-        RunFailed: the file cannot be written; `remedy` is the advice in the message.
+        RunFailed: the file cannot be written; `kept` says what is kept.
     """
     try:
         replace(path, content)
     except OSError as error:
-        raise RunFailed(f"{path}: {error.strerror}; {remedy}") from error
+        raise not_written(path, error, kept) from error
     return path
+
+
+def not_written(path: Path, error: OSError, kept: str = "") -> RunFailed:
+    """The error of an output of a command that cannot be written; `kept` says what is kept."""
+    return RunFailed(f"{path}: {reason(error)}; {kept}{remedy(error)} and repeat the command")
+
+
+def reason(error: OSError) -> str:
+    """What happened to a file, in the words of the system."""
+    return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
+
+
+def remedy(error: OSError) -> str:
+    """Advice about a file that cannot be written."""
+    return _REMEDIES.get(error.errno or 0, "mend that")
 
 
 @contextmanager
@@ -64,7 +87,7 @@ def replacing(path: Path) -> Iterator[FileIO]:
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise RunFailed(f"{path}: {error.strerror}; make room and repeat the command") from error
+            raise not_written(path, error) from error
         raise
 
 

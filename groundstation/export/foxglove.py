@@ -23,7 +23,7 @@ from meanflock.groundstation.results.event_log import event_level, event_text
 from meanflock.groundstation.results.flown import Flight, Flown, Piece
 from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY
 from meanflock.groundstation.results.series import per_uav
-from meanflock.swarm import __version__, durable, mission
+from meanflock.swarm import __version__, durable, mission, paths
 from meanflock.swarm.wire.messages import Event, Status
 
 TRANSFORMS = "/tf"
@@ -128,7 +128,7 @@ class _Export:
         for file, kind in ((SCENARIO, "application/toml"), (SUMMARY, "application/json")):
             path = self._flight.folder / file
             if path.is_file():
-                self._writer.add_attachment(0, 0, file, kind, path.read_bytes())
+                self._writer.add_attachment(0, 0, file, kind, paths.read(path))
         self._writer.add_metadata("meanflock", about(self._flight.scenario, self._flight.finished))
         self._writer.finish()
 

@@ -50,6 +50,7 @@ class Engine:
         resume: Resumption | None = None,
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
+        is_resumable: bool = True,
     ) -> None:
         """
         Args:
@@ -62,13 +63,14 @@ class Engine:
             resume: the checkpoint to continue from; None: start at tick 0.
             leaders: one and its standbys; None: as many as the fault script needs.
             memory: arrays of N rows that replace the memory of `init`.
+            is_resumable: whether checkpoints go to the sinks; nobody but the caller resumes a stepped flight.
 
         Raises:
             BadInput: a plug-in cannot be used, the checkpoint does not fit, or lockstep would be steered.
         """
         if steer is not None and realtime is None:
             raise BadInput(LOCKSTEP)
-        every = _checkpoint_every(scenario, realtime) if sinks else 0
+        every = _checkpoint_every(scenario, realtime) if sinks and is_resumable else 0
         self.world = World(scenario, resume, checkpoint_every=every)
         Limits(scenario)  # refuses plug-ins that cannot begin
         self.crew = LocalCrew(self.world, resume, rows_at_most=uavs_per_node, leaders=leaders, memory=memory)

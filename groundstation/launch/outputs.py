@@ -2,24 +2,16 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from meanflock.groundstation.disk import coarseness
 from meanflock.groundstation.launch.options import Options
 from meanflock.groundstation.launch.progress import FlightProgress
-from meanflock.groundstation.results.run_folder import CHECKPOINT, RECORDING, SCENARIO, RunFolder
+from meanflock.groundstation.results.run_folder import RECORDING, RunFolder, fly_again, go_on
 from meanflock.groundstation.results.timeseries_file import Past
 from meanflock.swarm import logs
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.reporting import BlockSink
-
-
-def go_on(folder: Path) -> str:
-    """Text that says how to fly the rest of a run that was interrupted, or whose world died."""
-    if (folder / CHECKPOINT).exists():
-        return f"`meanflock resume {folder}` flies the rest"
-    return f"that is too little to resume, `meanflock run {folder / SCENARIO}` flies it again"
 
 
 class Outputs:
@@ -53,6 +45,7 @@ class Outputs:
                     for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):
                         recorder.write(block)
                 self.sinks.append(recorder)
+                self.folder.files.append(RECORDING)
                 if options.watch is not None and recorder.live_url is not None:
                     options.watch(recorder.live_url)
             opening.enter_context(self.progress)
@@ -66,7 +59,7 @@ class Outputs:
         """Text for an interrupted run: how to fly it, or the rest of it."""
         folder = self.folder.path
         if self.folder.last_tick < 0:
-            return f"before take-off; `meanflock run {folder / SCENARIO}` flies it"
+            return f"before take-off; {fly_again(folder)}"
         return f"{folder} has the flight up to tick {self.folder.last_tick}; {go_on(folder)}"
 
     def give_up(self) -> str:
@@ -76,6 +69,10 @@ class Outputs:
         return f"interrupted twice, nothing was completed; {self.what_there_is}"
 
     def __exit__(self, *failure: Any) -> None:
+        if not self.folder.is_owner:  # a fork closes nothing of its parent: the threads that write are not in it
+            if failure[1] is None and self.summary:
+                self.folder.check_owner()
+            return
         with self._stack.pop_all():  # closes all outputs, also after an error
             if self.summary:
                 self.folder.summarise(self.summary)

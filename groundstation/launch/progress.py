@@ -95,9 +95,11 @@ def summary_table(summary: dict[str, object]) -> Table:
     assert isinstance(bits, dict)
     assert isinstance(radio, dict)
 
+    def shown(value: object, digits: int = 2) -> str:
+        return "–" if value is None else f"{value:,.{digits}f}" if isinstance(value, float) else f"{value:,}"
+
     def add(name: str, value: object, unit: str, digits: int = 2) -> None:
-        shown = "–" if value is None else f"{value:,.{digits}f}" if isinstance(value, float) else f"{value:,}"
-        table.add_row(name, shown, unit)
+        table.add_row(name, shown(value, digits), unit)
 
     table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
     if summary["nodes_lost"]:
@@ -119,7 +121,7 @@ def summary_table(summary: dict[str, object]) -> Table:
         if bits[name]:
             add(f"{name} {PAYLOAD.name}", bits[name], PAYLOAD.unit)
     add("on the wire", summary["wire_bytes"], "bytes")
-    add(OUTAGES.name, radio["outages"], f"of {radio['sent']:,} {OUTAGES.unit}")
+    add(OUTAGES.name, radio["outages"], f"of {shown(radio['sent'])} {OUTAGES.unit}")
     if radio["outage_rate"] is not None:
         theory = radio["outage_rate_theory"]  # None if the channel has no closed forms
         add(
@@ -143,7 +145,7 @@ def summary_table(summary: dict[str, object]) -> Table:
     if isinstance(realtime := summary["realtime"], dict):
         jitter = realtime["tick_start_jitter_ms"]
         add("commands held", summary["held_commands"], "came late", 0)
-        add("deadline misses", realtime["deadline_misses"], f"of {summary['ticks']:,} ticks", 0)
+        add("deadline misses", realtime["deadline_misses"], f"of {shown(summary['ticks'])} ticks", 0)
         add("tick starts late by, mean", jitter["mean"], "ms")
         add("tick starts late by, 99 %", jitter["p99"], "ms")
         add("tick starts late by, at most", jitter["max"], "ms")

@@ -84,7 +84,8 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
     with ExitStack() as stack:
         # First, because the world begins beside the outputs, whose libraries take as long to load.
         swarm = None if options.in_process else stack.enter_context(_begun(scenario, run_id, options, start))
-        from meanflock.groundstation.launch.outputs import Outputs, go_on
+        from meanflock.groundstation.launch.outputs import Outputs
+        from meanflock.groundstation.results.run_folder import go_on
 
         outputs = stack.enter_context(Outputs(scenario, run_id, options, None if back is None else back.past))
         interrupted.at_once = outputs.give_up

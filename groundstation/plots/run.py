@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.plots import plotstyle
+from meanflock.groundstation.results.event_log import stored_lines
 from meanflock.groundstation.results.flown import Flown, flown_keys
 from meanflock.groundstation.results.quantities import FIELDS, PHI_G, quantity
 from meanflock.groundstation.results.run_folder import EVENTS, flown_rows
@@ -98,7 +99,7 @@ def _events(folder: Path, kind: str) -> list[tuple[int, list[int]]]:
     """Tick and UAVs of the events of a kind; lines that cannot be read are skipped, as the last line after a kill."""
     path = folder / EVENTS
     found = []
-    for text in path.read_bytes().splitlines() if path.is_file() else ():
+    for text in stored_lines(path) if path.exists() else ():
         try:
             row = json.loads(text)
             if row["kind"] == kind:

@@ -12,6 +12,7 @@ from meanflock.groundstation.results.flown import Flown, flown_keys
 from meanflock.groundstation.results.run_folder import flown_rows
 from meanflock.groundstation.results.series import per_uav
 from meanflock.swarm import mission
+from meanflock.swarm.errors import BadInput
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ def thumbnail(folder: Path) -> str:
     """
     flown = flown_keys(folder)
     position = per_uav(flown_rows(folder, ["x_m", "y_m"]), "x_m", "y_m")
+    if not np.isfinite(position).all():
+        raise BadInput(f"{folder}: positions that are not finite; bring the time series back, or fly the run again")
     goals = np.unique(mission.goals(flown), axis=0)
     view = _View([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2]])
     parts = [

@@ -259,4 +259,6 @@ def _patiently(call: Callable[[], None], path: Path | None, done: str) -> None:
 
 
 def _incomplete(path: Path | None, reason: str) -> RunFailed:
+    if path is not None and not path.exists():
+        return RunFailed(f"{path}: deleted or renamed during the flight: {reason}")
     return RunFailed(f"{path}: incomplete: {reason}; is the disk full?")

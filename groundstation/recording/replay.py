@@ -36,6 +36,8 @@ log = logging.getLogger("meanflock.recording")
 
 def verify(path: Path) -> str | None:
     """The fault of a recording; None: it has none."""
+    if not path.is_file():  # the program would wait for a pipe, and read a device without end
+        return "not a regular file"
     done = run_program("rrd", "verify", path)
     if done.returncode != 0:
         return reason(done)
@@ -48,6 +50,8 @@ def repair(path: Path) -> None:
     Raises:
         RunFailed: nothing of it can be read; the file is left as it was.
     """
+    if not path.is_file():
+        raise RunFailed(f"{path}: not a regular file; the recording cannot be repaired")
     repaired = path.with_name(f".{path.name}.mended")
     try:
         done = run_program("rrd", "optimize", path, "-o", repaired)
@@ -175,5 +179,6 @@ def missing(folder: Path, series: Past, present: Recorded, uavs: int) -> Iterato
 
 def _events(folder: Path, series: Past, uavs: int) -> list[Event]:
     """Read the events; raises BadInput if some are missing or damaged."""
-    remedy = f"bring the file back, or look at what there is: `meanflock view {folder / RECORDING}`"
+    view = f", or look at what there is: `meanflock view {folder / RECORDING}`"
+    remedy = f"bring the file back{view if (folder / RECORDING).exists() else ''}"
     return past_events(folder / EVENTS, series.events_bytes, uavs, remedy)

@@ -218,7 +218,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
             ) from error
         finally:
             end_all([viewer])
-    durable.put(png, picture, "the picture is not written")
+    durable.put(png, picture)
 
 
 def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> bytes:

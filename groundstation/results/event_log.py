@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any
 
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput, printable
 from meanflock.swarm.wire.messages import Event
 
@@ -53,7 +53,8 @@ class EventLog:
         Raises:
             BadInput: another process writes it. OSError: it cannot be written.
         """
-        self._file, self._dt = path.open("ab", buffering=0), dt
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        self._file, self._dt = os.fdopen(os.open(path, flags, 0o666), "ab", buffering=0), dt
         try:
             lock(self._file, path.parent)
         except BadInput:
@@ -117,8 +118,7 @@ def past_events(path: Path, size: int, uavs: int, remedy: str) -> list[Event]:
         BadInput: some of them are missing or damaged; `remedy` is the advice in the message.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(size)
+        content = paths.read(path, paths.LOG_BYTES)[: max(0, size)]
         if len(content) < size:
             raise ValueError(f"{len(content)} bytes of the {size} that belong to what was flown")
         return [_event(json.loads(line), uavs) for line in content.splitlines()]
@@ -126,6 +126,14 @@ def past_events(path: Path, size: int, uavs: int, remedy: str) -> list[Event]:
         raise BadInput(f"{path}: {error.strerror}; {remedy}") from error
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise BadInput(f"{path}: damaged ({error}); {remedy}") from error
+
+
+def stored_lines(path: Path) -> list[bytes]:
+    """The lines of the file; the last one may be cut off. Raises BadInput if the file cannot be read."""
+    try:
+        return paths.read(path, paths.LOG_BYTES).splitlines()
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
 
 
 def _event(row: Any, uavs: int) -> Event:

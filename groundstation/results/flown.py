@@ -1,21 +1,24 @@
 """A flight in its run folder, read piece by piece. It needs neither the controller nor the plug-ins that flew."""
 
+import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import pyarrow as pa
-from msgspec import field
+from msgspec import Meta, field
 
 from meanflock.groundstation.results.event_log import past_events
 from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO, SUMMARY, check_flown, unreadable
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, SeriesReader
-from meanflock.swarm import toml
+from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
 from meanflock.swarm.wire.messages import Event
 
+_MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
 
 
@@ -24,8 +27,8 @@ class Flown(msgspec.Struct):
 
     method: str = ""  # empty: there is no scenario
     seed: int = 0
-    uavs: int = 1
-    dt: float = 0.1
+    uavs: Annotated[int, Meta(ge=1, le=100_000)] = 1
+    dt: Annotated[float, Meta(ge=1e-6, le=1e3)] = 0.1
     start: Start = field(default_factory=Start)
     destination: Destination = field(default_factory=Destination)
     metrics: Metrics = field(default_factory=Metrics)
@@ -35,12 +38,25 @@ class Flown(msgspec.Struct):
 def flown_keys(folder: Path) -> Flown:
     """The scenario of a run; the default if the file is missing. Raises BadInput if it is damaged."""
     path = folder / SCENARIO
-    if not path.is_file():
-        return Flown()
+    return read_keys(path)[1] if os.path.lexists(path) else Flown()
+
+
+def read_keys(path: Path) -> tuple[dict[str, Any], Flown]:
+    """The table in the scenario file of a run, and its keys that are typed without the controller.
+
+    Raises:
+        BadInput: the file is missing, or not the scenario of a run.
+    """
     try:
-        return msgspec.convert(toml.read(path, "scenario file"), Flown)
+        table = toml.parse(paths.read(path))
+        json.dumps(table, allow_nan=False)  # no scenario has dates, or numbers that are not finite
+        return table, msgspec.convert(table, Flown)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; {_MEND}") from error
     except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {error}; take it from the folder of a run") from error
+        raise BadInput(f"{path}: {error}; {_MEND}") from error
+    except (ValueError, TypeError, RecursionError) as error:
+        raise BadInput(f"{path}: not TOML, or not the scenario of a run: {error}; {_MEND}") from error
 
 
 class Piece(NamedTuple):

@@ -35,6 +35,17 @@ def files(flown: Scenario) -> dict[str, bytes]:
     return found
 
 
+def sources(flown: Scenario) -> list[str] | None:
+    """The files with plug-ins of the scenario; None if one is a class of this process.
+
+    Raises:
+        BadInput: a plug-in is not installed here.
+    """
+    found = [plugins.find(kind, name) for kind, name, _ in flown.plugins()]
+    named = list(dict.fromkeys(plugin.source for plugin in found if plugins.is_file(plugin)))
+    return None if plugins.HERE in named else named
+
+
 def keep(folder: Path, sources: dict[str, bytes]) -> None:
     """Write the files to the folder of a run. Raises OSError."""
     if sources:

@@ -10,8 +10,8 @@ from meanflock.swarm.errors import printable
 UNKNOWN = "–"
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
 _STATES = {
-    "interrupted": "The flight was interrupted after {time}; `meanflock resume` flies the rest.",
-    "unfinished": "The flight did not finish; `meanflock resume` flies the rest, from its last checkpoint.",
+    "interrupted": "The flight was interrupted after {time}.",
+    "unfinished": "The flight did not finish.",
     "flying": "The run still flies.",
 }
 
@@ -58,6 +58,7 @@ def outcome(run: StoredRun) -> str:
     """The result of the flight, in sentences."""
     time = f"{number(run.figure('sim_time_s'))} s"
     sentences = [_STATES[run.status].format(time=time)] if run.status in _STATES else []
+    sentences += ["`meanflock resume` flies the rest, from its last checkpoint."] if run.resumable else []
     if run.summary:
         sentences.append(_arrived(run, time))
         sentences.append(_collided(run.figure("collisions")))

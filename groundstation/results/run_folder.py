@@ -7,19 +7,20 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from meanflock.groundstation.results import flown_plugins, inbound
-from meanflock.groundstation.results.event_log import EventLog, lock, past_events
+from meanflock.groundstation.results.event_log import EventLog, lock, past_events, stored_lines
 from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
-from meanflock.swarm import durable, scenario
+from meanflock.swarm import durable, paths, scenario
+from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
@@ -82,15 +83,17 @@ class RunFolder:
                 like another column. A folder with a past is then as it was.
         """
         self.path = parent / run_id
-        remedy = f"bring the file back, or fly the run again with `meanflock run {self.path / SCENARIO}`"
+        advice = f"bring the file back, or {fly_again(self.path)}"
         if past is not None:
-            past_events(self.path / EVENTS, past.events_bytes, flown.uavs, remedy)
+            past_events(self.path / EVENTS, past.events_bytes, flown.uavs, advice)
         check_diagnostics(flown.method, flown.declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
         self._over = False
-        self._full = False
+        self._full: OSError | None = None  # why nothing more can be written
         self.last_tick = -1
         self._new = False  # whether this object may delete the folder
+        self._owner = os.getpid()
+        self.files = [SCENARIO, EVENTS, TIMESERIES]  # that must be there at the end
         sources = flown_plugins.files(flown) if past is None else {}
         try:
             if past is None:
@@ -105,7 +108,7 @@ class RunFolder:
             raise self._unusable(error) from error
         except MessageRejected as error:
             self._events.close()
-            raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {remedy}") from error
+            raise BadInput(f"{self.path}: rows of the time series are damaged ({error}); {advice}") from error
         self._assembly = Assembly()
         self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
@@ -118,6 +121,7 @@ class RunFolder:
         self._new = True
         durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
         flown_plugins.keep(self.path, sources)
+        self.files += [f"{flown_plugins.FOLDER}/{name}" for name in sources]
         durable.sync_folder(self.path.parent)
 
     def _begin(self, past: Past | None) -> Spool:
@@ -150,28 +154,28 @@ class RunFolder:
         if self._new:
             shutil.rmtree(self.path, ignore_errors=True)
         if self._resumed:
-            return BadInput(
-                f"{self.path}: {_reason(error)}; make room, or let it be written, then give the command again"
-            )
-        return BadInput(f"--out {self.path.parent}: {_reason(error)}; name a folder that can be written")
+            return BadInput(f"{self.path}: {reason(error)}; {remedy(error)}, then give the command again")
+        return BadInput(f"--out {self.path.parent}: {reason(error)}; name a folder that can be written")
 
     def write(self, block: Telemetry) -> None:
         """Append a block and its events. Events come first, so that a complete block has all of them.
 
         Raises:
-            RunFailed: the disk is full or gone; the folder has all blocks before this one.
+            RunFailed: the disk is full or gone, and the folder has all blocks before this one; or this process is a
+                fork of the one that began the run.
         """
-        if self._full:
-            raise RunFailed(self._holds("no more is kept"))
+        self.check_owner()
+        if self._full is not None:
+            raise self._failed(self._full)
         size = self._events.size
         try:
             self._background.look()  # without room for a checkpoint there is none for more blocks
             self._append(block)
         except OSError as error:
-            self._full = True
+            self._full = error
             with suppress(OSError):
                 self._events.truncate(size)
-            raise RunFailed(self._holds(_reason(error))) from error
+            raise self._failed(error) from error
         if len(block.states):
             last = self.last_tick = block.first_tick + len(block.states) - 1
             done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
@@ -194,11 +198,28 @@ class RunFolder:
         record = control.encode_record(checkpoint)
         durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
 
-    def _holds(self, reason: str) -> str:
-        resumable = (self.path / CHECKPOINT).exists()
-        command = f"`meanflock resume {self.path}`" if resumable else f"`meanflock run {self.path / SCENARIO}`"
+    def check_owner(self) -> None:
+        """Raise RunFailed in a fork of the process that began the run, to which the folder belongs."""
+        if not self.is_owner:
+            raise RunFailed(
+                f"{self.path}: the process that began this run writes it; a fork of it cannot fly it on: begin another "
+                "flight in the fork"
+            )
+
+    @property
+    def is_owner(self) -> bool:
+        """Whether this is the process that began the run, and no fork of it."""
+        return os.getpid() == self._owner
+
+    def _failed(self, error: OSError) -> RunFailed:
+        if not self.path.is_dir():
+            return RunFailed(f"{self.path}: deleted or renamed during the flight; give the command again")
         contents = f"the flight up to tick {self.last_tick}" if self.last_tick >= 0 else "nothing of the flight yet"
-        return f"{self.path}: {reason}; it holds {contents}: make room, then {command}"
+        return RunFailed(f"{self.path}: {reason(error)}; it holds {contents}: {remedy(error)}, then {self._go_on()}")
+
+    def _go_on(self) -> str:
+        known = flown_plugins.sources(self._flown) is not None  # else no command knows what flies
+        return go_on(self.path) if known else "begin another flight"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json` atomically, and delete the checkpoint. A failed run has no summary.
@@ -206,12 +227,14 @@ class RunFolder:
         Raises:
             RunFailed: there is no room for it.
         """
+        self.check_owner()
         try:
             self._background.wait()
             _sync(self._events, self._spool)
             durable.replace(self.path / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
         except OSError as error:
-            raise RunFailed(self._holds(_reason(error))) from error
+            raise self._failed(error) from error
+        self.files.append(SUMMARY)
         if self._over:
             durable.remove(self.path / CHECKPOINT)
 
@@ -222,24 +245,34 @@ class RunFolder:
         """Complete the time series; delete the folder after bad input, when nothing was flown.
 
         Raises:
-            RunFailed: there is no room for the time series; the spool keeps its rows.
+            RunFailed: there is no room for the time series, and the spool keeps its rows; or a file of the run was
+                deleted during the flight.
         """
+        open_files = ((self._events, EVENTS), (self._spool, SPOOL))
+        gone = [name for file, name in open_files if not _is_at(file, self.path / name)]
         try:
             try:
                 self._background.close()
-            except OSError:
-                self._full = True  # no room for a checkpoint, none for the time series
+            except OSError as error:
+                self._full = error  # no room for a checkpoint, none for the time series
                 raise
             finally:
                 self._spool.close()
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
-            elif not self._full:  # without room the rows stay in the spool, as after a kill
-                recover(self.path)
+            elif self._full is None:  # without room the rows stay in the spool, as after a kill
+                if SPOOL not in gone:
+                    recover(self.path)
+                gone += [name for name in self.files if not (self.path / name).exists() and name not in gone]
+                if gone and failure is None:
+                    raise RunFailed(
+                        f"{self.path}: deleted or renamed during the flight: {', '.join(gone)}; bring back what can be "
+                        f"brought back, or {fly_again(self.path)}"
+                    )
         except OSError as error:
             if failure is None:
                 raise RunFailed(
-                    f"{self.path}: {_reason(error)}; make room, then `meanflock plot {self.path}`"
+                    f"{self.path}: {reason(error)}; {remedy(error)}, then `meanflock plot {self.path}`"
                 ) from error
         finally:
             self._events.close()
@@ -250,13 +283,35 @@ def alone(folder: Path) -> Iterator[None]:
     """Context in which no other process writes to the run in `folder`.
 
     Raises:
-        BadInput: another process writes to it.
+        BadInput: another process writes to it, or its events cannot be read.
     """
-    path = folder / EVENTS
-    with path.open("rb") if path.is_file() else nullcontext() as events:
-        if events is not None:
-            lock(events, folder)
+    with ExitStack() as stack:
+        try:
+            lock(stack.enter_context(paths.opened(folder / EVENTS)), folder)
+        except FileNotFoundError:
+            pass  # nobody writes it
+        except OSError as error:
+            raise BadInput(f"{folder / EVENTS}: {reason(error)}; let it be read, or bring the file back") from error
         yield
+
+
+def go_on(folder: Path) -> str:
+    """Text that says how to fly the rest of a run that did not finish."""
+    if (folder / CHECKPOINT).exists():
+        return f"`meanflock resume {folder}` flies the rest"
+    return f"there is too little to resume: {fly_again(folder)}"
+
+
+def fly_again(folder: Path) -> str:
+    """Text that says how to fly a run again, with the command if its scenario and plug-ins are here."""
+    path = folder / SCENARIO
+    try:
+        files = flown_plugins.sources(scenario.load(path)) if path.is_file() else None
+    except BadInput:
+        files = None
+    if files is None:
+        return "fly the run again"
+    return f"fly the run again with `meanflock run {path}{''.join(f' --plugin {file}' for file in files)}`"
 
 
 def _sync(events: EventLog, spool: Spool) -> None:
@@ -267,7 +322,7 @@ def _sync(events: EventLog, spool: Spool) -> None:
 
 def first_loss(folder: Path) -> str:
     """Text of the first event about a lost UAV; empty if there is none."""
-    events = map(json.loads, (folder / EVENTS).read_text(encoding="utf-8").splitlines())
+    events = map(json.loads, stored_lines(folder / EVENTS))
     return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
 
 
@@ -285,7 +340,7 @@ def completed(folder: Path) -> None:
     try:
         recover(folder)
     except OSError as error:
-        raise RunFailed(f"{folder}: {_reason(error)}; make room, then give the command again") from error
+        raise RunFailed(f"{folder}: {reason(error)}; {remedy(error)}, then give the command again") from error
 
 
 def flown_rows(folder: Path, columns: list[str] | None = None) -> pa.Table:
@@ -305,10 +360,9 @@ def flown_rows(folder: Path, columns: list[str] | None = None) -> pa.Table:
 
 def unreadable(path: Path, error: OSError) -> BadInput:
     """The error of a time series that cannot be read, with advice."""
-    written = path.with_name(SCENARIO)
-    again = f"bring the file back, or fly the run again with `meanflock run {written}`"
-    remedy = again if written.is_file() else "name the folder of a run"
-    return BadInput(f"{path}: {error.strerror or error}; {remedy}")
+    known = (path.parent / SCENARIO).is_file()
+    advice = f"bring the file back, or {fly_again(path.parent)}" if known else "name the folder of a run"
+    return BadInput(f"{path}: {error.strerror or error}; {advice}")
 
 
 def check_flown(path: Path, ticks: int) -> None:
@@ -329,18 +383,17 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     try:
-        whole = control.decode_record(path.read_bytes())
+        whole = control.decode_record(paths.read(path, paths.LOG_BYTES))
         if whole["sha256"] != _digest(whole["record"]):
             raise MessageRejected("malformed", "its checksum is wrong")
         record = control.decode_record(whole["record"])
         return {name: record[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
-        remedy = "name the folder of a run that was flown for a hundred ticks and did not finish"
-        raise BadInput(f"{path}: {error.strerror}; {remedy}") from error
+        advice = "name the folder of a run that was flown for a hundred ticks and did not finish"
+        raise BadInput(f"{path}: {error.strerror}; {advice}") from error
     except (MessageRejected, KeyError, TypeError) as error:
-        remedy = f"fly it again with `meanflock run {folder / SCENARIO}`"
         raise BadInput(
-            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {remedy}"
+            f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {fly_again(folder)}"
         ) from error
 
 
@@ -348,9 +401,12 @@ def _digest(record: bytes) -> bytes:
     return hashlib.sha256(record).digest()
 
 
-def _reason(error: OSError) -> str:
-    """Text of an error of the disk."""
-    return error.strerror or (os.strerror(error.errno) if error.errno else str(error))
+def _is_at(file: EventLog | Spool, path: Path) -> bool:
+    """Returns whether an open file is still the one at its path."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except OSError:
+        return False
 
 
 def to_toml(flown: Scenario) -> str:

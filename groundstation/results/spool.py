@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from meanflock.groundstation.results import inbound
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Telemetry
@@ -70,7 +70,7 @@ def spooled(path: Path) -> Iterator[Spooled]:
     """Read all complete blocks. A block with a wrong checksum is left out with a warning, and so is the rest if block
     limits are lost. Raises OSError without a file.
     """
-    with path.open("rb") as file:
+    with paths.opened(path) as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
             _warn(path, 0, "all of it is left out")
             return
@@ -78,6 +78,9 @@ def spooled(path: Path) -> Iterator[Spooled]:
             begins = file.tell() - _HEAD.size
             size, events_bytes, dt, of_rows, of_head = _HEAD.unpack(head)
             if crc32(head[:-_CHECKSUM]) != of_head:
+                _warn(path, begins, "all from there on is left out")
+                return
+            if size > paths.LOG_BYTES:
                 _warn(path, begins, "all from there on is left out")
                 return
             if len(rows := file.read(size)) < size:

@@ -1,6 +1,6 @@
 """Run folders as they lie on the disk: which runs a folder has, their state, summary and scenario. Writes nothing."""
 
-import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,17 +9,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from meanflock.groundstation.results.event_log import lock
+from meanflock.groundstation.results.flown import read_keys
 from meanflock.groundstation.results.quantities import SUMMARY as FIELDS
-from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, alone
+from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, go_on
 from meanflock.groundstation.results.scenario_keys import flat
-from meanflock.swarm import toml
+from meanflock.groundstation.results.summary_file import read_summary
+from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput, printable
-from meanflock.worldsim.summary import SCHEMA
 
 Status: TypeAlias = Literal["finished", "interrupted", "unfinished", "flying", "damaged"]
-RESUMABLE = ("interrupted", "unfinished")
 _NAMED = re.compile(r"(\d{8}-\d{6})-")  # the time at the start of a run's name
-_MEND = "bring the file back, or fly the run again"
 _UNITS = {known.key: known.unit for known in FIELDS}
 
 
@@ -29,6 +29,7 @@ class StoredRun:
 
     when: local time of take-off, by the name of the run, else by its scenario file. fault: why it is damaged. summary:
     empty if there is none, or it is damaged. keys: of its scenario, dotted; empty if the file cannot be read.
+    resumable: whether it did not finish and has a checkpoint.
     """
 
     folder: Path
@@ -37,6 +38,7 @@ class StoredRun:
     fault: str = ""
     summary: dict[str, Any] = field(default_factory=dict)
     keys: dict[str, Any] = field(default_factory=dict)
+    resumable: bool = False
 
     @property
     def run_id(self) -> str:
@@ -57,7 +59,7 @@ class StoredRun:
 
 def is_run(folder: Path) -> bool:
     """Returns whether a folder is that of a run."""
-    return (folder / SCENARIO).is_file() or (folder / SUMMARY).is_file()
+    return any(os.path.lexists(folder / name) for name in (SCENARIO, SUMMARY))
 
 
 def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _all: None) -> list[StoredRun]:
@@ -105,8 +107,8 @@ def finished_run(folder: Path) -> StoredRun:
     run = stored_run(folder)
     if run.status == "flying":
         raise BadInput(f"{folder}: the run still flies; wait for its end")
-    if run.status in RESUMABLE:
-        raise BadInput(f"{folder}: the run has not finished; `meanflock resume {folder}`")
+    if run.status != "finished":
+        raise BadInput(f"{folder}: the run has not finished; {go_on(folder)}")
     return run
 
 
@@ -123,50 +125,37 @@ def unit_of(key: str) -> str:
 
 def _read(folder: Path) -> StoredRun:
     fault = ""
-    summary = {}
-    keys = {}
+    summary: dict[str, Any] = {}
+    keys: dict[str, Any] = {}
+    status: Status = "damaged"
     try:
-        keys = flat(toml.read(folder / SCENARIO, "scenario file"))
-        if (folder / SUMMARY).exists():
-            summary = _summary(folder / SUMMARY)
+        keys = flat(read_keys(folder / SCENARIO)[0])
+        if os.path.lexists(folder / SUMMARY):
+            summary = read_summary(folder / SUMMARY)
+        status = _status(folder)
     except BadInput as error:
         fault = str(error)
-    status = "damaged" if fault else _status(folder)
-    return StoredRun(folder, _when(folder), status, printable(fault), summary, keys)
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    """A summary; raises BadInput if it is damaged or of another version."""
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{SUMMARY}: {error.strerror}; {_MEND}") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{SUMMARY}: damaged: not JSON; {_MEND}") from error
-    if not isinstance(summary, dict):
-        raise BadInput(f"{SUMMARY}: damaged: no object; {_MEND}")
-    if (version := summary.get("schema")) != SCHEMA:
-        raise BadInput(
-            f"{SUMMARY}: a record of version {version!r}, written by meanflock {summary.get('version')}; this "
-            f"meanflock reads version {SCHEMA}: use the meanflock that wrote it"
-        )
-    for key in _UNITS:
-        if key.partition(".")[0] not in summary:
-            raise BadInput(f"{SUMMARY}: damaged, or of another meanflock: it has no `{key}`; {_MEND}")
-    for key, value in flat(summary).items():
-        if unit_of(key) and not isinstance(value, int | float):
-            raise BadInput(f"{SUMMARY}: damaged: `{key}` is no number; {_MEND}")
-    return summary
+    except RecursionError:
+        fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
+    resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
+    return StoredRun(folder, _when(folder), status, printable(fault), summary, keys, resumable)
 
 
 def _status(folder: Path) -> Status:
-    if (folder / SUMMARY).exists():
+    """The status of a run whose records can be read; raises BadInput if its events cannot be read."""
+    if os.path.lexists(folder / SUMMARY):
         return "interrupted" if (folder / CHECKPOINT).exists() else "finished"
     try:
-        with alone(folder):
-            return "unfinished"
-    except BadInput:
-        return "flying"
+        with paths.opened(folder / EVENTS) as events:
+            try:
+                lock(events, folder)
+            except BadInput:
+                return "flying"
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise BadInput(f"{EVENTS}: {error.strerror}; bring the file back, or fly the run again") from error
+    return "unfinished"
 
 
 def _when(folder: Path) -> datetime:
@@ -176,5 +165,5 @@ def _when(folder: Path) -> datetime:
             return datetime.strptime(named[1], "%Y%m%d-%H%M%S")
     except ValueError:
         pass
-    path = next(path for name in (SCENARIO, SUMMARY, EVENTS) if (path := folder / name).is_file())
-    return datetime.fromtimestamp(path.stat().st_mtime).replace(microsecond=0)
+    times = [path.lstat().st_mtime for name in (SCENARIO, SUMMARY) if os.path.lexists(path := folder / name)]
+    return datetime.fromtimestamp(times[0] if times else 0.0).replace(microsecond=0)

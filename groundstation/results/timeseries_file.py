@@ -14,10 +14,12 @@ from typing import BinaryIO, Literal, TypeAlias
 from zlib import crc32
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pyarrow import csv
 
-from meanflock.groundstation.results.series import long_form, rows_of, schema
+from meanflock.groundstation.results.quantities import COLUMNS_BEFORE
+from meanflock.groundstation.results.series import diagnostics_in, long_form, rows_of, schema
 from meanflock.groundstation.results.spool import spooled
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
@@ -30,6 +32,7 @@ _NO_HEADER = csv.WriteOptions(include_header=False)
 _SEAL = b"mf\x89seal\n"
 _SEAL_BYTES = len(_SEAL) + 4
 _TAIL_BYTES = 8  # of Parquet: the footer's length and a mark
+_NEEDED = (*(column.key for column in COLUMNS_BEFORE), "status")  # columns; later versions may add others
 _LONGEST_FOOTER = 2**27  # bytes
 _MARK_BLOCK, _MARK_EVENTS = "meanflock.block", "meanflock.events_bytes"
 
@@ -81,7 +84,7 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     Raises OSError if the file is damaged or missing.
     """
     with _reading():
-        return _opened(path).read(columns)
+        return _checked(_opened(path).read(columns))
 
 
 class SeriesReader:
@@ -103,7 +106,7 @@ class SeriesReader:
         """The rows in pieces of at most so many ticks; compares the checksums. Raises OSError if one is wrong."""
         with _reading():
             for batch in self._file.iter_batches(ticks):
-                yield pa.Table.from_batches([batch])
+                yield _checked(pa.Table.from_batches([batch]))
 
 
 @contextmanager
@@ -134,7 +137,7 @@ def past(folder: Path, tick: int | None = None) -> Past:
         else:
             with _reading():
                 file = _opened(folder / TIMESERIES)
-                rows = file.read()
+                rows = _checked(file.read())
                 mark = {key.decode(): value.decode() for key, value in (file.metadata.metadata or {}).items()}
     except OSError as error:
         raise BadInput(f"{folder}: no time series to continue ({error})") from error
@@ -162,7 +165,25 @@ def _seal(path: Path) -> None:
 def _opened(path: Path) -> pq.ParquetFile:
     """A file whose footer is whole. Raises OSError if it is damaged or missing."""
     _check_seal(path)
-    return pq.ParquetFile(pa.OSFile(str(path)), page_checksum_verification=True)
+    file = pq.ParquetFile(pa.OSFile(str(path)), page_checksum_verification=True)
+    found = file.schema_arrow
+    if lacking := [name for name in _NEEDED if name not in found.names]:
+        raise OSError(f"damaged: it has no column {', '.join(lacking)}")
+    known = schema(diagnostics_in(found))
+    if odd := [
+        field.name for field in known if field.name in found.names and found.field(field.name).type != field.type
+    ]:
+        raise OSError(f"damaged: columns of a wrong type: {', '.join(odd)}")
+    return file
+
+
+def _checked(rows: pa.Table) -> pa.Table:
+    """Rows with an entry of each UAV in every tick. Raises OSError if an entry is missing."""
+    lists = [field.name for field in rows.schema if pa.types.is_list(field.type) and field.name != "leader_model"]
+    uavs = {count for name in lists for count in pc.unique(pc.list_value_length(rows[name])).to_pylist()}
+    if len(uavs) > 1 or None in uavs:
+        raise OSError("damaged: not every tick has an entry of each UAV")
+    return rows
 
 
 def _check_seal(path: Path) -> None:

@@ -12,7 +12,7 @@ import msgspec
 from meanflock.groundstation import statistics
 from meanflock.groundstation.results.quantities import Field
 from meanflock.groundstation.statistics import Estimate
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
 
 SCHEMA = 1
@@ -193,7 +193,7 @@ def read(path: Path) -> Record:
         BadInput: the file is not a frontier of this version.
     """
     try:
-        found = msgspec.json.decode(path.read_bytes(), type=Record)
+        found = msgspec.json.decode(paths.read(path), type=Record)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give the frontier.json of `meanflock frontier`") from error
     except msgspec.MsgspecError as error:

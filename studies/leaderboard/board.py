@@ -15,7 +15,7 @@ from meanflock.groundstation.results.quantities import Field
 from meanflock.groundstation.statistics import Estimate
 from meanflock.studies.leaderboard import marks, rows
 from meanflock.studies.leaderboard.measures import BY_KEY
-from meanflock.swarm import durable
+from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
 
 SCHEMA = 1
@@ -174,7 +174,7 @@ def read(path: Path) -> Board:
         BadInput: the file is not a leaderboard.
     """
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Board)
+        return msgspec.json.decode(paths.read(path), type=Board)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give the leaderboard.json of `meanflock leaderboard`") from error
     except msgspec.MsgspecError as error:

@@ -10,7 +10,6 @@ from meanflock.studies.leaderboard.board import Board, Course
 from meanflock.studies.leaderboard.measures import MEASURES
 from meanflock.studies.leaderboard.tables import Text
 from meanflock.swarm import durable
-from meanflock.swarm.errors import RunFailed
 
 PICTURES = "pictures"
 
@@ -81,13 +80,12 @@ def write(board: Board, out: Path) -> list[Path]:
         RunFailed: the disk is full.
     """
     paths = [board.write(out), out / "leaderboard.md", out / "leaderboard.html"]
+    plots, areas = (draw.write(board.courses, out / PICTURES) for draw in (pareto, maps))
+    durable.put(paths[1], markdown.markdown(board, _links(plots), _links(areas)).encode())
     try:
-        plots, areas = (draw.write(board.courses, out / PICTURES) for draw in (pareto, maps))
-        text = markdown.markdown(board, _links(plots), _links(areas))
-        durable.replace(paths[1], text.encode())
-        durable.replace(paths[2], html(board, plots, areas).encode())
+        durable.put(paths[2], html(board, plots, areas).encode())  # it reads the pictures
     except OSError as error:
-        raise RunFailed(f"{out}: {error.strerror}; make room and repeat the command") from error
+        raise durable.not_written(out, error) from error
     return paths
 
 

@@ -10,6 +10,7 @@ from types import CodeType, ModuleType
 
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.paths import given as given_path
+from meanflock.swarm.paths import read
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.plugins.registry import HERE, NO_PLUGIN, Plugin, PluginKind, entry_of, key_of
 
@@ -39,7 +40,7 @@ def load_file(path: Path | str) -> list[Plugin]:
     """
     where, path = f"--plugin {path}", _resolved(path)
     try:
-        source = path.read_bytes()
+        source = read(path)
     except OSError as error:
         raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
     if path.suffix != ".py":

@@ -99,12 +99,12 @@ def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> N
     ("damage", "status", "says"),
     [
         (lambda run: (run / "summary.json").write_text("{"), "damaged", "damaged: not JSON"),
-        (lambda run: (run / "summary.json").write_text("[]"), "damaged", "damaged: no object"),
+        (lambda run: (run / "summary.json").write_text("[]"), "damaged", "Expected `object`, got `array`"),
         (lambda run: spoil(run, schema=2, version="9.9"), "damaged", "of version 2, written by meanflock 9.9"),
-        (lambda run: spoil(run, rounds=HOSTILE), "damaged", "`rounds` is no number"),
+        (lambda run: spoil(run, rounds=HOSTILE), "damaged", "Expected `int | float | null`, got `str` - at `$.rounds`"),
         (lambda run: (run / "scenario.toml").write_text("="), "damaged", "not TOML"),
         (lambda run: (run / "scenario.toml").unlink(), "damaged", "No such file"),
-        (lambda run: (run / "summary.json").unlink(), "unfinished", "`meanflock resume"),
+        (lambda run: (run / "summary.json").unlink(), "unfinished", "has not finished; there is too little to resume"),
         (lambda run: (run / CHECKPOINT).write_bytes(b""), "interrupted", "`meanflock resume"),
     ],
 )
