@@ -1,11 +1,10 @@
 """`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.settings import load_plugins, scenario_of, with_settings
@@ -13,6 +12,7 @@ from meanflock.studies import study
 from meanflock.studies.means import Means
 from meanflock.studies.store import Store
 from meanflock.swarm import paths
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
 
@@ -67,8 +67,9 @@ def compare(
         seeds: number of flights of each controller; their seeds follow on from the scenario's.
         scenario: the name of a shipped scenario, a TOML file, or a Scenario.
         plugin: one or several files with plug-ins.
-        jobs: number of processes; −1: one for each core. All flights are in this process if `methods` has a class, or
-            if this process is a worker of `multiprocessing`.
+        jobs: number of processes; −1: one for each core. All flights are in this process if a plug-in of theirs was
+            registered in it (`mf.register`, or a class in `methods`), or if this process is a worker of
+            `multiprocessing`.
         out: folder for finished flights. After an interruption the same call flies the remaining ones.
         progress: called with the number of finished flights and of all flights.
         settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`.
@@ -84,7 +85,7 @@ def compare(
     for method in named:
         flown = scenario_of(scenario, settings, method=method)
         points[(flown.method,)] = study.seeded(flown, _count(seeds))
-    return Comparison(("method",), _fly(points, _processes(jobs, named), out, progress))
+    return Comparison(("method",), _fly(points, _processes(jobs), out, progress))
 
 
 @with_settings
@@ -122,7 +123,7 @@ def sweep(
             points[_hashable(value), flown.method] = study.seeded(flown, _count(seeds))
     if not points:
         raise BadInput(f"sweep: give {key} a value or more")
-    return Comparison((key, "method"), _fly(points, _processes(jobs, named), out, progress))
+    return Comparison((key, "method"), _fly(points, _processes(jobs), out, progress))
 
 
 def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:
@@ -130,15 +131,16 @@ def _several(methods: Sequence[str | type] | str | type | None) -> list[str | ty
     return [methods] if isinstance(methods, str | type) else list(methods or ())
 
 
-def _processes(jobs: int, methods: Sequence[str | type]) -> int:
-    """Number of processes: one if a class is among the methods, because it is registered in this process only.
+def _processes(jobs: Any) -> int:
+    """Number of processes; negative numbers count down from one a core.
 
     Raises:
         BadInput: it is not a valid number.
     """
-    if not isinstance(jobs, int | np.integer) or jobs == 0:
-        raise BadInput(f"jobs: {jobs!r}; give a number of processes, or -1 for one a core")
-    return 1 if any(isinstance(method, type) for method in methods) else jobs
+    expected = "give a number of processes, or -1 for one a core"
+    if number := count_of("jobs:", jobs, -sys.maxsize, expected=expected):
+        return number
+    raise BadInput(f"jobs: 0; {expected}")
 
 
 def _count(seeds: Any) -> int:
@@ -147,9 +149,8 @@ def _count(seeds: Any) -> int:
     Raises:
         BadInput: it is not a valid number.
     """
-    if not isinstance(seeds, int | np.integer) or seeds < 1:
-        raise BadInput(f"seeds: {seeds!r}; give how many to fly, one or more: from `seed` on, each the one after it")
-    return int(seeds)
+    expected = "give how many to fly, one or more: from `seed` on, each the one after it"
+    return count_of("seeds:", seeds, 1, expected=expected)
 
 
 def _hashable(value: Any) -> Any:

@@ -87,8 +87,10 @@ class Prepared(NamedTuple):
         return Run(self.scenario, summary, self.memory.blocks, folder)
 
 
-def prepared(flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack) -> Prepared:
-    """Prepare a flight whose files are complete when `stack` is closed.
+def prepared(
+    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, is_resumable: bool = True
+) -> Prepared:
+    """Prepare a flight whose files are complete when `stack` is closed. `is_resumable`: see `Engine`.
 
     Raises:
         BadInput: the scenario or the folder cannot be used, or the files would not fit on the disk.

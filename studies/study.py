@@ -52,7 +52,8 @@ def fly_all(
 
     Args:
         points: name → scenarios that differ in their seeds only.
-        jobs: number of processes, -1 for one a core, or the executor of a cluster.
+        jobs: number of processes, -1 for one a core, or the executor of a cluster. Scenarios with a class that was
+            registered in this process are flown in it.
         progress: called with the numbers of runs finished and wanted.
         study: first word of the names of its runs in the store.
         fly: flies a scenario, in any process, and returns what the store keeps; None: `summarised`.
@@ -72,6 +73,8 @@ def fly_all(
     missing = [flown for flown, key in turns if key not in finished]
     total = sum(map(len, keys.values()))
     done = total - len(missing)
+    if isinstance(jobs, int) and any(map(_is_of_this_process, missing)):
+        jobs = 1
 
     def keep(_flown: Scenario, raw: bytes) -> None:
         nonlocal done
@@ -95,6 +98,11 @@ def _kept(done: int, total: int, store: Store | None) -> str:
     if store is None:
         return f"{done} of {total} runs were flown and nothing is kept: name a folder for them, out=…"
     return f"{done} of {total} runs are kept in {store.data}: repeat the command to fly the rest"
+
+
+def _is_of_this_process(flown: Scenario) -> bool:
+    """Returns whether a plug-in of a scenario was registered in this process, so that no other process has it."""
+    return any(plugins.find(kind, name).source == plugins.HERE for kind, name, _ in flown.plugins())
 
 
 def key_of(flown: Scenario, study: str = STUDY) -> str:

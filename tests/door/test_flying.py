@@ -251,6 +251,27 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     assert [row["obstacles"] for row in tables] == [(), (str(disc),)]
 
 
+def test_what_was_registered_in_this_process_is_flown_in_it() -> None:
+    class Mine(mf.Controller):
+        name = "mine"
+
+        def step(self, memory: Any, tick: int, own: Any, received: Any) -> mf.Step:
+            return mf.Step(memory, -0.02 * own[:, :2])
+
+    class First(mf.Aggregator):
+        name = "first"
+
+        def step(self, state: Any, uploads: mf.Uploads) -> Any:
+            return state, uploads.models[0]
+
+    mf.register(Mine)
+    few = FEW | {"jobs": 2}
+    assert [row["n"] for row in mf.compare(["mine", "plan"], seeds=2, **few)] == [2, 2]
+    assert [row["n"] for row in mf.sweep("wind.sigma", [0.1], methods="mine", seeds=2, **few)] == [2]
+    mf.register(First)
+    assert [row["n"] for row in mf.compare("mfg", seeds=2, **{"federation.aggregation": "first"}, **few)] == [2]
+
+
 @pytest.mark.parametrize("kept", [True, False])
 def test_ctrl_c_is_a_keyboard_interrupt_and_names_the_kept_flights(kept: bool, tmp_path, monkeypatch) -> None:
     def interrupted(*_: Any) -> None:
