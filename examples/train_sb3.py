@@ -41,10 +41,11 @@ class Rows(VecEnv):
         self.actions = ACCELERATION * np.tanh(actions)
 
     def step_wait(self):
-        rows, rewards, terminated, truncated, _ = self.flight.step(self.actions.astype(np.float64))
+        rows, rewards, terminated, truncated, flown = self.flight.step(self.actions.astype(np.float64))
         observations, ended = self._scaled(rows), terminated | truncated
         infos = [{} for _ in rows]
-        if ended.all():
+        if (ended | ~flown["active"]).all():  # the flight is over; rows of lost UAVs ended before
+            ended[:] = True
             for info, last, stopped in zip(infos, observations, truncated, strict=True):
                 info |= {"terminal_observation": last, "TimeLimit.truncated": bool(stopped)}
             observations = self._scaled(self.flight.step(np.zeros_like(self.actions, dtype=np.float64))[0])

@@ -29,7 +29,7 @@ def source_of(scenario: str | Path | Scenario | None) -> Scenario:
     """The scenario of a file, or a shipped one, which is read once: reading takes as long as all else of a take-off."""
     if scenario is None or isinstance(scenario, Scenario):
         return scenario or Scenario()
-    return Scenario.load(scenario) if Path(scenario).suffix else _shipped(str(scenario))
+    return _shipped(scenario) if isinstance(scenario, str) and not Path(scenario).suffix else Scenario.load(scenario)
 
 
 @cache

@@ -7,7 +7,7 @@ from meanflock.swarm.errors import BadInput
 
 
 def count_of(label: str, value: Any, least: int, most: int | None = None, expected: str = "") -> int:
-    """A count as an int. It may be of any type that `operator.index` takes, such as NumPy's integers, but no truth value.
+    """A count as an int. It may be of any type that `operator.index` takes, as NumPy's integers are, but no bool.
 
     Args:
         label: what has the value, for the error. least, most: bounds. expected: what the error says that is expected;

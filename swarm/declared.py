@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 
 from meanflock.swarm import plugins
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import FAILURES, BadInput
 
 MAX_PARAMETERS = 1_000_000  # floats of a model, 8 MB
@@ -86,8 +87,9 @@ def declarations_of(instance: Any, name: str) -> Declared:
 
 def _checked(instance: Any, name: str) -> Declared:
     parameters = _count(instance, name, "parameters", 0, MAX_PARAMETERS)
-    parts = tuple(instance.parts) or ((parameters,) if parameters else ())
-    if not all(_is_count(part, 1, parameters) for part in parts) or sum(parts) != parameters:
+    part = f"controller {name!r}: a number of `parts` is"
+    parts = tuple(count_of(part, size, 1, parameters) for size in instance.parts) or (parameters,) * bool(parameters)
+    if sum(parts) != parameters:
         raise BadInput(f"controller {name!r}: `parts` {parts} do not add up to its {parameters} `parameters`")
     weights = parameters if instance.weights is None else _count(instance, name, "weights", 0, MAX_PARAMETERS)
     broadcast_numbers = _count(instance, name, "broadcast_numbers", 0, MAX_BROADCAST_NUMBERS)
@@ -116,11 +118,4 @@ def _checked(instance: Any, name: str) -> Declared:
 
 
 def _count(instance: Any, name: str, declaration: str, least: int, most: int) -> int:
-    value = getattr(instance, declaration)
-    if not _is_count(value, least, most):
-        raise BadInput(f"controller {name!r}: `{declaration}` is {value!r}; expected {least} … {most}")
-    return int(value)
-
-
-def _is_count(value: object, least: int, most: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+    return count_of(f"controller {name!r}: `{declaration}` is", getattr(instance, declaration), least, most)

@@ -16,9 +16,12 @@ def given(path: "str | os.PathLike[str]") -> Path:
     """The path that a user gave, with the home folder in place of `~`. Every path of a user goes through here.
 
     Raises:
-        BadInput: there is no such home folder, the path is not UTF-8, as some libraries need it, or it contains NUL.
+        BadInput: it is no path, there is no such home folder, the path is not UTF-8, as some libraries need it, or it contains NUL.
     """
-    text = os.fspath(path)
+    try:
+        text = os.fspath(path)
+    except TypeError as error:
+        raise BadInput(f"{path!r} is no path of a file; give a text or a Path") from error
     shown = printable(text)
     found = Path(os.path.expanduser(text))
     if text.startswith("~") and found == Path(text):

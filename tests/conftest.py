@@ -54,7 +54,12 @@ def pytest_configure() -> None:
 
 def _of_this_process() -> set[tuple[str, Any]]:
     """What a test could leave changed to those after it."""
-    once = ("PYTEST_CURRENT_TEST", "ZENOH_RUNTIME", "PYGAME_HIDE_SUPPORT_PROMPT")  # by pytest; by libraries when loaded
+    once = (
+        "PYTEST_CURRENT_TEST",
+        "ZENOH_RUNTIME",
+        "PYGAME_HIDE_SUPPORT_PROMPT",
+        "SDL_AUDIODRIVER",
+    )  # by pytest; by libraries when loaded
     variables = {(name, value) for name, value in os.environ.items() if name not in once}
     signals = {(number.name, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     return variables | signals | {("working folder", Path.cwd())}

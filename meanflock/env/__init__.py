@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meanflock.agent.controllers.policy.network import Network, read
+from meanflock.agent.controllers.policy.network import MAX_MESSAGE, MAX_NEIGHBOURS, Network, read
 from meanflock.agent.controllers.policy.network import save as _save
 from meanflock.env.rewards import TERMS, WEIGHTS
 from meanflock.settings import with_settings
 from meanflock.swarm import paths
-from meanflock.swarm.errors import available
+from meanflock.swarm.counts import count_of
+from meanflock.swarm.errors import BadInput, available
+from meanflock.swarm.plugins.guard import as_floats
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane
 
@@ -43,7 +45,8 @@ def parallel_env(
         message: W, numbers of the message that a UAV broadcasts in every tick; their bits are counted.
         acceleration: largest acceleration of the action space along an axis, m/s². Larger ones are flown as they are.
         reward: weights of terms of the reward, by name, in place of those of `meanflock.env.WEIGHTS`.
-        keys: `uavs`, `seed`, `duration`, or any dotted scenario key.
+        keys: `uavs`, `seed`, `duration`, or any dotted scenario key. `seed` is that of the first flight. Without it
+            each flight has a fresh seed of the system, unless a Scenario or a file has one; `infos` says which.
 
     Raises:
         BadInput: an argument cannot be used, or the extra `rl` is not installed.
@@ -101,8 +104,16 @@ class Policy:
         }
 
     def __call__(self, observations: Floats) -> Plane:
-        """Returns the actions (M, 2 + W) of observations (M, width); a row's bits do not depend on the others."""
-        acceleration, messages = self._network(np.asarray(observations, dtype=np.float64))
+        """Returns the actions (M, 2 + W) of observations (M, width); a row's bits do not depend on the others.
+
+        Raises:
+            BadInput: the observations have another shape or dtype.
+        """
+        try:
+            rows = as_floats("observations", observations, (*np.shape(observations)[:1], len(self._network.scale)))
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"policy: {error}") from error
+        acceleration, messages = self._network(rows)
         return acceleration if messages is None else np.concatenate([acceleration, messages], axis=1)
 
 
@@ -140,6 +151,18 @@ def save_policy(
     """
     from meanflock.agent.controllers.policy.perception import width
 
-    divisor = np.ones(width(neighbours, message)) if scale is None else np.asarray(scale, dtype=np.float64)
-    pairs = tuple((np.asarray(w, dtype=np.float64), np.asarray(b, dtype=np.float64)) for w, b in layers)
-    return Policy(_save(file, Network(neighbours, message, float(acceleration), divisor, pairs)))
+    observed, numbers = (
+        count_of("neighbours:", neighbours, 1, MAX_NEIGHBOURS),
+        count_of("message:", message, 0, MAX_MESSAGE),
+    )
+    inputs = width(observed, numbers)
+    try:
+        divisor = np.ones(inputs) if scale is None else as_floats("scale", scale, (inputs,))
+        pairs = tuple(
+            (as_floats("weights", weights, np.shape(weights)), as_floats("biases", biases, np.shape(biases)))
+            for weights, biases in layers
+        )
+        limit = float(acceleration)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"policy: {error}; give pairs of arrays, and numbers") from error
+    return Policy(_save(file, Network(observed, numbers, limit, divisor, pairs)))

@@ -11,9 +11,11 @@ from meanflock.agent.controllers.policy.network import MAX_MESSAGE, MAX_NEIGHBOU
 from meanflock.agent.controllers.policy.perception import Perception, width
 from meanflock.agent.stepped import External
 from meanflock.env.rewards import Terms, weights_of
+from meanflock.env.seeds import seed_of
 from meanflock.settings import scenario_of
 from meanflock.stepped import Stepped, source_of
 from meanflock.swarm import mission as missions
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, Floats, Mask, Rows
@@ -24,7 +26,8 @@ from meanflock.worldsim.flight import ARRIVED, LOST
 class Form:
     """What the flights of an environment have in common.
 
-    scenario: what is flown; each flight has its own seed. inputs, outputs: numbers of an observation and an action.
+    scenario: what is flown; each flight has its own seed. seed: that of the first flight; None: a fresh one. inputs,
+    outputs: numbers of an observation and an action.
     acceleration: bound of the action space. weights: of the terms of the reward.
     """
 
@@ -38,28 +41,32 @@ class Form:
         keys: Mapping[str, Any],
     ) -> None:
         """Raises BadInput if an argument cannot be used."""
-        for name, value, least, most in (
-            ("neighbours", neighbours, 1, MAX_NEIGHBOURS),
-            ("message", message, 0, MAX_MESSAGE),
-        ):
-            if not isinstance(value, int) or not least <= value <= most:
-                raise BadInput(f"{name}: {value!r}; expected {least} … {most}")
-        if not (isinstance(acceleration, int | float) and 0.0 < acceleration < np.inf):
-            raise BadInput(f"acceleration: {acceleration!r}; expected a number greater than 0, m/s²")
+        self.neighbours = count_of("neighbours:", neighbours, 1, MAX_NEIGHBOURS)
+        self.message = count_of("message:", message, 0, MAX_MESSAGE)
+        self.acceleration = _acceleration(acceleration)
         self.weights = weights_of(reward)
-        self.neighbours = neighbours
-        self.message = message
-        self.acceleration = float(acceleration)
-        self.inputs = width(neighbours, message)
-        self.outputs = AXES + message
-        numbers = Perception(source_of(mission), neighbours, message).broadcast_numbers
+        self.inputs = width(self.neighbours, self.message)
+        self.outputs = AXES + self.message
+        source = source_of(mission)
+        self.seed = seed_of(mission, keys.get("seed"))
+        numbers = Perception(source, self.neighbours, self.message).broadcast_numbers
         settings = {key: value for key, value in keys.items() if key.partition(".")[0] not in ("controller", "method")}
         settings["controller"] = {"broadcast_numbers": numbers, "shares": True}
-        self.scenario = scenario_of(source_of(mission), settings, method=External)
+        self.scenario = scenario_of(source, settings, method=External)
 
     def bounds(self) -> Rows:
         """Largest numbers of an action."""
         return np.array([self.acceleration] * AXES + [1.0] * self.message)
+
+
+def _acceleration(value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = 0.0
+    if 0.0 < number < np.inf:
+        return number
+    raise BadInput(f"acceleration: {value!r}; expected a number greater than 0, m/s²")
 
 
 class Outcome(NamedTuple):

@@ -22,8 +22,11 @@ TERMS = tuple(WEIGHTS)
 
 def weights_of(given: Mapping[str, float] | None) -> Rows:
     """The weights of the terms, in their order; raises BadInput if a name or a number cannot be used."""
-    named = WEIGHTS | dict(given or {})
-    if unknown := sorted(set(named) - set(TERMS)):
+    try:
+        named = WEIGHTS | dict(given or {})
+    except (TypeError, ValueError):
+        raise BadInput(f"reward: {given!r}; give a dict of terms and weights, as of {', '.join(TERMS)}") from None
+    if unknown := [name for name in named if name not in TERMS]:
         raise BadInput(f"reward: there is no term {unknown[0]!r}; there are {', '.join(TERMS)}")
     try:
         weights = np.array([float(named[name]) for name in TERMS])

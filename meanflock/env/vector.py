@@ -1,32 +1,40 @@
 """The vector environment of Gymnasium: one policy, whose rows are flights × UAVs."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from meanflock.env.episode import Episode, Form
+from meanflock.env.seeds import Seeds
 from meanflock.runs import Run
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins.guard import as_floats
 from meanflock.swarm.state import Floats, Mask, Rows
+
+_SUMMARIES = 100  # that are kept; one is 50 KiB for 25 UAVs, because it lists their links
 
 
 class VectorFlock(VectorEnv[Floats, Floats, Floats]):
     """Several flights; made by `vector_env`.
 
-    A row is terminated when its UAV is lost, or has arrived by the end of the flight; otherwise the end of the flight
-    truncates it. The row of a lost UAV stays terminated, with reward 0, until its flight begins anew.
+    A row is terminated once, when its UAV is lost, or has arrived by the end of the flight; otherwise the end of the
+    flight truncates it. The row of a lost UAV is then inactive, with reward 0, until its flight begins anew.
 
-    infos: `lost` and `arrived`, masks of the rows; `terms` (rows, T) of the rewards, in the order of
-    `meanflock.env.TERMS`. summaries: summaries of the flights that have ended, in order.
+    infos: `active`, mask of the rows whose action this step flew: all but those of UAVs that were lost before, and rows
+    of a flight that begins. `lost` and `arrived`, masks of the rows; `terms` (rows, T) of the rewards, in the order of
+    `meanflock.env.TERMS`; `seed` of the flight of each row. summaries: summaries of the last flights that have ended,
+    in order; at least a hundred, and at least one for each flight that flies at once.
     """
 
     def __init__(self, form: Form, flights: int) -> None:
-        if not isinstance(flights, int) or flights < 1:
-            raise BadInput(f"flights: {flights!r}; expected a number of at least 1")
+        flights = count_of("flights:", flights, 1)
         self._form = form
         self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
         self.flights = flights
@@ -37,19 +45,25 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.summaries: list[dict[str, Any]] = []
-        self._next_seed = form.scenario.seed
+        self._seeds = Seeds(form.seed)
         self._episodes: list[Episode] = []
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begins all flights anew, with seeds from `seed` on, or those after the last. `options` are ignored."""
-        if isinstance(seed, list):
-            raise BadInput("reset: give one seed; flight f has seed + f")
-        if seed is not None:
-            self._next_seed = seed
-        self._episodes = [self._begun() for _ in range(self.flights)]
-        return self._observations(), {}
+        """Begins all flights anew. `options` are ignored.
+
+        Args:
+            seed: that of the first flight, the others follow on; or one for each flight. None: the seeds after the last
+                given ones; if none were given, fresh ones of the system. The attribute `np_random` is a generator of
+                the seed of the first flight; the flights do not draw from it.
+
+        Raises:
+            BadInput: the seed cannot be used.
+        """
+        self._episodes = [Episode(self._form, each) for each in self._seeds.begin(seed, self.flights)]
+        self._np_random, self._np_random_seed = np_random(self._episodes[0].scenario.seed)
+        return self._observations(), {"seed": self._flown_seeds()}
 
     def step(self, actions: Floats) -> tuple[Floats, Rows, Mask, Mask, dict[str, Any]]:
         """Flies one tick of every flight with actions (rows, 2 + W).
@@ -65,21 +79,23 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
             raise BadInput(f"step: {error}; nothing was flown") from error
         rows, uavs = self.num_envs, self._form.scenario.uavs
         rewards, terms = np.zeros(rows), np.zeros((rows, len(self._form.weights)))
-        terminated, truncated, lost, arrived = (np.zeros(rows, dtype=bool) for _ in range(4))
+        terminated, truncated, lost, arrived, active = (np.zeros(rows, dtype=bool) for _ in range(5))
         for number, episode in enumerate(self._episodes):
             part = slice(number * uavs, (number + 1) * uavs)
             if episode.over:
-                self._episodes[number] = self._begun()
+                self._episodes[number] = Episode(self._form, self._seeds.take())
                 continue
+            active[part] = ~episode.lost
             outcome = episode.act(table[part])
             rewards[part] = outcome.rewards
             terms[part] = outcome.terms
-            terminated[part] = outcome.ended
+            terminated[part] = outcome.ended & active[part]
             lost[part], arrived[part] = episode.lost, episode.arrived
             if episode.over:
                 truncated[part] = ~outcome.ended
                 self.summaries.append(episode.finish().summary)
-        infos = {"lost": lost, "arrived": arrived, "terms": terms}
+        del self.summaries[: -max(_SUMMARIES, self.flights)]
+        infos = {"active": active, "lost": lost, "arrived": arrived, "terms": terms, "seed": self._flown_seeds()}
         return self._observations(), rewards, terminated, truncated, infos
 
     def runs(self) -> list[Run]:
@@ -90,9 +106,9 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
         """Forget the flights."""
         self._episodes = []
 
-    def _begun(self) -> Episode:
-        self._next_seed += 1
-        return Episode(self._form, self._next_seed - 1)
+    def _flown_seeds(self) -> NDArray[np.int64]:
+        """The seed of the flight of each row."""
+        return np.repeat([episode.scenario.seed for episode in self._episodes], self._form.scenario.uavs)
 
     def _observations(self) -> Floats:
         return np.concatenate([episode.observations for episode in self._episodes])

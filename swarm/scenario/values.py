@@ -1,5 +1,6 @@
 """Scenarios as plain values: keys that Python code sets, validation of a table, and a table as TOML text."""
 
+import operator
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,12 +21,14 @@ def as_builtins(value: Any) -> Any:
     Raises:
         TypeError: the value has another type.
     """
-    return _with_lists(msgspec.to_builtins(value, enc_hook=_from_numpy))
+    return _with_lists(msgspec.to_builtins(value, enc_hook=_as_number_or_list))
 
 
-def _from_numpy(value: Any) -> Any:
+def _as_number_or_list(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
+    if hasattr(value, "__index__"):
+        return operator.index(value)
     raise TypeError(f"a scenario has no values of type {type(value).__name__}")
 
 

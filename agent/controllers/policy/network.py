@@ -10,7 +10,7 @@ import numpy as np
 
 from meanflock.agent.controllers.policy.perception import width
 from meanflock.swarm import paths
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import FAILURES, BadInput, reason
 from meanflock.swarm.state import AXES, Floats, Plane
 
 TRAINED = Path(__file__).with_name("trained.npz")  # written by examples/train.py
@@ -116,8 +116,8 @@ def read(path: str | Path) -> tuple[Network, str]:
         raise BadInput(f"policy {path}: {error.strerror}; name a readable file") from error
     try:
         return _network(content), hashlib.sha256(content).hexdigest()
-    except (ValueError, KeyError, TypeError, EOFError, OSError, zipfile.BadZipFile, NotImplementedError) as error:
-        raise BadInput(f"policy {path}: {error}; save it with meanflock.env.save_policy") from error
+    except FAILURES as error:  # of zipfile, of zlib, and of NumPy, which reads headers as Python
+        raise BadInput(f"policy {path}: {reason(error)}; save it with meanflock.env.save_policy") from error
 
 
 def _network(content: bytes) -> Network:
