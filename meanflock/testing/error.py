@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins import guard
 from meanflock.swarm.plugins.registry import PluginKind, checked
+from meanflock.swarm.scenario import as_builtins
 
 T = TypeVar("T")
 
@@ -40,8 +41,8 @@ def check_class(plugin: Any, kind: PluginKind) -> None:
 def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
     """Make an instance with options, as a flight does."""
     try:
-        typed = msgspec.convert(dict(options), plugin.Options)  # type: ignore[attr-defined]
-    except msgspec.ValidationError as error:
+        typed = msgspec.convert(as_builtins(dict(options)), plugin.Options)  # type: ignore[attr-defined]
+    except (msgspec.ValidationError, TypeError) as error:
         fail(
             plugin, f"its options {dict(options)} do not fit: {error}", "give every option a default, or pass `options`"
         )
