@@ -10,7 +10,7 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.recording import blueprint, drawing, mission_map, rr, rrb
 from meanflock.groundstation.recording.blueprint import whole_flight
 from meanflock.groundstation.recording.drawing import scalars
-from meanflock.groundstation.recording.recorder import APPLICATION, Writer, close, start
+from meanflock.groundstation.recording.recorder import Writer, close, new_stream, start
 from meanflock.groundstation.results import quantities
 from meanflock.groundstation.results.series import BITS_SENT, COLUMN
 from meanflock.swarm import durable
@@ -44,7 +44,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
         RunFailed: a flight failed, or the disk is full.
     """
     durable.check_writable(path)
-    stream = rr.RecordingStream(APPLICATION, recording_id=f"compare {' '.join(flights)}")
+    stream = new_stream(f"compare {' '.join(flights)}")
     writers = {
         name: _Beside(
             flown,

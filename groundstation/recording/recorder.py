@@ -15,6 +15,7 @@ from types import TracebackType
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from meanflock.groundstation.disk import LARGE_SWARM, LARGE_SWARM_STRIDE
 from meanflock.groundstation.recording import blueprint, mission_map
@@ -177,7 +178,7 @@ class Recorder(Writer):
         if not sinks:
             raise ValueError("a recorder needs a file, an address to serve on, or both")
 
-        stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
+        stream = new_stream(run_id)
         super().__init__(scenario, stream, reported, patience_s=FILE_WALL_S if serve is None else BATCH_WALL_S)
         self._path = path
         start(stream, sinks, blueprint.flight_blueprint(scenario, reported, serve is not None), path)
@@ -211,16 +212,52 @@ class Recorder(Writer):
                 close(stream, self._path)
 
 
+def new_stream(name: str) -> rr.RecordingStream:
+    """A new recording of that name.
+
+    Rerun keeps the threads and buffers of closed recordings, 3 MiB of a flight, until it is told to free them. That
+    takes the program's own recording away, so it is set again.
+    """
+    of_program = rr.get_global_data_recording()
+    with suppress(RuntimeError):  # the program's recording cannot be flushed
+        flush_and_cleanup_orphaned_recordings()
+    if of_program is not None:
+        rr.set_global_data_recording(of_program)
+    return rr.RecordingStream(APPLICATION, recording_id=name)
+
+
 def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprint, path: Path | None) -> None:
     """Sends a recording to its sinks, one of them perhaps the file `path`, beginning with how it is shown.
 
     Raises:
         RunFailed: the disk is full.
     """
+    sent = _Shown(shown)
     try:
-        _patiently(lambda: stream.set_sinks(*sinks, default_blueprint=shown), path, "begun")
+        _patiently(lambda: stream.set_sinks(*sinks, default_blueprint=sent), path, "begun")
+        sent.free()
     except RuntimeError as error:
         raise _incomplete(path, str(error)) from error
+
+
+class _Shown(rrb.Blueprint):  # type: ignore[misc]
+    """A blueprint that frees what Rerun makes of it: a recording in memory, which refers to itself until it is
+    disconnected.
+    """
+
+    def __init__(self, shown: rrb.Blueprint) -> None:
+        self._shown = shown
+        self._streams: list[rr.RecordingStream] = []
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self._streams.append(stream)
+        self._shown._log_to_stream(stream)
+
+    def free(self) -> None:
+        """Free the recordings that were made of it."""
+        for stream in self._streams:
+            stream.disconnect()
+        self._streams.clear()
 
 
 def close(stream: rr.RecordingStream, path: Path | None) -> None:
