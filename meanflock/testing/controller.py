@@ -8,18 +8,15 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Controller
 from meanflock.swarm import declared
-from meanflock.swarm.plugins.guard import check_same_form
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import alike, asked, check_class, copies, fail, make, same
+from meanflock.testing.error import GONE, alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
-from meanflock.testing.trial import PointSwarm, Trial
+from meanflock.testing.trial import FINITE, PURE, PointSwarm, Trial
 
 UAVS = 6
 
 _ROWS = "compute every row from that row of `own` and `memory`, and from the frames linked to it in `received`, alone"
-_MEMORY = "keep all that one tick leaves to the next in the arrays of the memory you return"
 _RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
-_PURE = "return new arrays; copy before you write"
 
 
 def check_controller(
@@ -29,6 +26,8 @@ def check_controller(
     slow_ms: float = SLOW_MS,
 ) -> None:
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
+
+    The swarm flies two rounds of a controller that shares a model, and 40 ticks at least.
 
     Args:
         controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs.
@@ -66,10 +65,10 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     _empty_rows(swarm)
     together = swarm.trial()
     _pure(swarm)
+    _models(swarm, together)
     _deterministic(swarm, together)
     _rows_alone(swarm, together)
     _checkpointed(swarm, together)
-    _models(swarm, together)
     _quick(swarm, slow_ms)
 
 
@@ -102,7 +101,7 @@ def _pure(swarm: PointSwarm) -> None:
     before = copies(given)
     swarm.step(instance, memory, 2, own, received)
     if not all(same(one, other) for one, other in zip(before, given, strict=True)):
-        fail(swarm.controller, "`step` writes to an array it was given", _PURE)
+        fail(swarm.controller, "`step` writes to an array it was given", PURE)
 
 
 def _deterministic(swarm: PointSwarm, together: Trial) -> None:
@@ -125,44 +124,31 @@ def _checkpointed(swarm: PointSwarm, together: Trial) -> None:
     """Check a flight with a new instance in every tick, which gets only the memory, encoded and decoded."""
     afresh = swarm.trial(afresh=True)
     if (difference := together.differs(afresh)) is not None:
-        fail(swarm.controller, f"a flight that continues from a checkpoint differs in tick {difference}", _MEMORY)
+        fail(swarm.controller, f"a flight that continues from a checkpoint differs in tick {difference}", GONE)
 
 
 def _models(swarm: PointSwarm, together: Trial) -> None:
     """Check that `set` stores models in the given rows, and `get` returns them."""
     instance = swarm.make()
-    parameters = swarm.declared.parameters
-    plugin = swarm.controller
-    for called, method, width, name in (
-        ("get", instance.get, parameters, "parameters"),
-        ("report", instance.report, swarm.declared.weights, "weights"),
-    ):
-        if not width:
-            continue
-        expected, remedy = (len(swarm.uavs), width), f"return one row a UAV, `{name}` wide"
-        table = asked(plugin, method, together.memory, remedy=remedy)
+    swarm.init(instance, swarm.uavs)
+    parameters, plugin, uavs = swarm.declared.parameters, swarm.controller, len(swarm.uavs)
+    if swarm.declared.weights:
+        expected, remedy = (uavs, swarm.declared.weights), "return one row a UAV, `weights` wide"
+        table = asked(plugin, instance.report, together.memory, remedy=remedy)
         if np.shape(table) != expected:
-            fail(plugin, f"`{called}` returns shape {np.shape(table)}, expected {expected}", remedy)
+            fail(plugin, f"`report` returns shape {np.shape(table)}, expected {expected}", remedy)
         if not np.isfinite(table).all():
-            fail(plugin, f"`{called}` returns a number that is not finite", "guard divisions, roots and empty sums")
+            fail(plugin, "`report` returns a number that is not finite", FINITE)
     if not parameters:
         return
-    model = np.linspace(-1.0, 1.0, parameters)
-    rows = np.array([0, len(swarm.uavs) - 1])
+    rows = np.array([0, uavs - 1])
+    models = np.stack([np.linspace(-1.0, 1.0, parameters)] * 2)
     before = {name: array.copy() for name, array in together.memory.items()}
-    models = np.stack([model, model])
-    remedy = "return the memory with `models` in its rows `rows`"
-    after = asked(plugin, instance.set, together.memory, rows, models, remedy=remedy)
-    if not same(models, np.stack([model, model])) or not same(rows, np.array([0, len(swarm.uavs) - 1])):
-        fail(plugin, "`set` writes to an array it was given", _PURE)
+    after = swarm.set(instance, together.memory, rows, models)
     if (written := alike(before, together.memory)) is not None:
-        fail(plugin, f"`set` writes to memory[{written!r}]", _PURE)
-    try:
-        check_same_form("memory", after, together.memory)
-    except (TypeError, ValueError) as error:
-        fail(plugin, f"`set` returns what a flight cannot use: {error}", remedy)
-    got, had = instance.get(after), instance.get(together.memory)
-    if not np.allclose(got[rows], model):
+        fail(plugin, f"`set` writes to memory[{written!r}]", PURE)
+    got, had = (swarm.models([instance], [memory]) for memory in (after, together.memory))
+    if not np.allclose(got[rows], models):
         fail(plugin, "`get` does not return what was `set`", "store the model in the memory")
     if not same(np.delete(got, rows, axis=0), np.delete(had, rows, axis=0)):
         fail(plugin, "`set` changes other rows than `rows`", "write to `rows` only")

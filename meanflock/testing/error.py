@@ -14,6 +14,10 @@ from meanflock.swarm.plugins.registry import PluginKind, checked
 from meanflock.swarm.scenario import as_builtins
 
 T = TypeVar("T")
+GONE = (
+    "what `init` or an earlier call leaves in `self` is gone after a checkpoint: make what stays the same in "
+    "`__init__`, and keep what changes in the arrays that you return"
+)
 
 
 class ConformanceError(AssertionError):

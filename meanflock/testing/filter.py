@@ -21,6 +21,7 @@ class Hasty(Controller):
 
     name = "hasty"
     parameters = 2
+    period_ticks = 15
     diagnostics = ("frames",)
 
     def init(self, uavs: Any, plan: States) -> Memory:
@@ -71,7 +72,9 @@ def check_filter(
 
     swarm = PointSwarm(filter_, flown, instance)
     vars(flown)["declared"] = swarm.declared  # the controller is not registered
-    _admits(filter_, instance(), swarm)
+    made = instance()
+    swarm.init(made, swarm.uavs)
+    _admits(filter_, made, swarm)
     check_swarm(swarm, slow_ms)
 
 

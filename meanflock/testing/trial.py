@@ -1,4 +1,4 @@
-"""Trial flight of a controller: a swarm of points, and a radio that loses some of their frames."""
+"""Trial flight of a controller: a swarm of points with rounds, and a radio that loses some of their frames."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -16,10 +16,15 @@ from meanflock.swarm.plugins import guard
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import alike, asked, check_kept, fail, same, with_other_randomness
+from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_other_randomness
 
-TICKS = 40
+TICKS = 40  # of a controller without rounds
+ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the last of them
 LOST = 0.2  # share of the frames that the radio loses in the trial
+
+PURE = "return new arrays; copy before you write"
+FINITE = "guard divisions, roots and empty sums"
+GET, SET = "return one row a UAV, `parameters` wide", "return the memory with `models` in its rows `rows`"
 
 
 class Trial(NamedTuple):
@@ -31,8 +36,9 @@ class Trial(NamedTuple):
     models: NDArray[np.float64]
 
     def differs(self, other: "Trial") -> int | None:
-        """First tick in which two trials differ; `TICKS`: they differ only at the end; None: they are equal."""
-        for tick in range(TICKS):
+        """First tick in which two trials differ; the number of ticks: only at the end; None: they are equal."""
+        ticks = len(self.commands)
+        for tick in range(ticks):
             if not same(self.commands[tick], other.commands[tick]) or len(self.broadcasts[tick]) != len(
                 other.broadcasts[tick]
             ):
@@ -40,7 +46,7 @@ class Trial(NamedTuple):
             for (source, payload), (also, its) in zip(self.broadcasts[tick], other.broadcasts[tick], strict=True):
                 if not same(source, also) or not same(payload, its):
                     return tick
-        return TICKS if alike(self.memory, other.memory) or not same(self.models, other.models) else None
+        return ticks if alike(self.memory, other.memory) or not same(self.models, other.models) else None
 
 
 class PointSwarm:
@@ -57,9 +63,6 @@ class PointSwarm:
         self.make = make
         self.plan = starts(scenario)
         self.uavs = np.arange(scenario.uavs)
-        draw = np.random.default_rng(0)
-        self._shake = draw.standard_normal((TICKS, scenario.uavs, AXES))
-        self._arrives = draw.random((TICKS, scenario.uavs, scenario.uavs)) > LOST
         instance = self.make()
         try:
             # Checks of a flight, of this instance.
@@ -70,6 +73,12 @@ class PointSwarm:
                 check_diagnostics(controller.name, self.declared.diagnostics)
         except BadInput as error:
             fail(controller, str(error), "fix the declaration")
+        period = scenario.federation.period or self.declared.period_ticks
+        self._period = period if self.declared.is_federated else 0
+        self._ticks = max(TICKS, ROUNDS * self._period + AFTER)
+        draw = np.random.default_rng(0)
+        self._shake = draw.standard_normal((self._ticks, scenario.uavs, AXES))
+        self._arrives = draw.random((self._ticks, scenario.uavs, scenario.uavs)) > LOST
 
     def init(self, instance: Controller, uavs: NDArray[np.intp]) -> Memory:
         """Initial memory of UAVs with numbers (M,)."""
@@ -84,16 +93,58 @@ class PointSwarm:
                 "return a dict of arrays, a row a UAV",
             )
         if not same(given[0], uavs) or not same(given[1], self.plan):
-            fail(self.controller, "`init` writes to an array it was given", "return new arrays; copy before you write")
+            fail(self.controller, "`init` writes to an array it was given", PURE)
         check_kept(self.controller, "memory", memory)
         return memory
 
-    def step(self, instance: Controller, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+    def step(
+        self,
+        instance: Controller,
+        memory: Memory,
+        tick: int,
+        own: States,
+        received: Sequence[Received],
+        remedy: str = "fix it",
+    ) -> Step:
         """One step of UAVs with states `own`, (M, 4)."""
         try:
             return instance.step(memory, tick, own, received)
         except FAILURES as error:
-            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", "fix it")
+            fail(self.controller, f"`step` with {len(own)} UAVs failed in tick {tick}: {last_line(error)}", remedy)
+
+    def set(
+        self,
+        instance: Controller,
+        memory: Memory,
+        rows: NDArray[np.intp],
+        models: NDArray[np.float64],
+        remedy: str = SET,
+    ) -> Memory:
+        """The memory after models (R, parameters) were set in some rows (R,)."""
+        before = copies((rows, models))
+        after = asked(self.controller, instance.set, memory, rows, models, remedy=remedy)
+        if not all(same(one, other) for one, other in zip(before, (rows, models), strict=True)):
+            fail(self.controller, "`set` writes to an array it was given", PURE)
+        try:
+            guard.check_same_form("memory", after, memory)
+        except (TypeError, ValueError) as error:
+            fail(self.controller, f"`set` returns what a flight cannot use: {error}", SET)
+        return after
+
+    def models(
+        self, instances: Sequence[Controller], memories: Sequence[Memory], remedy: str = GET
+    ) -> NDArray[np.float64]:
+        """The models of the UAVs of several instances, in the order of these, (M, parameters)."""
+        width, models = self.declared.parameters, []
+        for instance, memory in zip(instances, memories, strict=True):
+            table = asked(self.controller, instance.get, memory, remedy=remedy)
+            expected = (len(next(iter(memory.values()))), width)
+            if np.shape(table) != expected:
+                fail(self.controller, f"`get` returns shape {np.shape(table)}, expected {expected}", GET)
+            if not np.isfinite(table).all():
+                fail(self.controller, "`get` returns a number that is not finite", FINITE)
+            models.append(table)
+        return np.concatenate(models)
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """Check a step after the memory `before`; returns its commands (M, 2 + K)."""
@@ -112,9 +163,7 @@ class PointSwarm:
                 remedy = "such a frame is not sent; guard divisions, roots and empty sums"
                 fail(self.controller, f"broadcast {number} has a number that is not finite", remedy)
         if not np.isfinite(commands).all():
-            fail(
-                self.controller, "`step` returned a number that is not finite", "guard divisions, roots and empty sums"
-            )
+            fail(self.controller, "`step` returned a number that is not finite", FINITE)
         return commands
 
     def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1) -> Trial:
@@ -136,19 +185,27 @@ class PointSwarm:
         return [frames for frames in sent if frames is not None]
 
     def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool) -> Trial:
-        """Fly with one instance for each group of UAVs."""
+        """Fly with one instance for each group of UAVs. In the tick after a round the mean of all models arrives at the
+        UAVs that the radio of the first one reaches.
+        """
         instances = [self.make() for _ in groups]
         memories = [self.init(one, group) for one, group in zip(instances, groups, strict=True)]
         own, columns = self.plan.copy(), AXES + len(self.declared.diagnostics)
+        remedies = {"remedy": GONE} if afresh else {}
         frames: list[Received] = []
         commands, broadcasts = [], []
-        for tick in range(TICKS):
+        mean: NDArray[np.float64] | None = None
+        for tick in range(self._ticks):
             sent: dict[int, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
             now = np.zeros((len(own), columns))
             for k, group in enumerate(groups):
                 if afresh:
                     instances[k], memories[k] = self.make(), _read_back(memories[k])
-                step = self.step(instances[k], memories[k], tick, own[group], _for(group, frames))
+                reached = np.flatnonzero(self._arrives[tick, 0, group])
+                if mean is not None and len(reached):
+                    models = np.repeat(mean[None], len(reached), axis=0)
+                    memories[k] = self.set(instances[k], memories[k], reached, models, **remedies)
+                step = self.step(instances[k], memories[k], tick, own[group], _for(group, frames), **remedies)
                 now[group] = self.checked(step, memories[k], len(group))
                 memories[k] = step.memory
                 for number, broadcast in enumerate(step.broadcasts):
@@ -160,18 +217,14 @@ class PointSwarm:
                 for number, (source, payload) in enumerate(joined)
                 if (received := self._frames(number, source, payload, self._arrives[tick])) is not None
             ]
+            mean = None
+            if self._period and tick and tick % self._period == 0:
+                mean = as_sent(self.models(instances, memories, **remedies)).mean(axis=0)
             commands.append(now)
             broadcasts.append(joined)
             own = self._moved(own, now[:, :AXES], tick)
         memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
-        models = np.zeros((len(own), 0))
-        if self.declared.parameters:
-            remedy = "return one row a UAV, `parameters` wide"
-            found = [
-                asked(self.controller, one.get, stored, remedy=remedy)
-                for one, stored in zip(instances, memories, strict=True)
-            ]
-            models = np.concatenate(found)
+        models = self.models(instances, memories) if self.declared.parameters else np.zeros((len(own), 0))
         return Trial(commands, broadcasts, memory, models)
 
     def _joined(
@@ -195,10 +248,15 @@ class PointSwarm:
     ) -> Received | None:
         """A broadcast as received by all but its sender, without lost frames."""
         if payload.dtype.kind == "f":
-            payload = payload.astype(np.float32).astype(np.float64)
+            payload = as_sent(payload)
         reaches = arrives[source] & (source[:, None] != self.uavs)
         links = np.stack(np.nonzero(reaches), axis=-1)
         return Received(number, source, payload, links) if len(links) else None
+
+
+def as_sent(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Numbers with the precision of the radio."""
+    return numbers.astype(np.float32).astype(np.float64)
 
 
 def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:

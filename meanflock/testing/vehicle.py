@@ -7,6 +7,7 @@ import numpy as np
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
+    GONE,
     asked,
     check_class,
     check_kept,
@@ -44,6 +45,8 @@ def check_vehicle(
     pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, 2))
 
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
+        remedy = GONE if afresh else "any number of UAVs must do"
+
         def run() -> list[np.ndarray]:
             instance = make(vehicle, options or {}, flown)
             states = start[rows].copy()
@@ -56,13 +59,13 @@ def check_vehicle(
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, push, noise, *hidden.values()]
                 before = copies(given)
-                answer = asked(vehicle, instance.step, states, hidden, push, noise, remedy="any number of UAVs must do")
+                answer = asked(vehicle, instance.step, states, hidden, push, noise, remedy=remedy)
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     came = f"`step` returns a {type(answer).__name__}"
                     fail(vehicle, came, "return the states and the hidden state")
                 states, hidden = answer
                 check_kept(vehicle, "hidden", hidden)
-                power = asked(vehicle, instance.power, states, hidden, push, remedy="any number of UAVs must do")
+                power = asked(vehicle, instance.power, states, hidden, push, remedy=remedy)
                 check_same_form(vehicle, "hidden", hidden, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(

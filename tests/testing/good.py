@@ -18,6 +18,7 @@ class GoodController(Controller):
 
     name = "good"
     parameters = 3
+    period_ticks = 15
     diagnostics = ("heard",)
 
     def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
@@ -77,16 +78,14 @@ class GoodChannel(Channel):
 class GoodVehicle(Vehicle):
     name = "good"
 
-    def __init__(self, options: Any, scenario: Any) -> None:
-        self.dt = scenario.dt
-
     def init(self, uavs: int) -> Hidden:
         return {"thrust": np.zeros((uavs, 2))}
 
     def step(self, states: Any, hidden: Hidden, acceleration: Any, noise: Any) -> tuple[Any, Hidden]:
         thrust = 0.5 * hidden["thrust"] + 0.5 * acceleration
-        velocity = states[:, 2:] + self.dt * thrust + 0.01 * noise
-        return np.concatenate([states[:, :2] + self.dt * velocity, velocity], axis=-1), {"thrust": thrust}
+        dt = self.scenario.dt
+        velocity = states[:, 2:] + dt * thrust + 0.01 * noise
+        return np.concatenate([states[:, :2] + dt * velocity, velocity], axis=-1), {"thrust": thrust}
 
     def power(self, states: Any, hidden: Hidden, acceleration: Any) -> Any:
         return 1.0 + hidden["thrust"][:, 0] ** 2

@@ -64,13 +64,18 @@ EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {  # kind of the last plug-in 
 DISCS = [{"centre": (140.0, 96.0), "radius": 4.0}, {"centre": (152.0, 90.0), "radius": 3.0}]
 POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02})
 ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
+SOON: dict[str, Any] = {"uavs": 6, "federation.period": 15}  # two rounds are shorter
+SOONER = dict.fromkeys(("mfgfl-f", "mfgfl-h", "mfgfl-hf"), SOON)
 # Kind, plug-in, options, and keys of the scenario, if it is not that of the suite.
 CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
-    *((kind, name, {}, {}) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),
+    *((kind, name, {}, SOONER.get(name, {})) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),
     *(("filter", name, {}, {"uavs": 6, "filter.kind": name, **TICK}) for name in plugins.names("filter")),
-    *(("controller", name, {}, {"uavs": 6, **ECBF, "sharing.delta_m": 0.05}) for name in plugins.names("controller")),
-    *(("controller", name, {}, {"uavs": 6, **ECBF, **TICK}) for name in ("mfgfl-hf", "orca")),
-    *(("controller", "windmap", {"share": share}, {}) for share in ("none", "weights", "precision", "measurements")),
+    *(
+        ("controller", name, {}, {"uavs": 6, **ECBF, "sharing.delta_m": 0.05} | SOONER.get(name, {}))
+        for name in plugins.names("controller")
+    ),
+    *(("controller", name, {}, {"uavs": 6, **ECBF, **TICK} | SOONER.get(name, {})) for name in ("mfgfl-hf", "orca")),
+    *(("controller", "windmap", {"share": share}, SOON) for share in ("none", "weights", "precision", "measurements")),
     *(
         ("controller", name, {}, {"uavs": uavs, "obstacles": DISCS, "start.spacing": 0.5, "sharing": policy})
         for name, uavs, policy in product(SHARING, (1, 6), POLICIES)
@@ -110,6 +115,18 @@ def waiting(kind: Kind) -> type:
     return changed(kind.good, kind.method, wait)
 
 
+def with_a_net_in_self(kind: Kind) -> type:
+    """A class whose `init` leaves something in `self` that its main method needs."""
+
+    def init(self: Any, *given: Any) -> Any:
+        self.net = 0
+        return super(wrong, self).init(*given)
+
+    wrong = shifted(kind, lambda self: self.net)
+    wrong.init = init  # type: ignore[attr-defined]
+    return wrong
+
+
 FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
 DIFFERED = "differed in a second run.*; .*{0.remedy}"
 MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, and a part of the verdict
@@ -127,6 +144,10 @@ MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, a
     "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DIFFERED),
     "draws of NumPy": (lambda kind: shifted(kind, lambda _: np.random.randint(9)), DIFFERED),  # noqa: NPY002
     "remembers beside its arrays": (lambda kind: shifted(kind, calls), "from a checkpoint differ.*; .*keep"),
+    "a net in self": (
+        with_a_net_in_self,
+        r"failed.*: AttributeError: .*'net'.*; what `init` or .* leaves in `self` is gone after a checkpoint: make .*",
+    ),
     "slow": (waiting, r"{0.pace} takes \d+ ms; make it quicker, or pass a larger `slow_ms`"),
 }
 
@@ -138,6 +159,45 @@ def test_a_mistake_of_any_kind_of_plugin_is_rejected_with_what_to_do(kind: Kind,
     with pytest.raises(ConformanceError, match=expected.format(kind)) as caught:
         kind.check(make(kind), **{"slow_ms": 1.0} if mistake == "slow" else {})
     assert str(caught.value).startswith("Wrong: ") or mistake in ("a text", "an object")
+
+
+def test_a_controller_that_learns_once_a_round_is_seen_learning() -> None:
+    """What it learns stays in `self`; its period is longer than any other trial."""
+
+    def learned(self: Any) -> float:
+        self.rounds = getattr(self, "rounds", 0) + (calls(self) % 50 == 0)
+        return float(self.rounds)
+
+    wrong = shifted(KINDS["controller"], learned)
+    wrong.period_ticks = 50  # type: ignore[attr-defined]
+    with pytest.raises(ConformanceError, match=r"from a checkpoint differs in tick 4.*keep what changes in the arrays"):
+        KINDS["controller"].check(wrong)
+
+
+def test_a_rule_may_be_made_for_one_size_of_models() -> None:
+    class Blocks(GoodAggregator):
+        def init(self, parameters: int) -> dict[str, Any]:
+            return {"last": np.zeros(parameters), "blocks": np.zeros(parameters).reshape(5, 7)}
+
+        def step(self, state: Any, uploads: Any) -> Any:
+            after, model = super().step(state, uploads)
+            return after | {"blocks": model.reshape(5, 7)}, model
+
+    check = KINDS["aggregator"].check
+    check(Blocks, parameters=35)
+    with pytest.raises(ConformanceError, match="cannot reshape"):
+        check(Blocks)
+
+
+def test_a_vehicle_has_its_options_and_scenario() -> None:
+    class Optional(KINDS["vehicle"].good):  # type: ignore[misc, name-defined]
+        class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+            mass_kg: float = 1.0
+
+        def power(self, states: Any, hidden: Any, acceleration: Any) -> Any:
+            return self.options.mass_kg * self.scenario.dt * np.ones(len(states))
+
+    KINDS["vehicle"].check(Optional, {"mass_kg": 2.0})
 
 
 @every

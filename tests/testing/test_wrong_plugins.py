@@ -70,7 +70,7 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
     "fails in report": (having(failing(GoodController, "report", ERROR), weights=2), "`report` failed: KeyError"),
     "set returns some rows": (
         having(GoodController, set=lambda _, memory, __, models: memory | {"model": models}),
-        r"`set` returns what a flight cannot use: memory\['model'\] is \(2, 3\)",
+        r"`set` returns what a flight cannot use: memory\['model'\] is \(4, 3\)",
     ),
     "set changes every row": (changed(GoodController, "set", sets_every_row), "other rows than `rows`"),
 }

@@ -36,6 +36,7 @@ class Vehicle:
         """`scenario`: its `dt`, its `wind`, and whatever else the vehicle needs. Its wind is that of the world;
         `worldsim.vehicles.base.MeanWind(scenario)` gives it at a place.
         """
+        self.options, self.scenario = options, scenario
 
     def init(self, uavs: int) -> Hidden:
         """Returns the hidden state at take-off: finite arrays of numbers or booleans, (uavs, …). Empty by default."""

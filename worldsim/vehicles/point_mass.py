@@ -17,6 +17,7 @@ class PointMass(Vehicle):
     name = "point-mass"
 
     def __init__(self, options: Vehicle.Options, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
         self._wind = scenario.wind
         self._vehicle = scenario.vehicle
         self._dt = scenario.dt
