@@ -11,7 +11,7 @@ from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
-from meanflock.swarm import paths
+from meanflock.swarm import paths, threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.reporting import BlockSink
@@ -23,6 +23,7 @@ Progress = Callable[[int, int], None]  # ticks flown, and the largest number of 
 
 
 @with_settings
+@threads.limited()
 def fly(
     scenario: str | Path | Scenario | None = "paper",
     *,

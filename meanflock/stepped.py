@@ -17,6 +17,7 @@ from meanflock.agent.stepped import Command, External
 from meanflock.flying import Progress, prepared
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
+from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins.guard import as_floats, check_finite
 from meanflock.swarm.scenario import Scenario
@@ -114,6 +115,7 @@ class Stepped:
         self._progress = progress
         self._take_off(out, record)
 
+    @threads.limited()
     def _take_off(self, out: str | Path | None, record: bool) -> None:
         self._run: Run | None = None
         with ExitStack() as stack:
@@ -127,6 +129,7 @@ class Stepped:
         self._external = controller.inner if isinstance(controller, Filter) else controller
         self._ask()
 
+    @threads.limited()
     def step(
         self,
         acceleration: NDArray[Any],

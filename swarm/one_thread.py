@@ -1,9 +1,10 @@
-"""Limit BLAS to one thread, because all matrices are small and many agents share the cores. No result depends on it.
+"""Limit BLAS and OpenMP to one thread, because all matrices are small and many agents share the cores.
 
-Only the entry points of processes import this module, before NumPy. A user of the Python API decides for themselves.
+Only the entry points of processes import this module, before NumPy. `threads.py` does the same for flights in the
+process of a user of the Python API.
 """
 
 import os
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+    os.environ[_variable] = "1"

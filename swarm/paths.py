@@ -16,7 +16,7 @@ def given(path: "str | os.PathLike[str]") -> Path:
     """The path that a user gave, with the home folder in place of `~`. Every path of a user goes through here.
 
     Raises:
-        BadInput: it is no path, there is no such home folder, the path is not UTF-8, as some libraries need it, or it contains NUL.
+        BadInput: it is no path, there is no such home folder, it is not UTF-8, as some libraries need, or contains NUL.
     """
     try:
         text = os.fspath(path)

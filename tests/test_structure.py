@@ -181,7 +181,7 @@ WATCH = """
 import os, sys
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.pop(name, None)
+    os.environ[name] = "4"
 threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
 sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
 import meanflock.groundstation.cli.__main__, numpy

@@ -11,7 +11,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the world", "world"):
-    from meanflock.swarm import logs, scenario
+    from meanflock.swarm import logs, scenario, threads
     from meanflock.swarm.errors import BadInput, RunFailed
     from meanflock.swarm.net import access, keys
     from meanflock.swarm.net.access import WORLD, Address
@@ -117,6 +117,7 @@ def run() -> None:
             cancelled=over,
         )
         flight.world.counters.refused = bus.dropped
+        threads.renew()
         if metrics is not None:
             with needed("--metrics", "world"):  # the library is loaded only if it is used
                 from meanflock.worldsim.exporter import Exporter, exported

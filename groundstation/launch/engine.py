@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
@@ -38,6 +39,7 @@ class Engine:
         watch: the time flown.
     """
 
+    @threads.limited()
     def __init__(
         self,
         scenario: Scenario,
@@ -106,9 +108,11 @@ class Engine:
             RunFailed: the vehicle failed.
         """
         self.watch.restart()
-        for row in fly(self.world, self._answering, self._sinks):
-            yield row.tick
-        self.world.flight.books.settle()
+        with threads.limited():
+            for row in fly(self.world, self._answering, self._sinks):
+                threads.renew_if_loaded()
+                yield row.tick
+            self.world.flight.books.settle()
 
     def move(self, senses: Senses) -> None:
         """Fly the tick that was asked for and heard, by the crew's answer."""
@@ -125,6 +129,7 @@ class Engine:
                 observe(self)
         return self.finish()
 
+    @threads.limited()
     def finish(self) -> dict[str, Any]:
         """End the run, also before it is over; returns its summary."""
         world = self.world

@@ -240,7 +240,7 @@ def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprin
         raise _incomplete(path, str(error)) from error
 
 
-class _Shown(rrb.Blueprint):  # type: ignore[misc]
+class _Shown(rrb.Blueprint):
     """A blueprint that frees what Rerun makes of it: a recording in memory, which refers to itself until it is
     disconnected.
     """

@@ -6,11 +6,14 @@ import msgspec
 import numpy as np
 
 from meanflock.federation.rules.base import Aggregator, State, Uploads
+from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
+    OTHER_THREADS,
+    THREADS,
     alike,
     asked,
     check_class,
@@ -20,7 +23,7 @@ from meanflock.testing.error import (
     fail,
     make,
     same,
-    with_other_randomness,
+    with_surroundings,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
 
@@ -29,6 +32,7 @@ UPLOADS = (2, 1, 3, 5, 1, 7)  # uploads of each round, if the swarm has so many 
 SWARM, MODEL = 25, 216  # of the paper, to measure the time of a round
 
 
+@threads.limited()
 def check_aggregator(
     aggregator: type[Aggregator],
     options: dict[str, Any] | None = None,
@@ -51,7 +55,7 @@ def check_aggregator(
     options = options or {}
     size = PARAMETERS if parameters is None else parameters
 
-    def rounds(seed: int, afresh: bool = False) -> tuple[list[np.ndarray], State]:
+    def rounds(seed: int, afresh: bool = False, number: int = 1) -> tuple[list[np.ndarray], State]:
         draw = np.random.default_rng(5)
 
         def run() -> tuple[list[np.ndarray], State]:
@@ -99,11 +103,12 @@ def check_aggregator(
                 averaged.append(np.asarray(model))
             return averaged, state
 
-        return with_other_randomness(run, seed)
+        return with_surroundings(run, seed, number)
 
     first, state = rounds(1)
     for again, problem, remedy in (
         (rounds(2), "the same rounds differed in a second run", "draw nothing from global generators"),
+        (rounds(1, number=OTHER_THREADS), *THREADS),
         (rounds(1, afresh=True), "rounds that continue from a checkpoint differ", "keep all you remember in the state"),
     ):
         models, after = again

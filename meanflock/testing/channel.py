@@ -6,9 +6,22 @@ from typing import Any
 import numpy as np
 
 from meanflock.channel.base import Channel, Message, carried, closed_form
+from meanflock.swarm import threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import random_state, set_random_state
-from meanflock.testing.error import GONE, alike, asked, check_class, check_kept, fail, make, same, with_other_randomness
+from meanflock.testing.error import (
+    GONE,
+    OTHER_THREADS,
+    THREADS,
+    alike,
+    asked,
+    check_class,
+    check_kept,
+    fail,
+    make,
+    same,
+    with_surroundings,
+)
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS = 25  # of the paper's swarm
@@ -18,6 +31,7 @@ LINKS = ((40, 200.0), (40, 200.0), (40, 90.0), (1, 200.0), (1, 200.0), (1, 90.0)
 ALL_LINKS = UAVS * (UAVS - 1)  # to measure the time of a message
 
 
+@threads.limited()
 def check_channel(
     channel: type,
     options: dict[str, Any] | None = None,
@@ -38,7 +52,7 @@ def check_channel(
     check_class(channel, "channel")
     flown = scenario or Scenario()
 
-    def sent(seed: int, draw: int, afresh: bool = False) -> list[np.ndarray]:
+    def sent(seed: int, draw: int, afresh: bool = False, number: int = 1) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:
             made, rng = make(channel, options or {}, flown), np.random.default_rng(draw)
             memory = asked(channel, made.init, UAVS, remedy="return a dict of arrays")
@@ -69,11 +83,12 @@ def check_channel(
                     check_kept(channel, "memory", memory)
             return [*all_sent, *memory.values()]
 
-        return with_other_randomness(run, seed)
+        return with_surroundings(run, seed, number)
 
     first = sent(1, 7)
     for again, what, remedy in (
         (sent(2, 7), "the same messages differed in a second run", "draw from the generator you are given"),
+        (sent(1, 7, number=OTHER_THREADS), *THREADS),
         (
             sent(1, 7, afresh=True),
             "messages that continue from a checkpoint differ",

@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 
 from meanflock.agent.controllers.base import Controller
-from meanflock.swarm import declared
+from meanflock.swarm import declared, threads
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import GONE, alike, asked, check_class, copies, fail, make, same
+from meanflock.testing.error import GONE, OTHER_THREADS, THREADS, alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
 from meanflock.testing.trial import FINITE, PURE, PointSwarm, Trial
 
@@ -19,6 +19,7 @@ _ROWS = "compute every row from that row of `own` and `memory`, and from the fra
 _RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
 
 
+@threads.limited()
 def check_controller(
     controller: type[Controller],
     options: dict[str, Any] | None = None,
@@ -105,9 +106,11 @@ def _pure(swarm: PointSwarm) -> None:
 
 
 def _deterministic(swarm: PointSwarm, together: Trial) -> None:
-    """Check that two flights are equal, with other seeds of the global generators of Python and NumPy."""
+    """Check that flights are equal with other seeds of the global generators, and with other numbers of threads."""
     if (difference := together.differs(swarm.trial(seed=2))) is not None:
         fail(swarm.controller, f"the same flight differed in a second run, in tick {difference}", _RANDOM)
+    if together.differs(swarm.trial(number=OTHER_THREADS)) is not None:
+        fail(swarm.controller, *THREADS)
 
 
 def _rows_alone(swarm: PointSwarm, together: Trial) -> None:

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins import guard
 from meanflock.swarm.plugins.registry import PluginKind, checked
@@ -17,6 +18,12 @@ T = TypeVar("T")
 GONE = (
     "what `init` or an earlier call leaves in `self` is gone after a checkpoint: make what stays the same in "
     "`__init__`, and keep what changes in the arrays that you return"
+)
+OTHER_THREADS = 2  # a flight has one
+THREADS = (
+    f"the bits of a flight differ with {OTHER_THREADS} threads of BLAS, OpenMP or torch",
+    "flights use one, but your own programs use more: set the number in `__init__`, as `torch.set_num_threads(1)` "
+    "does, or sum in an order of your own",
 )
 
 
@@ -109,13 +116,16 @@ def copies(arrays: Iterable[NDArray[Any]]) -> list[NDArray[Any]]:
     return [np.array(array) for array in arrays]
 
 
-def with_other_randomness(run: Callable[[], T], seed: int) -> T:
-    """Call a function with other seeds of the global generators of Python and NumPy, then restore these."""
+def with_surroundings(run: Callable[[], T], seed: int, number: int = 1) -> T:
+    """Call a function with other seeds of the global generators of Python and NumPy, and with so many threads of the
+    numeric libraries; then restore these.
+    """
     python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002  # the very thing that is looked for
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     try:
-        return run()
+        with threads.limited(number):
+            return run()
     finally:
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002

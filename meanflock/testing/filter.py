@@ -8,6 +8,7 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.filtered import Filter
+from meanflock.swarm import threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.testing.controller import UAVS, check_swarm
@@ -47,6 +48,7 @@ class Hasty(Controller):
         return memory | {"model": model}
 
 
+@threads.limited()
 def check_filter(
     filter_: type[Filter],
     options: dict[str, Any] | None = None,

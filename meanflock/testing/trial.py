@@ -16,7 +16,7 @@ from meanflock.swarm.plugins import guard
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
 from meanflock.swarm.wire.control import decode_record, encode_record
-from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_other_randomness
+from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
 TICKS = 40  # of a controller without rounds
 ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the last of them
@@ -166,15 +166,16 @@ class PointSwarm:
             fail(self.controller, "`step` returned a number that is not finite", FINITE)
         return commands
 
-    def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1) -> Trial:
+    def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1, number: int = 1) -> Trial:
         """Fly all UAVs.
 
         Args:
             alone: an instance for each UAV, else one for all. afresh: a new instance in every tick, which gets only the
-                memory, encoded and decoded. seed: of the global generators of Python and NumPy.
+                memory, encoded and decoded. seed: of the global generators of Python and NumPy. number: of threads of
+                the numeric libraries.
         """
         groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
-        return with_other_randomness(lambda: self._fly(groups, afresh), seed)
+        return with_surroundings(lambda: self._fly(groups, afresh), seed, number)
 
     def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
         """Broadcasts of UAVs (M,) as all others receive them; arrives: (N, N), from source to target."""

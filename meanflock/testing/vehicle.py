@@ -4,10 +4,13 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.swarm import threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
+    OTHER_THREADS,
+    THREADS,
     asked,
     check_class,
     check_kept,
@@ -16,13 +19,14 @@ from meanflock.testing.error import (
     fail,
     make,
     same,
-    with_other_randomness,
+    with_surroundings,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS, TICKS = 5, 30
 
 
+@threads.limited()
 def check_vehicle(
     vehicle: type,
     options: dict[str, Any] | None = None,
@@ -44,7 +48,7 @@ def check_vehicle(
     start = draw.normal(0.0, 5.0, (UAVS, 4))
     pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, 2))
 
-    def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False) -> list[np.ndarray]:
+    def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False, number: int = 1) -> list[np.ndarray]:
         remedy = GONE if afresh else "any number of UAVs must do"
 
         def run() -> list[np.ndarray]:
@@ -77,12 +81,13 @@ def check_vehicle(
                 trace += [np.array(states), np.array(power)]
             return trace
 
-        return with_other_randomness(run, seed)
+        return with_surroundings(run, seed, number)
 
     together = flown_by(1)
     flown_by(1, slice(0, 0))
     for again, problem, remedy in (
         (flown_by(2), "the same flight differed in a second run", "all noise is in the argument `noise`"),
+        (flown_by(1, number=OTHER_THREADS), *THREADS),
         (
             flown_by(1, afresh=True),
             "a flight that continues from a checkpoint differs",

@@ -12,7 +12,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from meanflock.swarm import plugins, state
+from meanflock.swarm import plugins, state, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus, Delivery
@@ -80,6 +80,7 @@ class NodeClient:
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
+            threads.renew()
         except BadInput as error:  # the world logs it too, so that its user sees it
             reason = f"{welcome.node} on host {platform.node()}: {error}"
             self._bus.put(self._act_key, control.encode(Refusal(reason)))

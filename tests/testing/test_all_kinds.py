@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from meanflock.agent.controllers.base import Step
-from meanflock.swarm import plugins
+from meanflock.swarm import plugins, threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError
 from tests.testing.good import KINDS, GoodAggregator, Kind, calls, changed, failing, having
@@ -198,6 +198,15 @@ def test_a_vehicle_has_its_options_and_scenario() -> None:
             return self.options.mass_kg * self.scenario.dt * np.ones(len(states))
 
     KINDS["vehicle"].check(Optional, {"mass_kg": 2.0})
+
+
+@every
+def test_bits_that_depend_on_the_number_of_threads_are_rejected(kind: Kind) -> None:
+    def number(_: Any) -> int:
+        return max((pool.get() for pool in threads._pools()), default=1)
+
+    with pytest.raises(ConformanceError, match=r"^Wrong: .* differ with 2 threads of BLAS.*; .*`torch.set_num_threads"):
+        kind.check(shifted(kind, number))
 
 
 @every
