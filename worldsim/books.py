@@ -4,6 +4,7 @@ The numbers are those of a tick at a time, to the last bit: sums go tick by tick
 """
 
 import hashlib
+import math
 from typing import Any
 
 import numpy as np
@@ -163,11 +164,15 @@ def sums(begin: Floats, rows: Floats) -> Floats:
 
 
 class Noise:
-    """Standard normal numbers of the motion, (N, 2) in each tick."""
+    """Standard normal numbers of the motion, (N, 2) in each tick. Those of two UAVs correlate with `wind.common`.
+
+    With a common part each tick draws a row more, after those of the UAVs, which all UAVs share.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         self._draw = generator(scenario.seed, "wind")
-        self._shape = block_ticks(scenario.uavs), scenario.uavs, state.AXES
+        self._common = scenario.wind.common
+        self._shape = block_ticks(scenario.uavs), scenario.uavs + (self._common > 0), state.AXES
         self._begin = random_state(self._draw)  # before the block
         self._block = np.zeros((0, *self._shape[1:]))
         self._used = 0
@@ -179,7 +184,10 @@ class Noise:
             self._block = self._draw.standard_normal(self._shape)
             self._used = 0
         self._used += 1
-        return self._block[self._used - 1]
+        drawn = self._block[self._used - 1]
+        if self._common == 0:
+            return drawn
+        return math.sqrt(1.0 - self._common) * drawn[:-1] + math.sqrt(self._common) * drawn[-1]
 
     def snapshot(self) -> dict[str, Any]:
         """State of the generator after the numbers used, for `restore`; it does not depend on the length of a block."""

@@ -397,6 +397,7 @@ KEY_UNITS = {  # of the keys of a scenario
     "learner.kappa": "1/s",
     "learner.position_scale": "m",
     "learner.velocity_scale": "m/s",
+    "learner.act_after_s": "s",
     "density.position_bandwidth": "m",
     "density.velocity_bandwidth": "m/s",
     "density.node_position_std": "m",

@@ -34,6 +34,13 @@ class Learner(_Table, frozen=True):
     multinomial: Annotated[
         bool, Meta(description="features keep the coefficients of the powers they are terms of; else all are one")
     ] = False
+    exchanged_rounds: Annotated[
+        bool,
+        Meta(description="rounds of 100 ticks for both models and 200 for one; else 200 for both and 100 for one"),
+    ] = False
+    act_after_s: Annotated[
+        float, Meta(ge=0, le=1e6, description="time after take-off before which commands are zero; UAVs learn then, s")
+    ] = 0.0
 
 
 class Density(_Table, frozen=True):

@@ -48,6 +48,7 @@ LATER = (
     *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
     *("destination.goals", "destination.positions", "obstacles"),
     *("cost.separation", "cost.separation_range", "learner.multinomial"),
+    *("learner.exchanged_rounds", "learner.act_after_s", "wind.common"),
     "filter",
     *("sharing", "energy", "vehicle.acceleration_max"),
 )

@@ -74,6 +74,9 @@ class Wind(_Table, frozen=True):
     sigma: Annotated[float, Meta(ge=0, description="σ_wind, diffusion of velocity, m/s/√s")] = 0.1
     mean: Annotated[tuple[float, float], Meta(description="v_o, mean wind, m/s")] = (1.0, -1.0)
     drag: Annotated[float, Meta(ge=0, description="c0, drag towards the mean wind, 1/s")] = 0.1
+    common: Annotated[
+        float, Meta(ge=0, le=1, description="share of the variance of the wind's noise that all UAVs have in common")
+    ] = 0.0
     field_rms: Annotated[
         float,
         Meta(ge=0, description="RMS speed of a steady wind field that is added to the mean wind; 0: no field, m/s"),

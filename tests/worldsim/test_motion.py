@@ -13,6 +13,8 @@ from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins, state
 from meanflock.swarm.scenario import Scenario, decode, encode, load
+from meanflock.swarm.seeds import generator
+from meanflock.worldsim.books import Noise
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind
@@ -40,6 +42,42 @@ def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[s
         assert (error < 4).all(), (name, error)
     across = np.corrcoef(end[:, state.VX], end[:, state.VY])[0, 1]
     assert abs(across) < 4 / math.sqrt(ROWS)
+
+
+def noise(*settings: str, ticks: int = 4000) -> np.ndarray:
+    """The noise of the motion, (T, N, 2)."""
+    drawn = Noise(load(None, ["uavs=3", *settings]))
+    return np.stack([drawn.next() for _ in range(ticks)])
+
+
+@pytest.mark.parametrize("common", [0.3, 1.0])
+def test_the_noise_of_two_uavs_has_the_common_share_and_that_of_one_its_variance(common: float) -> None:
+    drawn = noise(f"wind.common={common}")
+    error = 4 / math.sqrt(drawn.size)
+    assert drawn.mean() == pytest.approx(0.0, abs=error * math.sqrt(3))
+    assert drawn.var() == pytest.approx(1.0, abs=error * math.sqrt(6))
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        for axis in (0, 1):
+            assert np.corrcoef(drawn[:, first, axis], drawn[:, second, axis])[0, 1] == pytest.approx(
+                common, abs=4 / math.sqrt(len(drawn))
+            )
+    assert abs(np.corrcoef(drawn[:, 0, 0], drawn[:, 1, 1])[0, 1]) < 4 / math.sqrt(len(drawn))
+
+
+def test_without_a_common_share_the_noise_is_drawn_as_ever() -> None:
+    expected = generator(1, "wind").standard_normal((100, 3, 2))
+    for settings in ((), ("wind.common=0",)):
+        np.testing.assert_array_equal(noise(*settings, ticks=100), expected)
+
+
+def test_common_noise_goes_on_with_a_resumed_flight() -> None:
+    flown = load(None, ["uavs=3", "wind.common=0.4"])
+    whole, first, second = Noise(flown), Noise(flown), Noise(flown)
+    for _ in range(70):  # in the second block of 50 ticks
+        whole.next(), first.next()
+    second.restore(first.snapshot())
+    for _ in range(70):
+        np.testing.assert_array_equal(second.next(), whole.next())
 
 
 FIELD = ("wind.field_rms=1.5", "wind.field_length=20", "wind.mean=[0.5, -2.0]")

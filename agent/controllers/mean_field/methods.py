@@ -81,12 +81,16 @@ class MeanField(Controller):
 
     learns_density = True
     shared = slice(0, 0)  # the part of the weights that the federation averages
+    exchanged_period_ticks = 200  # `period_ticks` with `learner.exchanged_rounds`
     weights = MODEL_FLOATS
     diagnostics: tuple[str, ...] = ("hjb_residual", "fpk_residual", "phi_G")
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.parameters = self.shared.stop - self.shared.start
+        if scenario.learner.exchanged_rounds:
+            self.period_ticks = self.exchanged_period_ticks
+        self._first_command = round(scenario.learner.act_after_s / scenario.dt)  # tick
         # Ticks between two broadcasts of the own state; 0: none after the mission plan.
         self.state_period = scenario.federation.state_period
         self.separation = Separation(scenario) if scenario.cost.separation else None
@@ -137,6 +141,8 @@ class MeanField(Controller):
             states_received, places, refused = self._receive_states(memory["believed"], received)
             memory, pushed = self.separation.step(memory, tick, own, states_received, places)
             action, broadcasts = action + pushed, tick > 0
+        if tick < self._first_command:
+            action = np.zeros_like(action)
         return Step(
             memory | {"weights": weights},
             action,
@@ -212,9 +218,10 @@ class MfgflF(MeanField):
 
 
 class MfgflHf(MeanField):
-    """Like `mfg`; the federation averages both models, every 200 ticks."""
+    """Like `mfg`; the federation averages both models, every 200 ticks; with exchanged rounds every 100."""
 
     name = "mfgfl-hf"
     shared = slice(VALUE.start, DENSITY.stop)
     parts: tuple[int, ...] = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
     period_ticks = 200
+    exchanged_period_ticks = 100

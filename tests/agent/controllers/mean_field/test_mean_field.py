@@ -2,6 +2,7 @@
 
 from importlib.resources import files
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.methods import Separation
 from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.launch.station import Kept
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
@@ -167,3 +169,31 @@ def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> 
         across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("method", "usual", "exchanged"), [("mfgfl-hf", 200, 100), ("mfgfl-h", 100, 200), ("mfgfl-f", 100, 200)]
+)
+def test_exchanged_rounds_give_both_models_the_length_of_one_and_one_that_of_both(
+    method: str, usual: int, exchanged: int
+) -> None:
+    key = "learner.exchanged_rounds=true"
+    assert load(None, method=method).period_ticks == usual
+    assert load(None, [key], method=method).period_ticks == exchanged
+    assert load(Path("paper-exchanged"), method=method).resolved().federation.period == exchanged
+    assert load(None, [key, "federation.period=30"], method=method).period_ticks == 30
+
+
+@pytest.mark.parametrize(("method", "separation"), [("hjb", 0), ("mfg", 0), ("mfgfl-hf", 3)])
+def test_commands_are_held_back_for_the_first_seconds_while_uavs_learn(method: str, separation: float) -> None:
+    """Before `act_after_s` the swarm flies as without commands; its weights change, and commands begin on time."""
+    keys = ["uavs=4", "duration=3", "start.spacing=0.3", f"cost.separation={separation}", "learner.act_after_s=1.5"]
+    kept = Kept()
+    engine = Engine(load(None, keys, method=method), "held", sinks=[kept])
+    engine.complete()
+    commands = np.concatenate([block.accelerations for block in kept.blocks])[1:]  # of ticks 0, 1, …
+    assert not commands[:15].any()
+    assert commands[15].all()
+    unhindered = Kept()
+    Engine(load(None, keys[:-1], method=method), "free", sinks=[unhindered]).complete()
+    assert np.concatenate([block.accelerations for block in unhindered.blocks])[2].all()
