@@ -55,6 +55,7 @@ class Encounters:
 
     Attributes:
         collided: pairs that came within r_coll in a tick that both began on the way.
+        collided_at_ticks: those of them that were within r_coll at the end of such a tick.
         touched: pairs of any UAVs in the air that came within r_coll, arrived and lost UAVs included.
         hit: (N, K), whether a UAV was within a disc.
         nearest_m: least distance of any two UAVs in the air; infinite if there never were two.
@@ -63,9 +64,11 @@ class Encounters:
 
     def __init__(self, scenario: Scenario) -> None:
         self.collided: set[Pair] = set()
+        self.collided_at_ticks: set[Pair] = set()
         self.touched: set[Pair] = set()
         self.nearest_m = math.inf
         self.expected = 0
+        self._radius = scenario.metrics.collision_radius
         self._discs = mission.obstacles(scenario)
         self.hit = np.zeros((scenario.uavs, len(self._discs)), dtype=bool)
 
@@ -74,8 +77,11 @@ class Encounters:
         """Least distance of any two UAVs in the air; None if there never were two."""
         return self.nearest_m if math.isfinite(self.nearest_m) else None
 
-    def meet(self, seen: Pairs, on_way: NDArray[np.bool_]) -> list[Pair]:
-        """Add the close pairs of a tick; `on_way`: (N,), UAVs that were on the way when it began.
+    def meet(self, seen: Pairs, on_way: NDArray[np.bool_], after: state.States) -> list[Pair]:
+        """Add the close pairs of a tick.
+
+        Args:
+            on_way: (N,), UAVs that were on the way when it began. after: (N, 4), states at its end.
 
         Returns:
             The pairs on the way that collide for the first time.
@@ -85,9 +91,12 @@ class Encounters:
         new: list[Pair] = []
         for first, second in seen.touching.tolist():
             self.touched.add((first, second))
-            if on_way[first] and on_way[second] and (first, second) not in self.collided:
-                self.collided.add((first, second))
-                new.append((first, second))
+            if on_way[first] and on_way[second]:
+                if math.dist(after[first, state.POSITION], after[second, state.POSITION]) < self._radius:
+                    self.collided_at_ticks.add((first, second))
+                if (first, second) not in self.collided:
+                    self.collided.add((first, second))
+                    new.append((first, second))
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
@@ -110,6 +119,7 @@ class Encounters:
         """The encounters, for `restore`."""
         return {
             "collided": sorted(self.collided),
+            "collided_at_ticks": sorted(self.collided_at_ticks),
             "touched": sorted(self.touched),
             "nearest_m": self.closest_approach_m,
             "hit": self.hit.astype("u1"),
@@ -118,6 +128,7 @@ class Encounters:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue with a snapshot; KeyError or ValueError if it does not fit."""
         self.collided = {(first, second) for first, second in snapshot["collided"]}
+        self.collided_at_ticks = {(first, second) for first, second in snapshot["collided_at_ticks"]}
         self.touched = {(first, second) for first, second in snapshot["touched"]}
         self.nearest_m = math.inf if snapshot["nearest_m"] is None else float(snapshot["nearest_m"])
         self.hit[...] = snapshot["hit"]
@@ -387,7 +398,7 @@ class Flight:
         self.speed_difference_sum += kernels.alignment(aloft)
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
-        for first, second in self.encounters.meet(seen, on_way):
+        for first, second in self.encounters.meet(seen, on_way, after):
             self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
         for uav, disc in self.encounters.enter(before, after):
             self._event("hit", f"UAV {uav} hit obstacle {disc}", np.array([uav]))

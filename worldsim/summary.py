@@ -43,6 +43,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "phi_C": flight.phi_c,
         "phi_C_distinct": flight.phi_c_distinct,
         "collisions": flight.collisions,
+        "collisions_at_ticks": len(flight.encounters.collided_at_ticks),
         "collisions_all": len(flight.encounters.touched),
         "closest_approach_m": flight.encounters.closest_approach_m,
         "obstacle_hits": int(np.count_nonzero(flight.encounters.hit)),

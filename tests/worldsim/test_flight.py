@@ -132,7 +132,7 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
     flight, draw = Flight(load(None, keys)), np.random.default_rng(4)
     put(flight, 0, position=(0.0, 0.0))
     history, events = [flight.states], list(flight.events)
-    touched, collided, hit, nearest = set(), set(), set(), math.inf
+    touched, collided, at_ticks, hit, nearest = set(), set(), set(), set(), math.inf
     for tick in range(80):
         if tick == 40:
             events, snapshot = flight.events, flight.snapshot()
@@ -156,20 +156,34 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
             if apart < 0.1:
                 touched.add((i, j))
                 collided |= {(i, j)} if flying[i] and flying[j] else set()
+                at_ticks |= {(i, j)} if flying[i] and flying[j] and np.hypot(*(last[i] - last[j])) < 0.1 else set()
         for uav in np.flatnonzero(aloft).tolist():
             for number, disc in enumerate(flight.scenario.obstacles):
                 if segment_distance(first[uav] - disc.centre, last[uav] - disc.centre) < disc.radius:
                     hit.add((uav, number))
     found = flight.encounters
-    assert (found.collided, found.touched) == (collided, touched)
+    assert (found.collided, found.touched, found.collided_at_ticks) == (collided, touched, at_ticks)
     assert {(uav, disc) for uav, disc in np.argwhere(found.hit).tolist()} == hit
     assert found.closest_approach_m == pytest.approx(nearest, abs=1e-9)
     named = sorted(event.uavs for event in events + flight.events if event.kind == "collision")
     assert named == sorted(collided)
     hits = sorted(event.uavs for event in events + flight.events if event.kind == "hit")
     assert hits == sorted((uav,) for uav, _ in hit)
-    assert len(touched) > len(collided) > 3
+    assert len(touched) > len(collided) > len(at_ticks) > 0
     assert hit
+
+
+@pytest.mark.parametrize(("start", "apart", "expected"), [(0.5, 1.0, (1, 0)), (0.5, 0.45, (1, 1)), (2.0, 1.0, (0, 0))])
+def test_a_pair_that_passes_between_two_ticks_does_not_collide_at_ticks(
+    start: float, apart: float, expected: tuple[int, int]
+) -> None:
+    """UAV 0 flies `apart` m in a tick towards UAV 1, which stands `start` m ahead."""
+    flight = calm(uavs=2)
+    put(flight, 0, position=(50.0 - start, 0.0), velocity=(apart / 0.1, 0.0))
+    put(flight, 1, position=(50.0, 0.0))
+    idle(flight)
+    summary = flight_summary(flight)
+    assert (summary["collisions"], summary["collisions_at_ticks"]) == expected
 
 
 WAVES = ("uavs=4", "start.formation=waves", "start.group=2", "start.interval=2")
