@@ -136,8 +136,8 @@ def scalars(flown: Flown) -> dict[str, Any]:
         for name in (
             "ticks", "sim_time_s", "arrived", "lost", "t_avg_s", "t_max_s", "energy_mean_J", "energy_std_J",
             "energy_end_mean_J", "energy_end_std_J", "phi_A", "phi_C", "phi_C_distinct", "collisions",
-            "speed_max_m_s", "speed_mean_m_s", "distance_mean_m", "rounds", "hjb_residual_max", "fpk_residual_max",
-            "weight_spread_final", "trajectory_sha256",
+            "collisions_at_ticks", "speed_max_m_s", "speed_mean_m_s", "distance_mean_m", "rounds", "hjb_residual_max",
+            "fpk_residual_max", "weight_spread_final", "trajectory_sha256",
         )
     }  # fmt: skip
     if not learns:

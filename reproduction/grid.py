@@ -50,6 +50,7 @@ _KAPPA, _STEEPNESS = (0.001, 0.2), (0.05, 5.0)  # log-uniform; and κ = 0 in one
 _WITHOUT_CROSS_TERM = 1 / 6
 EQUAL_ROUNDS = "federation.period=200"
 MULTINOMIAL = "learner.multinomial=true"
+EXCHANGED = "learner.exchanged_rounds=true"
 # Settings that others had named before the search: today's default, slow steering twice, and the printed polynomial.
 KNOWN = (
     (),
@@ -100,6 +101,14 @@ TRAINED_SIGMA = 1.5
 TRAINING_SEEDS = 10_000  # the flight that trains has another seed than the flight it trains for
 WHOLE = "federation.fragment=0"  # as in the paper, models are lost rather than cut where the radio has no room for them
 REPELLED = "cost.separation=5"  # what keeps UAVs half a metre apart; see docs/keys.md
+# Structural readings of the paper, see docs/reproduction.md.
+PAPER_EXCHANGED = "learner.position_scale=314", "learner.velocity_scale=37", "learner.kappa=0.012", EXCHANGED
+COMMON = (0.5, 0.9, 1.0)  # wind.common
+HELD_BACK = "learner.act_after_s=10"
+DRIFTING = "learner.act_after_s=300"  # the whole flight
+WITHOUT_DENSITY = "cost.c2=0"
+LOSSLESS = "radio.model=ideal"
+FEWER_UPLOADS = "federation.fraction=0.7"  # of 0.8: an eighth less, as many as mfgfl-hf loses
 SEPARATED = (
     "start.spacing=6"  # at 5 m the offline programs pass each other at 0.103 m without wind, at √2 m they collide
 )
@@ -142,7 +151,17 @@ EXPERIMENTS: dict[str, tuple[float, bool]] = {
     "separation": (1 / 3, False),
     "map": (0.0, False),  # its two seeds are its own
     "found": (1.0, False),
+    "exchanged": (1.0, False),
+    "exchanged-map": (0.0, False),  # its seeds are those of the map
+    "common": (1.0, False),
+    "held-back": (1.0, True),
+    "drift": (1.0, True),
+    "density": (1.0, False),
+    "losses": (1.0, False),
 }
+
+
+TRACED = frozenset({"s0", "offline", "trained", "held-back"})  # the first seed of each point
 
 
 @dataclass(frozen=True)
@@ -180,8 +199,9 @@ class Wanted:
 
     @property
     def traced(self) -> bool:
-        """Returns whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8."""
-        return self.seed in (1, FRESH_SEED) and self.point.experiment in ("s0", "offline", "trained")
+        """Returns whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8, and of
+        those whose direction C7 is about."""
+        return self.seed in (1, FRESH_SEED) and self.point.experiment in TRACED
 
 
 def _seeded(flown: Scenario, seed: int) -> Scenario:
@@ -233,6 +253,28 @@ def points(scenario: Path | None = None) -> Iterator[Point]:
     for place in best_settings():
         for method in COMPARED:
             yield Point("found", fly(method, *place), ", ".join(place))
+    for experiment, method, place in structural():
+        yield Point(experiment, fly(method, *place), ", ".join(place))
+
+
+def structural() -> Iterator[tuple[str, Method, tuple[str, ...]]]:
+    """Experiment, method and settings of every point of the structural readings, and of what explains them."""
+    for place, method in product(((EXCHANGED,), PAPER_EXCHANGED), COMPARED):
+        yield "exchanged", method, place
+    for place in map_design():
+        if EQUAL_ROUNDS not in place:
+            yield from (("exchanged-map", method, (*place, EXCHANGED)) for method in FEDERATED)
+    for share, method in product(COMMON, COMPARED):
+        yield "common", method, (f"wind.common={share}",)
+    for method in COMPARED:
+        yield "held-back", method, (HELD_BACK,)
+    for share in (0.0, *COMMON):
+        yield "drift", Method.MFG, (DRIFTING, f"wind.common={share}")
+    for method in COMPARED:
+        yield "density", method, (WITHOUT_DENSITY,)
+    for method in (Method.MFGFL_H, Method.MFGFL_HF):
+        yield "losses", method, (EQUAL_ROUNDS, LOSSLESS)
+    yield "losses", Method.MFGFL_HF, (EQUAL_ROUNDS, LOSSLESS, FEWER_UPLOADS)
 
 
 def random_design() -> list[list[str]]:
@@ -247,7 +289,7 @@ def random_design() -> list[list[str]]:
 
 def seeds_of(experiment: str, seeds: int, fresh: bool = False) -> range:
     """Seeds 1, 2 … or, if `fresh`, 7001, 7002 …: `seeds` times the experiment's share, at least one."""
-    if experiment == "map":
+    if experiment in ("map", "exchanged-map"):
         return MAP_SEEDS
     first = FRESH_SEED if fresh or experiment == "found" else 1
     return range(first, first + max(1, round(seeds * EXPERIMENTS[experiment][0])))

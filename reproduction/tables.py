@@ -5,7 +5,7 @@ All flights of the grid go on to `duration` (300 s) whatever arrives, so every c
 
 Coordinates, in every table
     experiment    s0 | uavs | period | period-tied | wind | offline | trained | sensitivity | random
-                  | map | found
+                  | map | found | exchanged | exchanged-map | common | held-back | drift | density | losses
     method        hjb | mfg | mfgfl-h | mfgfl-f | mfgfl-hf | offline
     uavs          N
     period        n0, ticks; null where the method has no rounds
@@ -19,8 +19,9 @@ runs.parquet adds (scalars of the summary, same names and meaning as in summary.
     version       package version and fingerprint of the code that decides a run
     ticks, sim_time_s, arrived, lost, t_avg_s (of those that arrived), t_max_s, energy_mean_J, energy_std_J (until own
     arrival; over UAVs), energy_end_mean_J, energy_end_std_J, phi_A, phi_C, phi_C_distinct (over the whole flight),
-    collisions (pairs, both on the way), speed_max_m_s, speed_mean_m_s (on the way), distance_mean_m, rounds,
-    hjb_residual_max, fpk_residual_max (max |e|), weight_spread_final, trajectory_sha256
+    collisions (pairs, both on the way), collisions_at_ticks (those of them that were so near at the end of a tick),
+    speed_max_m_s, speed_mean_m_s (on the way), distance_mean_m, rounds, hjb_residual_max, fpk_residual_max (max |e|),
+    weight_spread_final, trajectory_sha256
     bits_uplink, bits_broadcast, bits_state, bits_total     payload bits until the end of the flight
     sent, delivered, outages, outage_rate, outage_rate_theory, latency_slots_mean, latency_slots_mean_theory, airtime_s
     uplink_sent, uplink_outage_rate, uplink_outage_rate_theory, broadcast_outage_rate, state_outage_rate
