@@ -153,11 +153,13 @@ SUMMARY = (
     Field("energy_end_mean_J", ENERGY, "energy of a UAV until the end of the flight: mean"),
     Field("energy_end_std_J", ENERGY, "the same energy: standard deviation"),
     *_OF_BOTH,
-    Field("collisions_at_ticks", COLLISIONS, "those of them that were nearer than r_coll at the end of a tick"),
     Field(
-        "collisions_all",
+        "collisions_all", COLLISIONS, "the same for all UAVs in the air, including those that had arrived or were lost"
+    ),
+    Field(
+        "collisions_at_ticks",
         COLLISIONS,
-        "`collisions` for all UAVs in the air, including those that had arrived or were lost",
+        "the pairs of `collisions` that were nearer than r_coll at the end of such a tick",
     ),
     Field(
         "closest_approach_m",
