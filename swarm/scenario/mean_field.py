@@ -36,7 +36,10 @@ class Learner(_Table, frozen=True):
     ] = False
     exchanged_rounds: Annotated[
         bool,
-        Meta(description="rounds of 100 ticks for both models and 200 for one; else 200 for both and 100 for one"),
+        Meta(
+            description="ticks of a round if `federation.period` is unset: true: 100 for both models and 200 for one; "
+            "false: 200 for both and 100 for one"
+        ),
     ] = False
     act_after_s: Annotated[
         float, Meta(ge=0, le=1e6, description="time after take-off before which commands are zero; UAVs learn then, s")
