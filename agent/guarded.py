@@ -7,21 +7,24 @@ together, it is repeated row by row.
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import TypeVar
+from functools import partial
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.federation.coding import bound_of_models, check_weights
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form
+from meanflock.swarm.plugins.guard import as_floats, check_bounded, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
+Check: TypeAlias = Callable[[str, Floats], None]  # of a result; the text names it in an error
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that a broadcast may have
 
@@ -51,6 +54,7 @@ class Guarded:
         self.controller: Controller = controller(scenario)
         self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
+        self._check_models = partial(check_bounded, most=bound_of_models(scenario))
 
     def begin(self, asleep: Mask | None) -> None:
         """Begin a tick. `asleep`: mask (M,) of rows whose results are dropped, so that they cannot fail."""
@@ -98,15 +102,11 @@ class Guarded:
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
         """The models (M, parameters). Only `rows` are needed, so only they can fail."""
-        return self._table("get", memory, (self._declared.parameters,), rows.tolist())
+        return self._table("get", memory, (self._declared.parameters,), rows.tolist(), self._check_models)
 
     def samples(self, memory: Memory, rows: Rows) -> Floats:
-        """The weights of the models (M,), greater than 0 in `rows` that are not broken."""
-        weights = self._table("samples", memory, (), rows.tolist())
-        bad = rows[weights[rows] <= 0.0]
-        if len(bad):
-            self._break(bad, ValueError(f"`samples` returns {weights[bad[0]]:g}; expected numbers greater than 0"))
-        return weights
+        """The weights of the models (M,); a radio can carry those of `rows` that are not broken."""
+        return self._table("samples", memory, (), rows.tolist(), check_weights)
 
     def report(self, memory: Memory) -> Floats:
         """The learned weights, (M, weights)."""
@@ -181,12 +181,20 @@ class Guarded:
         check_same_form("memory", after, memory)
         return after
 
-    def _table(self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int]) -> Floats:
+    def _table(
+        self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: Check = check_bounded
+    ) -> Floats:
         call, rows = getattr(self.controller, name), len(self._uavs)
+
+        def checked(memory: Memory, rows: int) -> Floats:
+            table = np.ascontiguousarray(as_floats(f"result of `{name}`", call(memory), (rows, *width)))
+            check(f"result of `{name}`", table)
+            return table
+
         try:
-            return _checked_table(name, call(memory), (rows, *width))
+            return checked(memory, rows)
         except FAILURES as error:
-            by_row = _each_row(range(rows), lambda row: _checked_table(name, call(_row(memory, row)), (1, *width)))
+            by_row = _each_row(range(rows), lambda row: checked(_row(memory, row), 1))
             self._break([row for row in asked if row not in by_row], error)
             return np.concatenate([by_row.get(row, np.zeros((1, *width))) for row in range(rows)])
 
@@ -207,13 +215,6 @@ class Guarded:
         self._reported = self._reported | rows
         names = ", ".join(map(str, self._uavs[rows]))
         self._problems.append(f"controller {self._method!r} failed with UAV {names}: {reason}")
-
-
-def _checked_table(name: str, table: Floats, shape: tuple[int, ...]) -> Floats:
-    """Check what the method `name` returned, of a shape, and return it as contiguous floats."""
-    numbers = np.ascontiguousarray(as_floats(f"result of `{name}`", table, shape))
-    check_finite(f"result of `{name}`", numbers)
-    return numbers
 
 
 def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, uavs: int) -> tuple[Floats, float]:

@@ -8,6 +8,7 @@ A model that is too long for one message is transmitted in fragments (`federatio
 payloads to the world all the same; what arrives at a node is in fragments.
 """
 
+import math
 from functools import cache
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from meanflock.federation.fragments import Cut, Form, Fragments, Pieces, cut_of, pieces_of
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Payload, Scenario
-from meanflock.swarm.state import BEYOND_SENSE, Floats
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, expect
 
 STEPS = 127  # of a scale, each way; −128 is never sent
@@ -33,6 +34,7 @@ class Coding:
     Attributes:
         floats: L, weights of a model.
         dtype, width: of a row of a payload.
+        largest: number that a weight can be.
         held: dtype in which a receiver holds weights: that of floats on the air, float64 for steps of scales.
         cut: how the scenario cuts models; None: it does not.
         form: what a fragment holds.
@@ -58,7 +60,7 @@ class Coding:
         self.cut = cut
         self._item = _FLOATS.get(name, _BYTE)
         self.held = self._item if self.is_exact else np.dtype(np.float64)
-        self.largest = float(np.finfo(self._item).max) if self.is_exact else STEPS * COARSEST  # a weight can be
+        self.largest = _largest(name)
         self._sizes = parts if self.is_exact or cut is None else pieces_of(parts, cut.size)
         self._starts = np.cumsum((0, *self._sizes[:-1]))
         self.form = Form(self._item, self.counted, weighted, scaled=not self.is_exact)
@@ -200,10 +202,7 @@ class Coding:
         Raises:
             MessageRejected: `wrong-shape`.
         """
-        if not self.weighted:
-            return
-        valid = np.where(behind > 0.0, (weights > 0.0) & (weights / COARSEST < behind), weights == 0.0)
-        if not valid.all():
+        if self.weighted and not np.where(behind > 0.0, _are_weights(weights, behind), weights == 0.0).all():
             raise MessageRejected("wrong-shape", "payload: weights of models that are not positive numbers")
 
     def _halves(self, numbers: np.ndarray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
@@ -213,6 +212,29 @@ class Coding:
     def _spread(self, scales: NDArray[np.float32]) -> Floats:
         """The scale of every weight, `(S, L)`."""
         return np.repeat(scales, self._sizes, axis=-1).astype(np.float64)
+
+
+def _largest(name: Payload) -> float:
+    """Largest number that a weight can be in a number format."""
+    return float(np.finfo(_FLOATS[name]).max) if name in _FLOATS else STEPS * COARSEST
+
+
+def check_weights(label: str, weights: Floats) -> None:
+    """Check that a radio can carry declared weights: as float32 they are greater than 0 and not beyond all bounds.
+
+    Raises:
+        ValueError: it cannot carry one; the text has it.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        carried = _are_weights(weights.astype(_FLOAT32).astype(np.float64), 1.0)
+    if not carried.all():
+        expected = "a weight is sent as float32, so expected numbers greater than 0, from 1e-45 to 1e30"
+        raise ValueError(f"{label} has {weights[~carried][0]:g}; {expected}")
+
+
+def _are_weights(weights: Floats, behind: Floats | float) -> Mask:
+    """Mask of the numbers that are the sum of the weights of `behind` models."""
+    return np.asarray((weights > 0.0) & (weights / COARSEST < behind))
 
 
 def _bytes_of(table: np.ndarray) -> NDArray[np.uint8]:
@@ -270,6 +292,11 @@ def of_relays(scenario: Scenario, most: NDArray[np.intp], cut: Cut | None) -> Co
 def of_broadcasts(scenario: Scenario, cut: Cut | None) -> Coding:
     """The coding of a scenario's global models."""
     return _coding(scenario.broadcast_payload, scenario.declared.parts, cut)
+
+
+def bound_of_models(scenario: Scenario) -> float:
+    """Size that every weight of a model must be below, so that it can be sent."""
+    return min(BEYOND_SENSE, math.nextafter(_largest(scenario.upload_payload), math.inf))
 
 
 def cut_of_models(scenario: Scenario) -> Cut | None:

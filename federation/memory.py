@@ -43,7 +43,8 @@ class Feedback:
         """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual."""
         if self.residuals is None:
             return self._coding.encode(models)
-        meant = models + self.residuals[rows]
+        largest = self._coding.largest  # no residual pushes a model beyond it
+        meant = np.clip(models + self.residuals[rows], -largest, largest)
         payload = self._coding.encode(meant)
         valid = self._coding.valid(payload)
         self.residuals[rows[valid]] = meant[valid] - self._coding.decode(payload[valid])

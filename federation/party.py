@@ -218,7 +218,10 @@ class Party:
         payload = hop.coding.write(*(np.stack(tables) for tables in zip(*found.values(), strict=True)))
         frames = _valid(hop, number, np.array(list(found), dtype=np.int32), payload)
         if not frames and hop.role == "leader":
-            self.problems.append(f"round {number}: the global model is beyond what the radio's floats can say")
+            largest = max(float(np.abs(model).max()) for model, *_ in found.values())
+            self.problems.append(
+                f"round {number}: the global model has {largest:g}, beyond what the radio's floats can say"
+            )
         return frames
 
     def _speakers(self, averager: Averager) -> list[int]:

@@ -1,5 +1,6 @@
 """TOML from users: own and shipped files, settings on a command line, and the base class of all tables."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,17 +12,22 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import BEYOND_SENSE
 
 FOLDER = Path("scenarios")  # of the names that users give to the shipped files, in every working folder
+_SURROGATE = re.compile("[\ud800-\udfff]")  # stands for a byte that is not UTF-8
 _SHIPPED = Path(__file__).parent / "scenarios"
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base class of a scenario's tables: rejects unknown keys, and numbers whose squares are not finite."""
+    """Base class of a scenario's tables. It rejects unknown keys, numbers whose squares are not finite, and texts that
+    are not Unicode.
+    """
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
-            for number in _flat(getattr(self, name)):
-                if isinstance(number, float) and not abs(number) < BEYOND_SENSE:  # false for NaN
-                    raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {number}")
+            for value in _flat(getattr(self, name)):
+                if isinstance(value, float) and not abs(value) < BEYOND_SENSE:  # false for NaN
+                    raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {value}")
+                if isinstance(value, str) and _SURROGATE.search(value):
+                    raise ValueError(f"`{name}` must be Unicode text, not {value!a}")
 
 
 def _flat(value: Any) -> Iterator[Any]:

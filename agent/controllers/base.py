@@ -134,7 +134,8 @@ class Controller:
         return memory
 
     def samples(self, memory: Memory) -> NDArray[np.float64]:
-        """Returns the weights of the models, (M,), greater than 0; asked only if the controller is `weighted`."""
+        """Returns the weights of the models, (M,), greater than 0 as float32; asked only if the controller is
+        `weighted`."""
         return np.ones(len(next(iter(memory.values()))))
 
     def prediction(self) -> Prediction | None:

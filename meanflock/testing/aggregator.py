@@ -8,6 +8,7 @@ import numpy as np
 from meanflock.federation.rules.base import Aggregator, State, Uploads
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, last_line
+from meanflock.swarm.plugins.guard import check_bounded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
@@ -94,8 +95,10 @@ def check_aggregator(
                     fail(
                         aggregator, f"`step` returns a model of shape {np.shape(model)}, {expected}", "return one model"
                     )
-                if not np.isfinite(model).all():
-                    fail(aggregator, "the model is not finite", "guard divisions and empty sums")
+                try:
+                    check_bounded("the model", np.asarray(model))
+                except ValueError as error:
+                    fail(aggregator, str(error), "such a model is not broadcast; guard divisions and empty sums")
                 if not np.can_cast(np.asarray(model).dtype, np.float64, "same_kind"):
                     fail(aggregator, f"the model is {np.asarray(model).dtype}", "return float64")
                 if weights is not None and not _is_mean(model, models, weights):

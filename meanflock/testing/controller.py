@@ -7,11 +7,13 @@ import msgspec
 import numpy as np
 
 from meanflock.agent.controllers.base import Controller
+from meanflock.federation.coding import check_weights
 from meanflock.swarm import declared, threads
+from meanflock.swarm.plugins.guard import check_bounded
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import GONE, OTHER_THREADS, THREADS, alike, asked, check_class, copies, fail, make, same
 from meanflock.testing.pace import SLOW_MS, check_pace
-from meanflock.testing.trial import FINITE, PURE, PointSwarm, Trial
+from meanflock.testing.trial import PURE, PointSwarm, Trial
 
 UAVS = 6
 
@@ -135,13 +137,16 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
     instance = swarm.make()
     swarm.init(instance, swarm.uavs)
     parameters, plugin, uavs = swarm.declared.parameters, swarm.controller, len(swarm.uavs)
-    if swarm.declared.weights:
-        expected, remedy = (uavs, swarm.declared.weights), "return one row a UAV, `weights` wide"
-        table = asked(plugin, instance.report, together.memory, remedy=remedy)
-        if np.shape(table) != expected:
-            fail(plugin, f"`report` returns shape {np.shape(table)}, expected {expected}", remedy)
-        if not np.isfinite(table).all():
-            fail(plugin, "`report` returns a number that is not finite", FINITE)
+    for called, method, expected, check in (
+        ("report", instance.report, (uavs, swarm.declared.weights), check_bounded),
+        ("samples", instance.samples, (uavs,) if swarm.declared.weighted else (0,), check_weights),
+    ):
+        if expected[-1]:
+            remedy = f"return one row a UAV, {expected[1]} wide" if len(expected) > 1 else "return one number a UAV"
+            table = asked(plugin, method, together.memory, remedy=remedy)
+            if np.shape(table) != expected:
+                fail(plugin, f"`{called}` returns shape {np.shape(table)}, expected {expected}", remedy)
+            swarm.check(called, table, check)
     if not parameters:
         return
     rows = np.array([0, uavs - 1])

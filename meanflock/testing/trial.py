@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
+from meanflock.federation.coding import bound_of_models
 from meanflock.swarm.declared import declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins import guard
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, States
-from meanflock.swarm.wire.control import decode_record, encode_record
+from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
 TICKS = 40  # of a controller without rounds
@@ -23,7 +25,7 @@ ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the la
 LOST = 0.2  # share of the frames that the radio loses in the trial
 
 PURE = "return new arrays; copy before you write"
-FINITE = "guard divisions, roots and empty sums"
+FINITE = "such a UAV is lost; guard divisions, roots and empty sums"
 GET, SET = "return one row a UAV, `parameters` wide", "return the memory with `models` in its rows `rows`"
 
 
@@ -60,6 +62,7 @@ class PointSwarm:
     def __init__(self, controller: Any, scenario: Scenario, make: Callable[[], Controller]) -> None:
         self.controller = controller
         self._scenario = scenario
+        self._check_models = partial(guard.check_bounded, most=bound_of_models(scenario))
         self.make = make
         self.plan = starts(scenario)
         self.uavs = np.arange(scenario.uavs)
@@ -141,10 +144,16 @@ class PointSwarm:
             expected = (len(next(iter(memory.values()))), width)
             if np.shape(table) != expected:
                 fail(self.controller, f"`get` returns shape {np.shape(table)}, expected {expected}", GET)
-            if not np.isfinite(table).all():
-                fail(self.controller, "`get` returns a number that is not finite", FINITE)
+            self.check("get", table, self._check_models)
             models.append(table)
         return np.concatenate(models)
+
+    def check(self, called: str, table: Any, check: Callable[[str, NDArray[Any]], None]) -> None:
+        """Check the numbers that a method returned."""
+        try:
+            check(f"result of `{called}`", np.asarray(table))
+        except ValueError as error:
+            fail(self.controller, str(error), FINITE)
 
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """Check a step after the memory `before`; returns its commands (M, 2 + K)."""
@@ -159,11 +168,14 @@ class PointSwarm:
             )
         check_kept(self.controller, "memory", step.memory)
         for number, broadcast in enumerate(step.broadcasts):
-            if not np.isfinite(broadcast.payload).all():
+            if not np.isfinite(self._on_air(broadcast.payload)).all():
+                problem = f"broadcast {number} has a number that is not finite, or is so as a float of the radio"
                 remedy = "such a frame is not sent; guard divisions, roots and empty sums"
-                fail(self.controller, f"broadcast {number} has a number that is not finite", remedy)
-        if not np.isfinite(commands).all():
-            fail(self.controller, "`step` returned a number that is not finite", FINITE)
+                fail(self.controller, problem, remedy)
+        try:
+            guard.check_bounded("`step`: a command or diagnostic", commands)
+        except ValueError as error:
+            fail(self.controller, str(error), FINITE)
         return commands
 
     def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1, number: int = 1) -> Trial:
@@ -220,7 +232,7 @@ class PointSwarm:
             ]
             mean = None
             if self._period and tick and tick % self._period == 0:
-                mean = as_sent(self.models(instances, memories, **remedies)).mean(axis=0)
+                mean = self._on_air(self.models(instances, memories, **remedies)).astype(np.float64).mean(axis=0)
             commands.append(now)
             broadcasts.append(joined)
             own = self._moved(own, now[:, :AXES], tick)
@@ -244,20 +256,22 @@ class PointSwarm:
         velocity = own[:, 2:] + dt * np.clip(acceleration, -50.0, 50.0) + 0.03 * self._shake[tick]
         return np.concatenate([own[:, :2] + dt * velocity, velocity], axis=-1)
 
+    def _on_air(self, payload: NDArray[Any]) -> NDArray[Any]:
+        """A broadcast, its floats as floats of the radio."""
+        if payload.dtype.kind != "f":
+            return payload
+        with np.errstate(over="ignore"):
+            return payload.astype(FLOAT_OF_BITS[self._scenario.radio.bits_per_float])
+
     def _frames(
         self, number: int, source: NDArray[np.intp], payload: NDArray[Any], arrives: NDArray[np.bool_]
     ) -> Received | None:
         """A broadcast as received by all but its sender, without lost frames."""
         if payload.dtype.kind == "f":
-            payload = as_sent(payload)
+            payload = self._on_air(payload).astype(np.float64)
         reaches = arrives[source] & (source[:, None] != self.uavs)
         links = np.stack(np.nonzero(reaches), axis=-1)
         return Received(number, source, payload, links) if len(links) else None
-
-
-def as_sent(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Numbers with the precision of the radio."""
-    return numbers.astype(np.float32).astype(np.float64)
 
 
 def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:

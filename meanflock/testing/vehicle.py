@@ -6,6 +6,7 @@ import numpy as np
 
 from meanflock.swarm import threads
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
@@ -147,5 +148,7 @@ def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> N
         fail(vehicle, f"states are {states.dtype} and power is {power.dtype}", "return float64")
     if not (np.isfinite(states).all() and np.isfinite(power).all()):
         fail(vehicle, "a number is not finite", "guard divisions and roots")
+    if (power >= BEYOND_SENSE).any():
+        fail(vehicle, f"a power of {power.max():g} W", f"return less than {BEYOND_SENSE:g}; a flight ends otherwise")
     if (power < 0).any():
         fail(vehicle, "a power below zero", "return what the motion costs, in watts")

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import BEYOND_SENSE, Floats
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
 _KINDS = ", ".join(sorted(map(str, TRAVELS)))
+_AXES = MAX_AXES - 1  # of an array of a plug-in; a node may store one for each of its UAVs
 
 
 def check_values(method: str, answer: Any, count: int, expected: str) -> tuple[Any, ...]:
@@ -58,6 +59,18 @@ def check_finite(label: str, array: NDArray[Any]) -> None:
         raise ValueError(f"{label} is not finite")
 
 
+def check_bounded(label: str, array: NDArray[Any], most: float = BEYOND_SENSE) -> None:
+    """Check that the numbers of an array are finite and smaller than `most` in size.
+
+    Raises:
+        ValueError: a number is not; the text has it.
+    """
+    if not max(array.max(initial=0.0), -array.min(initial=0.0)) < most:  # false for NaN
+        check_finite(label, array)
+        number = array[np.abs(array) >= most][0]
+        raise ValueError(f"{label} has {number:g}; expected numbers within ±{most:g}")
+
+
 def check_memory(label: str, memory: Any, rows: int | None = None) -> None:
     """Check that a memory is a dict of arrays that a checkpoint can hold, each with a leading axis of `rows` if given.
 
@@ -66,10 +79,10 @@ def check_memory(label: str, memory: Any, rows: int | None = None) -> None:
     """
     _check_dict(label, memory)
     for name, array in memory.items():
-        if not isinstance(name, str):
-            raise TypeError(f"{label}[{name!r}]: its name must be a text")
-        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > MAX_AXES:
-            allowed = f"arrays of {_KINDS}, with at most {MAX_AXES} axes"
+        if not isinstance(name, str) or not name.isprintable():
+            raise TypeError(f"{label}[{name!r}]: its name must be a printable text")
+        if not isinstance(array, np.ndarray) or array.dtype not in TRAVELS or array.ndim > _AXES:
+            allowed = f"arrays of {_KINDS}, with at most {_AXES} axes"
             raise TypeError(f"{label}[{name!r}] is {_form(array)}; a checkpoint keeps {allowed}")
         if rows is not None and array.shape[:1] != (rows,):
             raise ValueError(f"{label}[{name!r}] has shape {array.shape}; expected a leading axis of {rows} rows")

@@ -21,7 +21,7 @@ MAX_BYTES = 64 * 2**20  # far more than any valid message
 _ARRAY = 1  # the extension code
 _DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
-MAX_AXES = 4
+MAX_AXES = 5
 TRAVELS = frozenset(_DTYPES)  # dtypes an array can have
 
 FLOAT_OF_BITS = {16: _DTYPES[0], 32: _DTYPES[1], 64: _DTYPES[2]}  # Radio.bits_per_float → dtype

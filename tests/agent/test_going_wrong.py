@@ -74,6 +74,11 @@ def stepping(**fields: Any) -> dict[str, Any]:
     return returns("step", lambda good: replace(good, **{name: make(good) for name, make in fields.items()}))
 
 
+def weighing(weight: float) -> dict[str, Any]:
+    """A model whose weight is a number in time."""
+    return {"weighted": True} | returns("samples", lambda good: good * weight)
+
+
 def explodes(*_: Any) -> Any:
     raise OSError("no such table")
 
@@ -149,7 +154,30 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "get of another shape": (returns("get", lambda good: good[:, :1]), "result of `get` has shape"),
     "set raises": (returns("set", explodes), "OSError: no such table"),
     "report that is no number": (returns("report", lambda good: good + np.inf), "not finite"),
+    "a model beyond all bounds": (returns("get", lambda good: good * 0 + 1e39), "result of `get` has 1e+39; expected"),
+    "a report beyond all bounds": (returns("report", lambda good: good * 0 - 1e31), "of `report` has -1e+31; expected"),
+    "a weight of nothing": (weighing(0.0), "result of `samples` has 0; a weight is sent as float32"),
+    "a weight too small for float32": (weighing(np.exp(-110)), "result of `samples` has 1.68891e-48; a weight is"),
+    "a weight too large for a mean": (weighing(5e34), "result of `samples` has 5e+34; a weight is sent as float32"),
 }
+
+
+@pytest.mark.parametrize("weight", [1e-45, 9.99e29])
+def test_the_smallest_and_the_largest_weight_of_a_float32_are_averaged(weight: float) -> None:
+    summary, sink = fly(flown(wrong(**weighing(weight)), "federation.fraction=1.0", QUIET))
+    assert (summary["lost"], summary["dropped_messages"], summary["uploads_refused"]) == (0, {}, 0)
+    assert summary["rounds"] == 5
+    assert not [line for line in sink.texts if "failed" in line]
+
+
+def test_a_model_beyond_the_radio_s_floats_loses_its_own_uav() -> None:
+    """A half ends at 65504."""
+    narrow = "radio.bits_per_float=16"
+    for size, lost in ((65504.0, 0), (65505.0, 1)):
+        large = wrong(**returns("get", lambda good, size=size: good * 0 + size))
+        summary, sink = fly(flown(large, "federation.fraction=1.0", QUIET, narrow))
+        assert (summary["lost"], summary["dropped_messages"]) == (lost, {})
+        assert sum("`get` has 65505; expected numbers within ±65504" in line for line in sink.texts) == lost
 
 
 @pytest.mark.parametrize("mistake", GOES_WRONG)

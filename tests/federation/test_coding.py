@@ -16,7 +16,7 @@ from meanflock.agent.node import Agent
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding, Counted
 from meanflock.federation.fragments import Cut, longest, resolved
 from meanflock.federation.mail import Joined, Mail, Own
-from meanflock.federation.memory import GlobalModels
+from meanflock.federation.memory import Feedback, GlobalModels
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
 from meanflock.groundstation.launch.engine import Engine
@@ -145,6 +145,13 @@ def test_an_agent_s_uploads_add_up_to_its_models_but_for_the_residual_of_its_che
     past = nodes.kept(agent, 37) | {RESIDUALS: residuals[:, :-1]}
     with pytest.raises(BadInput, match="residuals"):
         Agent(msgspec.structs.replace(nodes.welcome(case), memory=control.encode_record(past)))
+
+
+def test_a_residual_pushes_no_model_beyond_the_largest_number_of_the_radio() -> None:
+    """A half ends at 65504; 65488 lies between two of them, and 16 remain for the next upload."""
+    feedback, row = Feedback(Coding("float16", (1,)), 1, active=True), np.array([0])
+    sent = [float(feedback.encode(row, np.array([[model]]))[0, 0]) for model in (65488.0, 65504.0)]
+    assert sent == [65472.0, 65504.0]
 
 
 def test_without_feedback_an_upload_is_the_rounded_model_and_no_residual_is_stored() -> None:

@@ -14,6 +14,7 @@ import meanflock as mf
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.rules.robust import suspects
+from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm import plugins
@@ -156,10 +157,20 @@ def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -
     assert not [text for text in sink.texts if "failed" in text]
 
 
+@pytest.mark.parametrize("topology", ["leader", "neighbours"])
+def test_a_state_of_four_axes_is_in_every_checkpoint(topology: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where each UAV averages, a node stores a state for each of its UAVs, with one axis more."""
+    monkeypatch.setattr(engine, "_checkpoint_every", lambda *_: 10)
+    deep = wrong(init=lambda *_: {"deep": np.zeros((2, 2, 2, 2))}, step=lambda _, state, given: (state, given.mean))
+    summary, sink = fly(flown(deep, f"federation.topology={topology}", "duration=3"))
+    assert summary["dropped_messages"] == {}
+    assert sum(bool(block.checkpoint) for block in sink.blocks) >= 2
+
+
 def test_a_global_model_beyond_the_radio_s_floats_is_not_sent_but_the_state_is_kept() -> None:
     summary, sink = fly(flown(wrong(step=in_round_two(lambda state, model: (state, np.full_like(model, 1e300))))))
     assert summary["rounds"] == 4
-    assert any("beyond what the radio's floats can say" in text for text in sink.texts)
+    assert any("the global model has 1e+300, beyond what the radio's floats can say" in text for text in sink.texts)
 
 
 @pytest.mark.parametrize(

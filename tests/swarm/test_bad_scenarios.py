@@ -84,6 +84,7 @@ def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(ro
         ({"wind.mean": np.zeros(3)}, ("wind.mean", "a list of length 2, got [0.0, 0.0, 0.0]", REMEDY)),
         ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", REMEDY)),
         ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", REMEDY)),
+        ({"controller": {"file": "\udc80"}}, ("`controller` must be Unicode text, not '\\udc80'", REMEDY)),
         ({"duration": object()}, ("duration", "type object", "give a number")),
         ({"wind": 3, "wind.sigma": 1}, ("wind.sigma", "`wind` is not a table")),
     ],

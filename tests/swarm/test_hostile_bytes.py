@@ -192,7 +192,7 @@ MALFORMED: dict[str, bytes] = {
     "an array without a header": message_with(b""),
     "half a header": message_with(b"\x02"),
     "an unknown dtype": message_with(header(len(DTYPES), (1,)) + bytes(8)),
-    "five axes": message_with(header(F8, (1, 1, 1, 1, 1)) + bytes(8)),
+    "six axes": message_with(header(F8, (1, 1, 1, 1, 1, 1)) + bytes(8)),
     "axes cut off": message_with(header(F8, (1,), axes=3)),
 }
 WRONG_SHAPE = {

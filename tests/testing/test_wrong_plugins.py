@@ -49,10 +49,41 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
         "such a frame is not sent",
     ),
     "a memory of NaNs": (step(memory=lambda good, _, own: good.memory | {"heard": own[:, 0] * np.nan}), "'heard'"),
-    "a command of NaNs": (step(acceleration=lambda good, *_: good.acceleration * np.nan), "`step` returned a number"),
+    "a command of NaNs": (
+        step(acceleration=lambda good, *_: good.acceleration * np.nan),
+        "`step`: a command or diagnostic is not finite",
+    ),
+    "a command beyond all bounds": (
+        step(acceleration=lambda good, *_: good.acceleration * 0 + 2e31),
+        r"`step`: a command or diagnostic has 2e\+31",
+    ),
+    "a broadcast beyond the radio's floats": (
+        step(broadcasts=lambda _, __, own: [Broadcast(np.full_like(own, 1e39))]),
+        "broadcast 0 has a number .* as a float of the radio; such a frame is not sent",
+    ),
     "a model of NaNs": (
         changed(GoodController, "get", lambda _, models, *__: models * np.nan),
-        "`get` returns a number",
+        "result of `get` is not finite",
+    ),
+    "a model beyond all bounds": (
+        changed(GoodController, "get", lambda _, models, *__: models * 0 - 1e39),
+        r"result of `get` has -1e\+39; expected numbers within ±1e\+30",
+    ),
+    "a report beyond all bounds": (
+        changed(GoodController, "report", lambda _, models, *__: models * 0 + 1e31),
+        r"result of `report` has 1e\+31",
+    ),
+    "a weight too small for float32": (
+        having(GoodController, weighted=True, samples=lambda _, memory: np.full(len(memory["uav"]), np.exp(-110))),
+        "result of `samples` has 1.68891e-48; a weight is sent as float32",
+    ),
+    "a weight too large for a mean": (
+        having(GoodController, weighted=True, samples=lambda _, memory: np.full(len(memory["uav"]), 5e34)),
+        r"result of `samples` has 5e\+34; a weight is sent as float32",
+    ),
+    "weights of another shape": (
+        having(GoodController, weighted=True, samples=lambda _, memory: np.ones((len(memory["uav"]), 1))),
+        r"`samples` returns shape \(6, 1\), expected \(6,\); return one number a UAV",
     ),
     "broadcasts of two widths": (
         step(broadcasts=lambda _, memory, own: [Broadcast(own[:, : 1 + int(memory["uav"].sum() > 3)])]),
@@ -109,6 +140,7 @@ RULES: dict[str, tuple[Any, str]] = {
     "a model of another shape": (part(GoodAggregator, 1, lambda model, *_: model[:-1]), r"\(11,\), expected \(12,\)"),
     "a model of NaNs": (part(GoodAggregator, 1, lambda model, *_: model * np.nan), "model is not finite"),
     "a complex model": (part(GoodAggregator, 1, lambda model, *_: model.astype(complex)), "model is complex128"),
+    "a model beyond all bounds": (part(GoodAggregator, 1, lambda model, *_: model * 0 + 1e39), r"model has 1e\+39"),
     "needs two models": (part(GoodAggregator, 1, lambda _, __, given: given.models[1]), "1 model failed: IndexError"),
     "weights of another mean": (
         having(GoodAggregator, weights=lambda _, given: np.ones(len(given.models))),
@@ -181,6 +213,7 @@ VEHICLES: dict[str, tuple[Any, str]] = {
     "fails in init": (failing(GoodVehicle, "init", ERROR), "`init` failed: KeyError"),
     "a column of power": (powered(lambda states: np.ones((len(states), 1))), r"power \(5, 1\) of 5 UAVs"),
     "infinite power": (powered(lambda states: np.full(len(states), np.inf)), "not finite"),
+    "power beyond all bounds": (powered(lambda states: np.full(len(states), 1e39)), r"a power of 1e\+39 W"),
     "power below zero": (powered(lambda states: -np.ones(len(states))), "below zero"),
     "needs a UAV": (powered(lambda states: np.full(len(states), states[0, 0] ** 2)), "IndexError"),
 }
@@ -226,6 +259,7 @@ GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodVehicle, 1, lambda hidden, *_: {"thrust": hidden["thrust"] / 0}), r"thrust'\] of UAV 0: .* not finite"),
     (part(GoodVehicle, 0, lambda states, *_: states * np.array([1, 1, np.nan, 1, 1])[:, None]), "states of UAV 2"),
     (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
+    (powered(lambda states: np.full(len(states), 1e39)), r"power has 1e\+39; expected numbers within ±1e\+30"),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
     (changed(GoodVehicle, "power", lambda _, power, *__: power[:, None]), r"\(150, 1\).*of the rows of 30 ticks of 5"),
 ]

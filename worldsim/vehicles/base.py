@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
-from meanflock.swarm.plugins.guard import check_array, check_memory, check_same_form, check_values
+from meanflock.swarm.plugins.guard import check_array, check_bounded, check_memory, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 
@@ -60,7 +60,7 @@ class Vehicle:
 
     @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
-        """Returns the power in W, (R,), finite, of steps under `acceleration` to `states` (R, 4) and `hidden`.
+        """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 4) and `hidden`.
 
         The R rows are those of all UAVs in one or several ticks, tick by tick.
         """
@@ -165,6 +165,7 @@ class Physics:
             power = self._asked("power", states, hidden, acceleration)
             check_array("power", power, (len(states),), states.dtype)
             _check_finite("power", power, np.arange(len(states)) % self._uavs)
+            check_bounded("power", power)  # telemetry has the energy as float32
         except (RunFailed, TypeError, ValueError) as error:
             ticks = len(states) // self._uavs
             rows = "" if ticks == 1 else f" (of the rows of {ticks} ticks of {self._uavs} UAVs)"
