@@ -91,6 +91,8 @@ def run() -> None:
         quotas.largest,
         -(-flown.uavs // rows) + MAX_LEADERS + 1,
     )
+    if given.endpoint.endswith(":0"):
+        logs.show(f"the world listens at {bus.endpoint}")
     with ExitStack() as stack:
         stack.callback(bus.close)
         port = None

@@ -66,7 +66,7 @@ class _Run(click.Command):
 @click.option(
     "--endpoint",
     metavar="ADDRESS",
-    help="Where the world listens, e.g. tcp/127.0.0.1:7447.  [default: a free port of this machine]",
+    help="Where the world listens, e.g. tcp/127.0.0.1:7447; port 0: any free one.  [default: tcp/127.0.0.1:0]",
 )
 @tls_option
 @telling

@@ -13,7 +13,7 @@ from meanflock.groundstation.launch.options import Options
 from meanflock.swarm import durable, logs
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed, needed
-from meanflock.swarm.net.access import STATION, Address, check_free
+from meanflock.swarm.net.access import STATION, Address, Identity, free, secured
 from meanflock.swarm.process import Interrupted
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
@@ -73,7 +73,8 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
 
         certs.check(options.tls, scenario.uavs, options.uavs_per_process)
     if options.endpoint is not None:
-        check_free(options.endpoint)
+        identity = None if options.tls is None else Identity(options.tls, STATION)
+        options = replace(options, endpoint=_told(options.endpoint, free(secured(options.endpoint, identity))))
     if options.metrics is not None:
         options = replace(options, metrics=options.metrics.free("--metrics"))
     if options.steer is not None:
@@ -103,6 +104,13 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
             f"{reason}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
         ) from died
     return Run(outputs.folder.path, outputs.summary)
+
+
+def _told(asked: str, endpoint: str) -> str:
+    """The endpoint of the world; if it is not the one that was asked for, a line says which port it has."""
+    if asked.endswith(":0"):
+        logs.show(f"the world listens at {endpoint}")
+    return endpoint
 
 
 def _steered(options: Options) -> Address:

@@ -165,6 +165,8 @@ NOBODY = rules("-", 0, 1)  # no run has that name
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_ENDPOINT = f"tcp/{LOOPBACK}:7447"
+_UNIX = "unixsock-stream"  # a socket in the file system, as Zenoh calls it
+_PROTOCOLS = ("tcp", "tls", _UNIX)  # that deliver all that is sent, in order
 
 
 class Address(NamedTuple):
@@ -231,39 +233,80 @@ class Address(NamedTuple):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
+class _Unix(NamedTuple):
+    """The path of a socket of this machine; the methods of `Address` that an endpoint needs."""
+
+    path: str
+
+    def free(self, flag: str) -> "_Unix":
+        """This path, if no file is there.
+
+        Raises:
+            BadInput: a socket cannot be made there.
+        """
+        try:
+            with socket.socket(socket.AF_UNIX) as server:
+                server.bind(self.path)
+            Path(self.path).unlink()
+        except OSError as error:
+            raise BadInput(f"{flag} {self}: {error.strerror or error}; choose a free path") from error
+        return self
+
+    def __str__(self) -> str:
+        return self.path
+
+
 def secured(endpoint: str, identity: Identity | None) -> str:
     """`endpoint`, with `tls/` in place of `tcp/` for a process with an identity.
 
     Raises:
         BadInput: the endpoint is malformed, or its protocol does not fit.
     """
-    _address(endpoint)
-    protocol, _, address = endpoint.partition("/")
+    protocol, address = _parts(endpoint)
     if identity is None:
-        if protocol in ("tls", "quic"):
+        if protocol == "tls":
             raise BadInput(f"endpoint {endpoint}: needs certificates, name their folder: --tls DIR")
         return endpoint
-    if protocol not in ("tcp", "tls"):
+    if protocol == _UNIX:
         raise BadInput(f"endpoint {endpoint}: with --tls it must be tls/HOST:PORT")
     return f"tls/{address}"
 
 
-def check_free(endpoint: str) -> None:
-    """Checks that a process can listen on `endpoint`, because Zenoh's error does not name the port.
+def connectable(endpoint: str, identity: Identity | None) -> str:
+    """The `secured` endpoint of a process that connects to it.
+
+    Raises:
+        BadInput: also if it has no port, because only a process that listens can take any free one.
+    """
+    _, address = _parts(endpoint)
+    if isinstance(address, Address) and not address.port:
+        raise BadInput(f"endpoint {endpoint}: write the port at which the world listens; it says which it took")
+    return secured(endpoint, identity)
+
+
+def free(endpoint: str) -> str:
+    """An endpoint at which a process can listen; port 0 becomes a free one. Zenoh's error would not name the port.
 
     Raises:
         BadInput: no process can listen there.
     """
-    try:
-        _address(endpoint).listen().close()
-    except OSError as error:
-        reason = error.strerror or error
-        raise BadInput(f"endpoint {endpoint}: {reason}; choose a free one, for example {DEFAULT_ENDPOINT}") from error
+    protocol, address = _parts(endpoint)
+    return f"{protocol}/{address.free('endpoint')}"
 
 
-def _address(endpoint: str) -> Address:
-    """The address of an endpoint; raises BadInput if the endpoint is malformed."""
-    _, _, text = endpoint.partition("/")
+def _parts(endpoint: str) -> tuple[str, Address | _Unix]:
+    """Protocol and address of an endpoint.
+
+    Raises:
+        BadInput: the endpoint is malformed, or its protocol may lose messages or is unknown.
+    """
+    protocol, slash, text = endpoint.partition("/")
+    if slash and protocol not in _PROTOCOLS:
+        raise BadInput(
+            f"endpoint {endpoint}: the protocol must be one of {', '.join(_PROTOCOLS)}; for example {DEFAULT_ENDPOINT}"
+        )
+    if protocol == _UNIX and text:
+        return protocol, _Unix(text)
     if ":" not in text or (address := Address.read(text)) is None:
         raise BadInput(f"endpoint {endpoint}: write it as tcp/HOST:PORT, for example {DEFAULT_ENDPOINT}")
-    return address
+    return protocol, address

@@ -30,7 +30,7 @@ import msgspec
 import zenoh
 
 from meanflock.swarm.errors import BadInput, BusError, printable
-from meanflock.swarm.net.access import DEFAULT_ENDPOINT, NOBODY, Identity, check_free, secured
+from meanflock.swarm.net.access import DEFAULT_ENDPOINT, NOBODY, Identity, connectable, free, secured
 from meanflock.swarm.net.bus import Delivery, Offer, Quota, Quotas
 from meanflock.swarm.wire.control import MAX_BYTES
 
@@ -143,7 +143,7 @@ class Backlog:
 
 
 class ZenohBus:
-    """A `Bus` over one Zenoh session."""
+    """A `Bus` over one Zenoh session. `endpoint`: where it listens; empty if it is a client."""
 
     def __init__(self, config: zenoh.Config, quotas: Quotas | None = None) -> None:
         """Use `router` or `client`. `quotas`: limits of a sender's messages; None: no limits."""
@@ -159,6 +159,7 @@ class ZenohBus:
         self._declared: list[Any] = []
         self._closing = threading.Lock()
         self._closed = False
+        self.endpoint = ""
 
     @classmethod
     def router(
@@ -183,8 +184,7 @@ class ZenohBus:
             BadInput: the port is taken, the endpoint cannot be listened on, or a certificate cannot be used.
             BusError: the session cannot be opened for another reason.
         """
-        endpoint = secured(endpoint, identity)
-        check_free(endpoint)
+        endpoint = free(secured(endpoint, identity))
         settings = {
             **_COMMON,
             "mode": "router",
@@ -197,6 +197,7 @@ class ZenohBus:
             settings |= _tls(identity, "listen")
             settings["access_control"] = access or NOBODY
         bus = cls(_config(settings), quotas or _quota_of_key)
+        bus.endpoint = endpoint
         bus._close_links_without_waiting()
         return bus
 
@@ -207,13 +208,13 @@ class ZenohBus:
         """A node's side: connects to the world, and waits up to `timeout_s` for it to come up.
 
         Raises:
-            BadInput: a certificate cannot be used.
+            BadInput: the endpoint or a certificate cannot be used.
             BusError: no world answered in time, or it refused the certificate; Zenoh does not say which.
         """
         settings = {
             **_COMMON,
             "mode": "client",
-            "connect/endpoints": [secured(endpoint, identity)],
+            "connect/endpoints": [connectable(endpoint, identity)],
             "connect/timeout_ms": int(timeout_s * 1000),
             "connect/exit_on_failure": True,
             "connect/retry": _RETRY,
@@ -338,6 +339,8 @@ def _do_not_linger(locator: str) -> None:
     sockets, so this function searches the open files of the process.
     """
     host, _, port = locator.partition("/")[2].rpartition(":")
+    if not port.isdigit():  # the path of a socket, which does not linger
+        return
     for number in sorted(map(int, os.listdir("/dev/fd")), reverse=True):  # a new link usually has a high number
         with suppress(OSError):  # closed meanwhile, or a socket without another end
             if stat.S_ISSOCK(os.fstat(number).st_mode):

@@ -46,9 +46,22 @@ OF_A_NAME = [
     ("old", "exists already"),
 ]
 ADDRESSES = ["127.0.0.1:7556", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"]
+LOSSY = ["udp", "ws", "quic", "TCP"]  # or unknown
 LINES: list[tuple[tuple[str, ...], str]] = [
     *(((*QUICK, *flags), says) for flags, says in OF_A_RUN),
     *((("run", "--endpoint", address), f"{address}: write it as tcp/HOST:PORT") for address in ADDRESSES),
+    *(
+        (("run", "--endpoint", f"{name}/127.0.0.1:0"), f"{name}/127.0.0.1:0: the protocol must be one of")
+        for name in LOSSY
+    ),
+    (("run", "--endpoint", "unixsock-stream/none/socket"), "endpoint none/socket: No such file or directory; choose a"),
+    (
+        ("run", "--endpoint", "unixsock-stream/bad.toml"),
+        "endpoint bad.toml: Address already in use; choose a free path",
+    ),
+    (("run", "--endpoint", "tls/127.0.0.1:0"), "needs certificates, name their folder: --tls DIR"),
+    (("bridge", "mavlink", "--live", "tcp/127.0.0.1:0"), "write the port at which the world listens"),
+    (("bridge", "mavlink", "--live", "udp/127.0.0.1:9"), "the protocol must be one of tcp, tls, unixsock-stream"),
     *((("frontier", "--missions", "near.toml", "--seeds", "2", *flags), says) for flags, says in OF_A_FRONTIER),
     *((("new", "controller", name), says) for name, says in OF_A_NAME),
     (("run", "--uavs", "90000"), "MB for 90000 UAVs in "),

@@ -26,18 +26,24 @@ pytestmark = pytest.mark.processes
 SETTINGS = ("seed=7", "duration=30", "federation.period=40")
 SHORT = ("--uavs", "4", *(word for setting in SETTINGS for word in ("--set", setting)))
 
-CUTS = [  # flights of the golden table, and UAVs of a process; `short-quiet` has bytes, events and a filter
-    ("short-hjb", "3"),
-    ("short-clusters-hf", "2"),
-    ("short-quiet", "1"),
+# Flights of the golden table, UAVs of a process, where the world listens; `short-quiet` has bytes, events and a filter.
+CUTS = [
+    ("short-hjb", "3", ()),
+    ("short-clusters-hf", "2", ("--endpoint", "tcp/127.0.0.1:0")),
+    ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
 
 
-@pytest.mark.parametrize(("name", "rows"), CUTS)
-def test_a_golden_flight_is_the_same_in_processes(name: str, rows: str, command: Command) -> None:
+@pytest.mark.parametrize(("name", "rows", "endpoint"), CUTS)
+def test_a_golden_flight_is_the_same_in_processes(name, rows, endpoint, command, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)  # the path of a socket must be short
     (row,) = (row for row in read() if row.name == name)
     settings = [word for setting in row.settings for word in ("--set", setting)]
-    summary = command.summary(*filter(None, [row.mission]), "--no-record", "--uavs-per-process", rows, *settings)
+    mission = filter(None, [row.mission])
+    summary = command.summary(*mission, "--no-record", "--uavs-per-process", rows, *settings, *endpoint)
+    told = re.findall(r"the world listens at tcp/127.0.0.1:[1-9]\d*\n", capsys.readouterr().err)
+    assert len(told) == (endpoint[-1:] == ("tcp/127.0.0.1:0",))
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     assert summary["mode"] == "processes"
     assert summary["dropped_messages"] == {}
     assert steady(summary) == json.loads(json.dumps(steady(row.fly())))

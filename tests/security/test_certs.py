@@ -131,6 +131,8 @@ def test_an_endpoint_is_over_tls_exactly_if_there_are_certificates(issued: Path)
     with pytest.raises(BadInput, match="--tls"):
         secured("tls/127.0.0.1:7447", None)
     with pytest.raises(BadInput, match="--tls"):
+        secured("unixsock-stream/world.socket", me)
+    with pytest.raises(BadInput, match="the protocol must be one of tcp, tls, unixsock-stream"):
         secured("udp/127.0.0.1:7447", me)
 
 
