@@ -1,5 +1,6 @@
 """The `meanflock` command: the group of all commands, and how every error becomes one line and an exit code."""
 
+import codecs
 import logging
 import os
 import sys
@@ -123,6 +124,16 @@ def _of_output(error: OSError) -> bool:
     return printed
 
 
+def _question_marks(error: UnicodeError) -> tuple[bytes, int]:
+    """Bytes in place of characters that standard output cannot show: a question mark, as of φ in the locale C.
+
+    Bytes of a path that are not text, which Python holds as surrogates, are written as they are.
+    """
+    assert isinstance(error, UnicodeEncodeError)
+    codes = map(ord, error.object[error.start : error.end])
+    return bytes(code - 0xDC00 if 0xDC80 <= code <= 0xDCFF else ord("?") for code in codes), error.end
+
+
 def main(arguments: list[str] | None = None) -> int:
     """The `meanflock` command: every error is one line and an exit code."""
     completes = arguments is None and completion.asked()
@@ -132,8 +143,9 @@ def main(arguments: list[str] | None = None) -> int:
         os.environ["PYTHONSAFEPATH"] = "1"  # workers of a sweep do not import files of the working folder
         os.environ["MPLBACKEND"] = "agg"  # a notebook sets one that may not be installed here
         logs.divert()  # native code of libraries must not write to standard output
-        if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
-            sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show φ shows a question mark
+        if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
+            codecs.register_error("meanflock", _question_marks)
+            sys.stdout.reconfigure(errors="meanflock")
     try:
         cli.main(arguments, prog_name="meanflock", standalone_mode=False)
         sys.stdout.flush()

@@ -13,7 +13,7 @@ from rich.console import Console
 
 import meanflock as mf
 from meanflock import kernels
-from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.cli.command import _question_marks, main
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.progress import FlightProgress, summary_table
 from meanflock.kernels import sources
@@ -51,9 +51,19 @@ def test_a_run_without_compiled_kernels_says_that_it_is_slow(run, monkeypatch, v
     assert re.match(r"warning: kernels not compiled: NumPy's, .* slower; install a C compiler", said)
 
 
-def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(tmp_path) -> None:
-    env = os.environ | {"PYTHONIOENCODING": "latin-1"}
+@pytest.mark.parametrize(
+    "terminal",
+    [{"PYTHONIOENCODING": "latin-1"}, {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}],
+    ids=lambda terminal: next(iter(terminal)),
+)
+def test_a_terminal_that_lacks_a_letter_shows_a_question_mark(terminal: dict[str, str], tmp_path) -> None:
+    env = os.environ | terminal
     assert "alignment ?_A" in printed(*COMMAND, *QUICK, "--out", tmp_path, env=env, encoding="latin-1")
+
+
+def test_bytes_of_a_path_that_are_no_text_are_printed_as_they_are() -> None:
+    error = UnicodeEncodeError("ascii", "runs/\udcff\u03c6\u03c6", 5, 8, "ordinal not in range")
+    assert _question_marks(error) == (b"\xff??", 8)
 
 
 @pytest.mark.parametrize("group", [(), ("scenario",), ("certs",)])
