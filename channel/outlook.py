@@ -14,12 +14,13 @@ from meanflock.swarm import logs, plugins
 from meanflock.swarm.errors import FAILURES
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION
+from meanflock.swarm.state import POSITION, Floats
 from meanflock.swarm.wire.messages import FrameKind
 
 WARN_FROM = 0.5  # share of lost whole models from which a warning is given
 WARN_FROM_FRAGMENTS = 0.9  # and of lost fragments: each is averaged over the UAVs whose copy arrived
 _ACCEPTABLE = 0.2  # share of lost messages that a suggested remedy leaves at most
+_LINKS_AT_ONCE = 2**20
 _MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
 
 
@@ -107,30 +108,41 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     bits, fragments = hop.coding.bits, hop.coding.fragments
     if fragments is not None:
         bits = 8 * fragments.width
-    source, target = hop.senders.repeat(scenario.uavs), np.tile(np.arange(scenario.uavs), len(hop.senders))
-    if hop.targets is not None:
-        source, target = hop.senders.repeat(hop.targets.shape[1]), hop.targets[hop.senders].ravel()
-    apart = source != target
-    if not apart.any():
-        return None
-    places = starts(scenario)[:, POSITION]
-    distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
-    if hop.range_m is not None:  # UAVs farther away are not addressed
-        distance = distance[distance <= hop.range_m]
-    if not len(distance):
-        return None
-    within = distance if range_m is None else distance[distance <= range_m]
+    links, lost = 0, 0.0
     try:
-        expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
+        for distance in _distances(scenario, hop):
+            within = distance if range_m is None else distance[distance <= range_m]
+            expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
+            if expected is None:
+                return None
+            links += len(distance)
+            lost += expected[0] + len(distance) - len(within)
         slots = channel.least_slots(bits)
     except FAILURES as error:
         raise failed(radio.model, error) from error
-    if expected is None:
+    if not links:
         return None
-    lost = (expected[0] + len(distance) - len(within)) / len(distance)
     return Outlook(
-        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost, hop.coding.count, hop.coding.ticks
+        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost / links, hop.coding.count, hop.coding.ticks
     )
+
+
+def _distances(scenario: Scenario, hop: Hop) -> Iterator[Floats]:
+    """Lengths of the links of a hop by radio at take-off, (K,), m; those of some senders at a time, to save memory."""
+    places = starts(scenario)[:, POSITION]
+    targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
+    width = targets.shape[1]
+    some = max(1, _LINKS_AT_ONCE // width)
+    for first in range(0, len(hop.senders), some):
+        senders = hop.senders[first : first + some]
+        source = senders.repeat(width)
+        target = (np.tile(targets[0], len(senders)) if hop.targets is None else targets[senders]).ravel()
+        apart = source != target
+        distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
+        if hop.range_m is not None:  # UAVs farther away are not addressed
+            distance = distance[distance <= hop.range_m]
+        if len(distance):
+            yield distance
 
 
 def _settings(scenario: Scenario, message: str) -> Iterator[str]:

@@ -7,7 +7,6 @@ import platform
 import shutil
 import socket
 import subprocess
-from bisect import bisect
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,7 +17,7 @@ import psutil
 from meanflock import kernels
 from meanflock.channel.outlook import outlooks, remedies
 from meanflock.groundstation.disk import OF_RUN, room
-from meanflock.groundstation.memory import available_mb, needed_mb
+from meanflock.groundstation.memory import pair_bytes, shortage
 from meanflock.kernels import sources
 from meanflock.swarm import logs
 from meanflock.swarm.errors import needed
@@ -36,7 +35,6 @@ USES = {  # packages that no flight needs
 _INSTALL = "pip install 'meanflock[ground]'"
 VIEWER_PORT = 9876
 _BUS_PORT = int(DEFAULT_ENDPOINT.rpartition(":")[2])
-_ROWS = 25  # UAVs in a process, as advice for too many processes
 GROUPS = Path("/sys/fs/cgroup")  # control groups, with the limits of a container
 COMPOSE_MAJOR = 2
 _ENGINE_S = 10.0
@@ -57,11 +55,12 @@ class Finding:
 def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
     """Check everything that a run of a scenario needs."""
     uavs = scenario.uavs
+    needed_memory = memory(uavs, -(-uavs // uavs_per_process), pair_bytes(scenario))
     return [
         _python(),
         *map(_package, (*PACKAGES, *USES)),
         compiled(),
-        memory(uavs, -(-uavs // uavs_per_process), scenario.declared.pairwise),
+        needed_memory,
         open_files(uavs, uavs_per_process),
         threads(uavs, uavs_per_process),
         _loopback(),
@@ -69,7 +68,7 @@ def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | No
         _port("live viewer port", VIEWER_PORT, "end what listens there, or run without --view"),
         _writable(out),
         disk(scenario, out),
-        *models(scenario),
+        *(models(scenario) if needed_memory.verdict == "ok" else []),  # they may be sent over N² links
         *engine(),
         *([] if tls is None else certificates(tls, uavs, uavs_per_process)),
     ]
@@ -125,21 +124,10 @@ def models(scenario: Scenario) -> list[Finding]:
     ]
 
 
-def memory(uavs: int, processes: int, keeps_states: bool = False) -> Finding:
-    """Check whether a run fits into memory. `processes`: number of agents' processes; 0: all in one process."""
-    needed, (available, limit) = needed_mb(uavs, processes, keeps_states), available_mb()
-    where = f"{processes} processes" if processes else "one process"
-    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {limit}"
-    if needed <= available:
-        return Finding("memory", "ok", found)
-    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), keeps_states) <= available
-    remedy = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
-    if keeps_states and not crowded:
-        each = uavs // processes if processes else uavs
-        most = bisect(range(uavs), available, key=lambda n: needed_mb(n, -(-n // each) if processes else 0, True)) - 1
-        states = "each UAV stores the states of all others, so memory grows with N²"
-        remedy = f"{states}: --uavs {most}, or a --method without it" if most > 0 else f"{states}: another --method"
-    return Finding("memory", "fails", found, remedy)
+def memory(uavs: int, processes: int, pair_bytes: int = 0) -> Finding:
+    """Check whether a run fits into memory; arguments as of `needed_mb`."""
+    found, remedy = shortage(uavs, processes, pair_bytes)
+    return Finding("memory", "fails" if remedy else "ok", found, remedy)
 
 
 def _number(path: Path) -> int | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from meanflock.channel.outlook import warn_of_lost_models
+from meanflock.groundstation import memory
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.means import Means
@@ -165,6 +166,7 @@ def _fly(
     points: Mapping[Any, Sequence[Scenario]], jobs: int, out: str | Path | None, progress: Progress | None
 ) -> dict[Any, study.Summaries]:
     show = progress or (lambda _done, _total: None)
+    memory.check(flights[0] for flights in points.values())
     warn_of_lost_models(flights[0] for flights in points.values())
     try:
         if out is not None:

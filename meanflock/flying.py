@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meanflock.channel.outlook import warn_of_lost_models
+from meanflock.groundstation import memory
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.groundstation.results.quantities import check_diagnostics
@@ -99,9 +100,10 @@ def prepared(
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
     check_diagnostics(flown.method, flown.declared.diagnostics)
+    memory.check([flown])
     warn_of_lost_models([flown])
-    outputs, run_id, memory = None, f"{flown.method}-s{flown.seed}", Kept()
-    sinks: list[BlockSink] = [memory]
+    outputs, run_id, kept = None, f"{flown.method}-s{flown.seed}", Kept()
+    sinks: list[BlockSink] = [kept]
     if out is not None:
         from meanflock.groundstation import disk
         from meanflock.groundstation.launch.options import Options, records
@@ -114,4 +116,4 @@ def prepared(
         run_id = stack.enter_context(new_run(flown, out)).name
         outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
         sinks += outputs.sinks
-    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), memory, outputs)
+    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), kept, outputs)

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from meanflock.groundstation import memory
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies import runner
 from meanflock.studies.job_file import StoredRun, decode, encode
@@ -63,9 +64,12 @@ def fly_all(
         For each point what `fly` returned, in the order of its scenarios.
 
     Raises:
+        BadInput: a flight does not fit into the memory of this machine.
         RunFailed: disk full or a process died, or interrupted (Interrupted); what was finished is kept, the same call
             flies the rest.
     """
+    if isinstance(jobs, int):  # a cluster has a memory of its own
+        memory.check(flights[0] for flights in points.values())
     keys = {name: [key_of(flown, study) for flown in flights] for name, flights in points.items()}
     finished = {key: run.scalars for key, run in store.finished().items()}
     wanted = [zip(flights, keys[name], strict=True) for name, flights in points.items()]

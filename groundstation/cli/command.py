@@ -168,6 +168,9 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         logs.show(f"error: standard output: {error.strerror}; what was flown or written is kept", logging.ERROR)
         code = EXIT_RUN_FAILED
+    except MemoryError as error:
+        logs.show(f"error: out of memory: {error}; fly fewer UAVs; what was flown is kept", logging.ERROR)
+        code = EXIT_RUN_FAILED
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else EXIT_RUN_FAILED
     except BaseException as error:

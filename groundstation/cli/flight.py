@@ -16,6 +16,7 @@ from meanflock.groundstation.cli import display
 from meanflock.groundstation.cli.arguments import load_scenario, warn_before_take_off
 from meanflock.groundstation.launch.options import Options, records
 from meanflock.groundstation.launch.run import Run, fly
+from meanflock.groundstation.memory import pair_bytes
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.access import Address
@@ -155,7 +156,7 @@ def _records(wanted: bool | None, option: str, *, quiet: bool, log_format: str |
 def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
     """Refuse a swarm that does not fit into memory."""
     processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
-    needs = [checks.memory(flown.uavs, processes, flown.declared.pairwise)]
+    needs = [checks.memory(flown.uavs, processes, pair_bytes(flown))]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
     for finding in needs:
         if finding.verdict == "fails":

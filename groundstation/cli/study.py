@@ -155,10 +155,12 @@ def _fly(
     """Fly all runs that `out` does not have; print the table of means, and write it and the runs. Returns the
     summaries.
     """
+    from meanflock.groundstation import memory
     from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
     from meanflock.studies import study
     from meanflock.studies.means import Means
 
+    memory.check(scenarios.values())
     warn_before_take_off(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
     with store_in(out) as store, progress_of(verb, quiet) as progress:

@@ -13,6 +13,7 @@ from scipy import special, stats
 
 import meanflock as mf
 from meanflock.channel import link as theory
+from meanflock.channel import outlook
 from meanflock.channel.fading.ideal import Ideal
 from meanflock.channel.fading.rice import Rice
 from meanflock.channel.link import slots_needed
@@ -209,6 +210,23 @@ def test_the_expected_share_is_the_share_lost(settings: tuple[str, ...]) -> None
         bills = [run[names[one.message]] for run in runs]
         sent, lost = sum(bill["sent"] for bill in bills), sum(bill["outages"] for bill in bills)
         assert abs(lost / sent - one.lost) < 4.0 * np.sqrt(one.lost / sent) + 0.01
+
+
+@pytest.mark.parametrize("settings", [("federation.topology=neighbours",), ("federation.clusters=4",)])
+def test_the_share_is_that_of_all_links_however_few_are_looked_at_at_once(settings, monkeypatch) -> None:
+    flown = load(None, ["uavs=20", "start.spacing=30", *settings], method="mfgfl-h")
+    together = outlooks(flown)
+    monkeypatch.setattr(outlook, "_LINKS_AT_ONCE", 45)  # those of two senders to all, or of all to their heads
+    for one, other in zip(together, outlooks(flown), strict=True):
+        assert other._replace(lost=one.lost) == one
+        assert 0.0 < other.lost == pytest.approx(one.lost, rel=1e-12)
+
+
+def test_a_hundred_thousand_uavs_that_send_to_a_leader_take_no_memory_of_all_pairs() -> None:
+    """An array of N² numbers would have 75 GiB."""
+    upload, model = outlooks(load(None, ["uavs=100000", "start.spacing=0.01"]))
+    near, far = outlooks(load(None, ["uavs=4", "start.spacing=0.01"]))
+    assert (upload.lost, model.lost) == pytest.approx((near.lost, far.lost), rel=0.05)
 
 
 def test_every_remedy_helps_alone() -> None:

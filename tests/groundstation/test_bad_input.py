@@ -47,6 +47,7 @@ OF_A_NAME = [
 ]
 ADDRESSES = ["127.0.0.1:7556", "tcp/localhost", "tcp/:7447", "tcp/127.0.0.1:99999"]
 LOSSY = ["udp", "ws", "quic", "TCP"]  # or unknown
+TO_ALL = ("--set", "federation.topology=neighbours")  # each UAV sends its model to all: N² links
 LINES: list[tuple[tuple[str, ...], str]] = [
     *(((*QUICK, *flags), says) for flags, says in OF_A_RUN),
     *((("run", "--endpoint", address), f"{address}: write it as tcp/HOST:PORT") for address in ADDRESSES),
@@ -66,6 +67,9 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     *((("new", "controller", name), says) for name, says in OF_A_NAME),
     (("run", "--uavs", "90000"), "MB for 90000 UAVs in "),
     (("run", "--uavs", "90000", "--in-process", "--method", "hjb"), "MB for 90000 UAVs in "),
+    (("run", "--uavs", "90000", "--in-process", *TO_ALL), "MB for 90000 UAVs in one process"),
+    (("compare", "mfg", "hjb", "--seeds", "1", "--uavs", "90000"), "MB for 90000 UAVs in one process"),
+    (("sweep", "wind.sigma=0.1,0.2", *TO_ALL, "--uavs", "90000"), "MB for 90000 UAVs in one process"),
     (("list", "none"), "none: No such file"),
     (("list", "run"), "use `meanflock show run`"),
     (("list", "--json", "--html", "page.html"), "give one of them"),

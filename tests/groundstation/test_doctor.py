@@ -11,10 +11,10 @@ import pytest
 
 import meanflock as mf
 from meanflock import kernels
-from meanflock.groundstation import certs, disk, doctor
+from meanflock.groundstation import certs, disk, doctor, memory
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.disk import LARGE_SWARM
-from meanflock.groundstation.memory import MEGABYTE, available_mb, needed_mb
+from meanflock.groundstation.memory import MEGABYTE, PAIR_BYTES, available_mb, needed_mb
 from meanflock.kernels import sources
 from meanflock.swarm.scenario import load
 from tests.faults.conftest import scenario
@@ -147,7 +147,7 @@ def test_the_tightest_limit_of_all_groups_counts_without_reclaimable_cache_else_
     [(10**6, 200, "ok", ""), (1000, 200, "fails", "--uavs-per-process 25"), (100, 0, "fails", "--uavs N")],
 )
 def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, processes, verdict, remedy) -> None:
-    monkeypatch.setattr(doctor, "available_mb", lambda: (left_mb, "left of this container's limit"))
+    monkeypatch.setattr(memory, "available_mb", lambda: (left_mb, "left of this container's limit"))
     found = doctor.memory(200, processes)
     assert found.verdict == verdict
     assert f"{needed_mb(200, processes)} MB for 200 UAVs" in found.found
@@ -157,12 +157,12 @@ def test_the_doctor_compares_the_need_and_names_a_remedy(monkeypatch, left_mb, p
 
 @pytest.mark.parametrize("processes", [0, 4])
 def test_memory_that_grows_with_pairs_is_refused_with_the_largest_swarm_that_fits(monkeypatch, processes) -> None:
-    monkeypatch.setattr(doctor, "available_mb", lambda: (8000, "available"))
-    found = doctor.memory(10_000, processes, keeps_states=True)
+    monkeypatch.setattr(memory, "available_mb", lambda: (8000, "available"))
+    found = doctor.memory(10_000, processes, PAIR_BYTES)
     assert (found.verdict, "grows with N²" in found.remedy) == ("fails", True)
     most = int(found.remedy.split("--uavs ")[1].split(",")[0])
     assert 1000 < most < 10_000
-    fits = [doctor.memory(uavs, processes and -(-uavs // 2500), keeps_states=True) for uavs in (most, most + 10)]
+    fits = [doctor.memory(uavs, processes and -(-uavs // 2500), PAIR_BYTES) for uavs in (most, most + 10)]
     assert [one.verdict for one in fits] == ["ok", "fails"]
 
 
