@@ -1,13 +1,13 @@
 """`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.groundstation import memory
+from meanflock.groundstation.temporary import TemporaryFolder
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.means import Means
@@ -171,7 +171,7 @@ def _fly(
     try:
         if out is not None:
             return study.fly_all(points, jobs, show, Store(paths.given(out)))
-        with tempfile.TemporaryDirectory(prefix="meanflock-") as folder:
-            return study.fly_all(points, jobs, show, Store(Path(folder)), keeps=False)
+        with TemporaryFolder() as folder:
+            return study.fly_all(points, jobs, show, Store(folder.path), keeps=False)
     except study.Interrupted as error:
         raise KeyboardInterrupt(str(error)) from None

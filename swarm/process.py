@@ -22,6 +22,7 @@ from meanflock.swarm.net.access import DEFAULT_ENDPOINT, Identity
 if TYPE_CHECKING:
     import subprocess
 
+_OVERDUE_S = 1.0  # after the first signal
 _GRACE_S = 10.0  # for processes that notice the end of their launcher themselves
 _THREADS_S = 5.0  # most time for threads to end after everything else
 QUICK_S = 10.0  # a process that dies sooner has died quickly
@@ -102,6 +103,8 @@ class Interrupted:
 
     def __init__(self) -> None:
         self.at_once: Callable[[], str] | None = None  # called before an immediate end; returns the error text
+        self.overdue = ""  # shown if the process goes on for long after the first signal
+        self._timer: threading.Timer | None = None
         self._interrupted = False
         self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -109,6 +112,8 @@ class Interrupted:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -118,6 +123,10 @@ class Interrupted:
     def _note(self, number: int, _frame: object) -> None:
         if not self._interrupted:
             self._interrupted = True
+            if self.overdue:
+                self._timer = threading.Timer(_OVERDUE_S, logs.show, (self.overdue, logging.WARNING))
+                self._timer.daemon = True
+                self._timer.start()
             return
         if self.at_once is not None:
             with suppress(Exception):  # the process may be in any state

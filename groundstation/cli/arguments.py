@@ -4,6 +4,7 @@ Shell completion imports this module and those of the commands, so they import w
 """
 
 import logging
+import math
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
@@ -116,6 +117,20 @@ def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
     for text in dict.fromkeys(text for flown in flights for text in never(flown)):
         logs.show(f"warning: {text}", logging.WARNING)
     warn_of_lost_models(flights)
+
+
+class Positive(click.FloatRange):
+    """Option with a finite number of at least 0; `above`: more than 0."""
+
+    def __init__(self, *, above: bool = False) -> None:
+        super().__init__(0.0, min_open=above)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse a number; NaN is within every range of Click."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
 
 
 def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:

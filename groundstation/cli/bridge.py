@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from meanflock.groundstation.cli import completion
-from meanflock.groundstation.cli.arguments import PATH
+from meanflock.groundstation.cli.arguments import PATH, Positive
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
 
@@ -28,7 +28,7 @@ def bridge() -> None:
 @click.option("--tls", type=PATH, metavar="DIR", help="With --live: use the observer's certificate in DIR.")
 @click.option(
     "--wait",
-    type=click.FloatRange(0.0),
+    type=Positive(),
     default=60.0,
     show_default=True,
     metavar="SECONDS",
@@ -36,7 +36,7 @@ def bridge() -> None:
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(0.0, min_open=True),
+    type=Positive(above=True),
     metavar="FACTOR",
     help="Play a run so many times faster.  [default: 1]",
 )

@@ -4,7 +4,6 @@ import os
 import signal
 import site
 import subprocess
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Protocol, Self
 
 from meanflock import swarm
+from meanflock.groundstation.temporary import TemporaryFolder
 from meanflock.swarm.errors import printable_lines
 from meanflock.swarm.process import CHILD, READY
 
@@ -28,8 +28,8 @@ class Family:
     """Context of child processes, with a folder for their output. At its end no child is left."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="meanflock-")
-        self.folder = Path(self._folder.name)
+        self._folder = TemporaryFolder()
+        self.folder = self._folder.path
         # The reading end of this pipe is the standard input of every child. When this process dies, for any reason, the
         # children read the end of the pipe.
         self._stdin, self._hold = os.pipe()
@@ -67,7 +67,7 @@ class Family:
             if descriptor >= 0:
                 os.close(descriptor)
         self._hold = self._stdin = -1
-        self._folder.cleanup()
+        self._folder.delete()
 
 
 class Process(Protocol):

@@ -179,7 +179,7 @@ class Swarm(Family):
     def kill(self) -> None:
         """Kill all processes, for a process that ends itself at once."""
         kill_all(self._started() if self._forker is None else [self._forker.process])
-        self._folder.cleanup()
+        self._folder.delete()
 
     def close(self) -> None:
         """End all processes: SIGTERM, then SIGKILL. Later calls do nothing."""

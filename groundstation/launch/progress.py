@@ -101,9 +101,12 @@ def summary_table(summary: dict[str, object]) -> Table:
     def add(name: str, value: object, unit: str, digits: int = 2) -> None:
         table.add_row(name, shown(value, digits), unit)
 
-    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
     if summary["nodes_lost"]:
-        table.add_row("processes lost", f"{summary['nodes_lost']}", f"{summary['nodes_rejoined']} rejoined")
+        rejoined = f"{summary['nodes_rejoined']} rejoined"
+        if summary["nodes_rejoined"]:
+            rejoined += ": agents among them began anew, without what they had learned"
+        table.add_row("processes lost", f"{summary['nodes_lost']}", rejoined)
+    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
 
     def quantity(field: str, statistic: str, digits: int) -> None:
         known = FIELDS[field]

@@ -33,6 +33,7 @@ _STEP_S = 0.2  # between two looks at the processes
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
 _ON_ITS_WAY_S = 2.0  # after the world has ended
+_OVERDUE = "interrupted; the flight is still being completed, or a plug-in hangs: Ctrl-C again ends it at once"
 _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
 
@@ -90,6 +91,8 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
 
         outputs = stack.enter_context(Outputs(scenario, run_id, options, None if back is None else back.past))
         interrupted.at_once = outputs.give_up
+        if options.in_process:
+            interrupted.overdue = _OVERDUE
         try:
             if swarm is None:
                 outputs.summary = _in_process(scenario, run_id, options, outputs.sinks, interrupted, start)

@@ -95,6 +95,23 @@ def test_the_line_and_the_table_have_late_commands_in_real_time_alone(realtime: 
         assert (words in table) == (realtime is not None)
 
 
+@pytest.mark.parametrize(
+    ("lost", "rejoined", "says"),
+    [
+        (0, 0, ""),
+        (3, 0, "0 rejoined"),
+        (3, 2, "2 rejoined: agents among them began anew, without what they had learned"),
+    ],
+)
+def test_the_first_line_of_a_summary_says_that_agents_began_anew(lost: int, rejoined: int, says: str) -> None:
+    engine = Engine(FLOWN, "shown")
+    engine.world.counters.nodes_lost, engine.world.counters.nodes_rejoined = lost, rejoined
+    table = summary_table(engine.complete())
+    names, numbers, remarks = (list(column.cells) for column in table.columns)
+    assert (names[0] == "processes lost") == (lost > 0)
+    assert ((numbers[0], remarks[0]) == (str(lost), says)) == (lost > 0)
+
+
 @pytest.mark.parametrize("width", [60, 80, 160])
 def test_no_number_is_cut_off_on_a_narrow_terminal(width: int) -> None:
     out = io.StringIO()

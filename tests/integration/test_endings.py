@@ -2,6 +2,7 @@
 
 import json
 import signal
+import tempfile
 from pathlib import Path
 
 import psutil
@@ -10,6 +11,7 @@ import pytest
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.launch.children import environment
 from meanflock.groundstation.launch.processes import Swarm
+from meanflock.groundstation.temporary import TemporaryFolder
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.process import CHILD
 from tests.controller_files import controller_file
@@ -38,6 +40,40 @@ def test_a_controller_that_hangs_does_not_outlive_a_launcher_that_is_killed(comm
     run = command.folder.name
     launcher.kill()
     until(lambda: not processes_of(run), "the end of all processes", SOON_S)
+
+
+def test_ctrl_c_tells_that_a_controller_hangs_in_this_process_and_once_more_ends_it(command, tmp_path) -> None:
+    step = 'Path(__file__).with_suffix(".hangs").touch()\nwhile True:\n    pass'
+    plugin = controller_file(tmp_path, "hangs", step, top="from pathlib import Path")
+    flags = ("--in-process", "--quiet", "--plugin", str(plugin), "--method", "hangs", "--uavs", "2", "--no-record")
+    launcher = command.start(*flags)
+    until(plugin.with_suffix(".hangs").exists, "a controller that hangs")
+    launcher.send_signal(signal.SIGINT)
+    assert launcher.stderr.readline().startswith("interrupted; the flight is still being completed, or a plug-in hangs")
+    launcher.send_signal(signal.SIGINT)
+    _, err = launcher.communicate(timeout=SOON_S)
+    assert (launcher.returncode, err.startswith("error: interrupted twice, nothing was completed; ")) == (1, True)
+
+
+def test_the_folder_of_a_launcher_that_is_killed_is_deleted_by_the_next(
+    command, processes, tmp_path, monkeypatch
+) -> None:
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setenv("TMPDIR", str(place))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    foreign = place / "meanflock-of-another-program"
+    foreign.mkdir()
+    flags = ("--quiet", "--uavs", "2", "--no-record", "--set", "stop=duration", "--duration", "100000")
+    launcher = command.start(*flags)
+    until(lambda: len(held := set(place.glob("meanflock-*/.locked"))) == 2 and held, "its folders")
+    with TemporaryFolder() as own:
+        assert len(set(place.glob("meanflock-*/.locked"))) == 3  # of a process that lives, none is deleted
+        launcher.kill()
+        launcher.wait()
+        with TemporaryFolder() as other:
+            assert set(place.iterdir()) == {foreign, own.path, other.path}
+    assert set(place.iterdir()) == {foreign}
 
 
 def test_ctrl_c_ends_a_ground_station_that_waits_for_a_world(tmp_path: Path, processes: Processes) -> None:
