@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import BinaryIO, Literal, TypeAlias
 from zlib import crc32
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pyarrow import csv
 
@@ -179,9 +179,9 @@ def _opened(path: Path) -> pq.ParquetFile:
 
 def _checked(rows: pa.Table) -> pa.Table:
     """Rows with an entry of each UAV in every tick. Raises OSError if an entry is missing."""
-    lists = [field.name for field in rows.schema if pa.types.is_list(field.type) and field.name != "leader_model"]
-    uavs = {count for name in lists for count in pc.unique(pc.list_value_length(rows[name])).to_pylist()}
-    if len(uavs) > 1 or None in uavs:
+    lists = [rows[field.name] for field in rows.schema if pa.types.is_list(field.type) and field.name != "leader_model"]
+    counts = [np.diff(chunk.offsets.to_numpy()) for column in lists for chunk in column.chunks]
+    if len(np.unique(np.concatenate([[], *counts]))) > 1 or any(column.null_count for column in lists):
         raise OSError("damaged: not every tick has an entry of each UAV")
     return rows
 
