@@ -55,9 +55,7 @@ def test_ctrl_c_tells_that_a_controller_hangs_in_this_process_and_once_more_ends
     assert (launcher.returncode, err.startswith("error: interrupted twice, nothing was completed; ")) == (1, True)
 
 
-def test_the_folder_of_a_launcher_that_is_killed_is_deleted_by_the_next(
-    command, processes, tmp_path, monkeypatch
-) -> None:
+def test_the_folder_of_a_launcher_that_is_killed_is_deleted_by_the_next(command, tmp_path, monkeypatch) -> None:
     place = tmp_path / "temporary"
     place.mkdir()
     monkeypatch.setenv("TMPDIR", str(place))
