@@ -48,7 +48,8 @@ class Stepped:
         run = flight.finish()
 
     Faults, radio, meters and records are those of `mf.fly`, and so is the trajectory if you command what a controller
-    would. Many flights may interleave in one process.
+    would. Many flights may interleave in one process. A flight without `out=` can be pickled and deep-copied between
+    two steps, and the copy flies on alike.
 
     scenario: the scenario that is flown; its method is `stepped`. states: (N, 4), a copy of the UAVs' states
     [x, y, vx, vy], in m and m/s. received: the frames that the radio delivered to the UAVs since the last tick. over:
@@ -182,6 +183,22 @@ class Stepped:
         """Abandons the flight. Only needed with `out=`: its folder has the ticks that were flown."""
         self.over = True
         self._stack.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The flight, with the states of all ticks in place of their hash, which no pickle or copy can have.
+
+        Raises:
+            BadInput: the flight has files.
+        """
+        if self._flight.outputs is not None:
+            raise BadInput("a flight with out= cannot be copied: two flights would write its files; leave out= out")
+        self._world.flight.books.settle()
+        return self.__dict__ | {"_history": self._engine.states_since(self._flight.memory.blocks)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        history = state.pop("_history")
+        self.__dict__.update(state)
+        self._world.flight.books.rehash(history)
 
     def __enter__(self) -> Self:
         return self

@@ -32,6 +32,29 @@ def block_ticks(uavs: int) -> int:
     return max(1, min(_BLOCK_TICKS, _BLOCK_STATES // uavs))
 
 
+class TrajectoryHash:
+    """SHA-256 of the states of all ticks, as little-endian float64.
+
+    A copy or pickle has nothing of what was hashed, and cannot be used: see `Books.rehash`.
+    """
+
+    def __init__(self, states: state.States | None) -> None:
+        """`states`: those of the first ticks; None for a hash that cannot be used."""
+        self._hash: Any = None if states is None else hashlib.sha256(np.ascontiguousarray(states, dtype=_HASHED).data)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TrajectoryHash, (None,)
+
+    def add(self, states: state.States) -> None:
+        """Add the states of the next ticks, in order."""
+        self._hash.update(states.astype(_HASHED, copy=False).data)
+
+    @property
+    def hexdigest(self) -> str:
+        """The hash as text."""
+        return str(self._hash.hexdigest())
+
+
 class Books:
     """Sums over the ticks of a flight. `add` enters a tick, and `settle` adds all entered ticks to the sums.
 
@@ -57,7 +80,7 @@ class Books:
         self._dt = scenario.dt
         self._physics = physics
         self._most = block_ticks(uavs)
-        self._hash = hashlib.sha256(states.astype(_HASHED).tobytes())
+        self._hash = TrajectoryHash(states)
         # The entered ticks: states and hidden state after them, commands, and accelerations with gusts.
         self._states: list[state.States] = []
         self._hidden: list[Hidden] = []
@@ -69,7 +92,7 @@ class Books:
     @property
     def hexdigest(self) -> str:
         """Hash of the states of all settled ticks, as little-endian float64."""
-        return self._hash.hexdigest()
+        return self._hash.hexdigest
 
     def add(
         self,
@@ -113,7 +136,7 @@ class Books:
         felt = np.concatenate(self._felt)
         for block in (self._states, self._hidden, self._commands, self._felt):
             block.clear()
-        self._hash.update(states.astype(_HASHED, copy=False).data)
+        self._hash.add(states)
         power = self._physics.power(states, hidden, felt).reshape(shape)
         if self._waiting is not None:
             power = np.where(self._waiting, 0.0, power)
@@ -141,6 +164,10 @@ class Books:
         self._energies = [energies[ticks:]]
         return energies[:ticks]
 
+    def rehash(self, history: Floats) -> None:
+        """Begin the hash anew with the states (tick + 1, N, 4) of all settled ticks."""
+        self._hash = TrajectoryHash(history)
+
     def snapshot(self) -> dict[str, Any]:
         """The sums, for `restore`; the hash needs the states of all ticks."""
         self.settle()
@@ -153,7 +180,7 @@ class Books:
         for name in _ARRAYS:
             getattr(self, name)[...] = snapshot[name]
         self.speed_max = float(snapshot["speed_max"])
-        self._hash = hashlib.sha256(np.ascontiguousarray(history, dtype=_HASHED).tobytes())
+        self.rehash(history)
 
 
 def sums(begin: Floats, rows: Floats) -> Floats:

@@ -236,6 +236,12 @@ class Blocks:
             self._flush()
         self._mailer.publish()
 
+    @property
+    def filled(self) -> Floats:
+        """The states of the rows that are in no block yet, (rows, N, 4)."""
+        states: Floats = self._columns["states"][: self._filled]
+        return states
+
     def finish(self) -> int:
         """End the last block with the rows it has, and the events since; returns the number of the block after it."""
         self._parts.clear()

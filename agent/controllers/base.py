@@ -7,6 +7,7 @@ store it. Random numbers come from `swarm.seeds`, by the number of the UAV.
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
@@ -181,13 +182,12 @@ def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
     """
     speed = scenario.radio.plausible_speed
     farthest = float(np.hypot(*starts(scenario)[:, POSITION].T).max())
-    reach = farthest + speed * scenario.duration
+    return partial(_can_be, farthest + speed * scenario.duration, speed)
 
-    def can_be(states: Floats) -> Mask:
-        numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
-        squared = numbers * numbers
-        position, velocity = squared[:, X] + squared[:, Y], squared[:, VX] + squared[:, VY]
-        possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)
-        return possible
 
-    return can_be
+def _can_be(reach: float, speed: float, states: Floats) -> Mask:
+    numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
+    squared = numbers * numbers
+    position, velocity = squared[:, X] + squared[:, Y], squared[:, VX] + squared[:, VY]
+    possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)
+    return possible

@@ -43,7 +43,7 @@ class Filter:
         self.weights = inner.weights
         self.period_ticks = inner.period_ticks
         self.weighted = inner.weighted
-        self.recorded = inner.recorded
+        self.recorded = dict(inner.recorded)
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):

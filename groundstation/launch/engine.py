@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.clocks import Schedule, Stopwatch
 from meanflock.worldsim.crew import Crew, LocalCrew, Paced, Sink, fly, move
@@ -145,6 +146,11 @@ class Engine:
             world.note("finished", f"{record['arrived']} of {world.scenario.uavs} arrived")
             self._blocks.finish()
         return record
+
+    def states_since(self, blocks: Sequence[Telemetry]) -> Floats:
+        """The states (tick + 1, N, 4) of all ticks, of which `blocks` have the first."""
+        assert self._blocks is not None
+        return np.concatenate([*(block.states for block in blocks), self._blocks.filled])
 
     @property
     def models(self) -> Floats:
