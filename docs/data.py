@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from meanflock.groundstation.results import event_log, quantities, series
+from meanflock.groundstation.results import event_log, quantities, rounds_table, series
 from meanflock.groundstation.results.quantities import Field
 from meanflock.studies.frontier import record
 from meanflock.studies.leaderboard import board
@@ -50,6 +50,16 @@ def page() -> str:
         'pandas is installed. `run.to_csv(path, "tick")` or `--per tick` writes one row for each tick, without lists.',
         "Floats read back as the same float64; pandas before 3.1 needs",
         '`read_csv(path, float_precision="round_trip")` for that.',
+        "",
+        "## rounds.parquet",
+        "",
+        "One row for each round of the federation; there is no file without rounds. `run.rounds()` is the same table,",
+        "and `meanflock show RUN --rounds` prints it.",
+        "",
+        *_table(("column", "what"), ((f"`{name}`", about) for name, (_, about) in rounds_table.COLUMNS.items())),
+        "",
+        f"Then follow `{rounds_table.MEAN}…`, the mean of each diagnostic at the end of the round over the UAVs on the",
+        f"way, and `{rounds_table.METRIC}…`, what the learners report.",
         "",
         "## summary.json",
         "",

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -198,8 +199,8 @@ class Post:
         awake: NDArray[np.bool_],
         has_leader: bool,
         note: Note,
-    ) -> None:
-        """Closes the hops in which nodes sent `frames` in this tick, and notes what came of it.
+    ) -> list[RoundEnded]:
+        """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
 
         Args:
             on_air: what was transmitted in this tick, over `links` (K, 5). has_leader: whether a node leads.
@@ -208,10 +209,11 @@ class Post:
         if is_busy:
             self._open_accounts(tick, frames, awake)
         self._follow(tick, on_air, links)
+        ended: list[RoundEnded] = []
         if not is_busy:
-            return
-        if (ended := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
-            note("round", f"round {ended}: {end}")
+            return ended
+        if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
+            note("round", f"round {last}: {end}")
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
                 continue
@@ -221,9 +223,12 @@ class Post:
                 received = box.receivers(number) & awake
                 isolated, averaging = (int(np.count_nonzero(uavs)) for uavs in (awake & ~received, received))
                 self.isolated += isolated
-                self._end(hop, number, averaging, f"averaged by {averaging} UAVs", awake, has_leader, note, isolated)
+                found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
+                ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
-                self._end(hop, number, len(senders), _broadcast(hop, links), awake, has_leader, note)
+                reached = int(np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0)))
+                found = {"fragments": hop.coding.count, "reached": None if hop.coding.count > 1 else reached}
+                ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
                 for uav in hop.senders.tolist():
@@ -234,6 +239,7 @@ class Post:
             self._list_open()
         self._refused.clear()
         self._has_failed = False
+        return ended
 
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
@@ -315,55 +321,59 @@ class Post:
             account.refused |= self._refused
 
     def _end(
-        self,
-        hop: Hop,
-        number: int,
-        averaging: int,
-        end: str,
-        awake: NDArray[np.bool_],
-        has_leader: bool,
-        note: Note,
-        isolated: int = 0,
-    ) -> None:
-        """Counts a round that ends, and notes it.
+        self, hop: Hop, number: int, tick: int, awake: Mask, has_leader: bool, averaged: int, **found: Any
+    ) -> RoundEnded:
+        """Counts a round that ends.
 
         Args:
-            averaging: number of UAVs that averaged in it. end: what came of it, if any did. isolated: number of UAVs
-                that received nothing to average.
+            averaged: number of UAVs that averaged in it. found: further fields of the round.
         """
         account = self._accounts.pop(number, Account(0, 0, []))
-        words = account.words(*self._terms, isolated)
-        if averaging:
+        received = account.received
+        has_others = bool(received - account.refused - {self._scenario.federation.leader})
+        leads = hop.role == "leader"
+        outcome: Literal["averaged", "waiting", "void"] = "void"
+        reason = ""
+        if averaged:
             self.rounds += 1
             self._averaged = number
-            note("round", f"round {number}: {words}; {end}", account.sent)
-            return
-        has_others = bool(account.received - account.refused - {self._scenario.federation.leader})
-        if hop.role == "leader" and awake[hop.senders].any() and has_leader and has_others and not self._has_failed:
-            note("round", f"round {number}: {words}; the aggregation rule waits for more models", account.sent)
-            return
-        self.rounds_void += 1
-        reason = "no model of another UAV was averaged"
-        if hop.role == "leader" and not awake[hop.senders].any():
-            reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
-        elif hop.role == "leader" and not has_leader:
-            reason = "there is no leader"
-        elif has_others:
-            reason = "the aggregation rule failed"
-        note("void", f"round {number} is void: {reason}; {words}", account.sent)
+            outcome = "averaged"
+        elif leads and awake[hop.senders].any() and has_leader and has_others and not self._has_failed:
+            outcome = "waiting"
+        else:
+            self.rounds_void += 1
+            reason = "no model of another UAV was averaged"
+            if leads and not awake[hop.senders].any():
+                reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
+            elif leads and not has_leader:
+                reason = "there is no leader"
+            elif has_others:
+                reason = "the aggregation rule failed"
+        receiver, copy = self._terms
+        return RoundEnded(
+            tick,
+            number,
+            number * self._schedule.period,
+            outcome,
+            reason,
+            participants=account.participants,
+            absent=account.absent,
+            sent=tuple(account.sent),
+            received=tuple(sorted(received)),
+            late=tuple(sorted(account.late - received)),
+            refused=tuple(sorted(account.refused)),
+            receiver=receiver,
+            copies=account.copies,
+            arrived=account.arrived,
+            copy=copy,
+            earlier=account.earlier,
+            **found,
+        )
 
     @cached_property
-    def _terms(self) -> tuple[str, str]:
+    def _terms(self) -> tuple[int | None, str]:
         """The receiver of the uploads, if it is one UAV, and the name of their copies, if an upload has several."""
         upload = next(hop for hop in self._hops if hop.mail is None)
         targets = [] if upload.targets is None else np.unique(upload.targets[upload.senders]).tolist()
         copies = "fragments" if upload.coding.fragments is not None else "" if targets else "copies"
-        return f" by UAV {targets[0]}" if len(targets) == 1 else "", copies
-
-
-def _broadcast(hop: Hop, links: NDArray[np.int32]) -> str:
-    """Result of the broadcast of an average in a hop, over links (K, 5), in words."""
-    if hop.coding.fragments is not None:
-        return f"averaged and broadcast in {hop.coding.count} fragments"
-    received = np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0))
-    return f"averaged and broadcast, received by {received} UAVs"
+        return targets[0] if len(targets) == 1 else None, copies

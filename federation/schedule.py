@@ -20,6 +20,7 @@ class Schedule:
 
     Attributes:
         hops: of every round, in order.
+        period: ticks between two rounds, n0; 0 without rounds.
     """
 
     def __init__(self, scenario: Scenario, uavs: NDArray[np.intp] | None = None) -> None:
@@ -27,21 +28,21 @@ class Schedule:
         self._scenario = scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self.hops: tuple[Hop, ...] = scenario.hops
-        self._period = scenario.period_ticks if self.hops else 0
-        self._phases = {hop.after % self._period for hop in self.hops}
+        self.period = scenario.period_ticks if self.hops else 0
+        self._phases = {hop.after % self.period for hop in self.hops}
         self._over = 0  # ticks from the opening of a round to the last arrival of its last fragment; 0 for whole models
         if self.hops and self.hops[-1].coding.fragments is not None and not self.hops[-1].is_local:
             self._over = self.hops[-1].after + self.hops[-1].coding.ticks - 1 + scenario.hop_ticks
-            self._phases.add(self._over % self._period)
+            self._phases.add(self._over % self.period)
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def is_busy(self, tick: int) -> bool:
         """Returns whether any hop may transmit in this tick."""
-        return self._period > 0 and tick % self._period in self._phases
+        return self.period > 0 and tick % self.period in self._phases
 
     def opens(self, tick: int) -> int:
         """The round that opens in this tick (tick = k·n0), or 0."""
-        return tick // self._period if self._period and tick > 0 and tick % self._period == 0 else 0
+        return tick // self.period if self.period and tick > 0 and tick % self.period == 0 else 0
 
     def number(self, hop: Hop, tick: int) -> int:
         """The round whose `hop` transmits in this tick, when all earlier mail has arrived or is lost; or 0."""
@@ -62,11 +63,11 @@ class Schedule:
 
     def age(self, number: int, tick: int) -> int:
         """Ticks since a round opened."""
-        return tick - number * self._period
+        return tick - number * self.period
 
     def is_open(self, tick: int) -> bool:
         """Returns whether mail of a round may arrive in this tick, or its last hop transmit."""
-        return self._period > 0 and tick > self._period and (tick - 1) % self._period < self.hops[-1].after
+        return self.period > 0 and tick > self.period and (tick - 1) % self.period < self.hops[-1].after
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
@@ -78,10 +79,10 @@ class Schedule:
 
     def draw_ahead(self) -> None:
         """Draws the participants of the flight's rounds, or of the first of very many, while nobody waits."""
-        if not self._period:
+        if not self.period:
             return
         most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
-        self._draw_next(1, min(most, self._scenario.max_ticks // self._period))
+        self._draw_next(1, min(most, self._scenario.max_ticks // self.period))
 
     def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         if number not in self._drawn:

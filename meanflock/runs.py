@@ -12,12 +12,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from meanflock.groundstation.results.event_log import row_of, stored_lines
+from meanflock.groundstation.results.rounds_table import rounds_table, stored_rounds
 from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
 from meanflock.groundstation.results.series import long_form, rows_of, states_of
 from meanflock.groundstation.results.summary_file import read_summary
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
 from meanflock.swarm import paths, scenario
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
@@ -63,6 +65,21 @@ class Run:
             return [json.loads(line) for line in stored_lines(path)]
         except ValueError as error:
             raise BadInput(f"{path}: damaged: {error}; fly the run again") from error
+
+    def rounds(self) -> pa.Table:
+        """The rounds of the federation as a PyArrow table, a row each; no rows without rounds.
+
+        Columns: round, tick, sim_time_s, opened_s, outcome, counts of uploads, `bits` and `airtime_s` since take-off,
+        and the means `mean_…` of the diagnostics at the end of the round over the UAVs on the way; see docs/data.md.
+
+        Raises:
+            BadInput: the file of events is damaged or missing.
+        """
+        if self._blocks:
+            events = [event for block in self._blocks for event in block.events]
+            return rounds_table((event for event in events if isinstance(event, RoundEnded)), self.scenario.dt)
+        assert self.folder is not None
+        return rounds_table(stored_rounds(self.folder / EVENTS), self.scenario.dt)
 
     @property
     def recording(self) -> Path | None:

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from meanflock.channel.medium import Cut, Indices
 from meanflock.swarm import state
+from meanflock.swarm.events import Event
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import Event
 
 
 class Script:

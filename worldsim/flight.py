@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import mission, state
+from meanflock.swarm.events import Event, FlightEvent
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
-from meanflock.swarm.wire.messages import Event, Status
+from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.vehicles.base import Physics
 
@@ -181,7 +182,7 @@ class Flight:
         self.clipped = 0
         self.speed_difference_sum = 0.0
         self.near_sum = 0
-        self.events: list[Event] = []
+        self.events: list[FlightEvent] = []
         self._physics = Physics(scenario)
         self.states: state.States = mission.starts(scenario)
         self.hidden = self._physics.init()

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Finished, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 from meanflock.worldsim.checkpoint import MAX_BYTES, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -254,7 +255,7 @@ class Blocks:
         self.block = block
         self._first_tick = first_tick
         self._filled = 0
-        self._events: list[Event] = []
+        self._events: list[FlightEvent] = []
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
 

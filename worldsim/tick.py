@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.mailbox import Letter
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.state import Floats, Mask, Plane, States
-from meanflock.swarm.wire.messages import NOBODY, Act, Event, Frames
+from meanflock.swarm.wire.messages import NOBODY, Act, Frames
 from meanflock.worldsim.checkpoint import Memories
 
 Uavs: TypeAlias = NDArray[np.intp]
@@ -117,6 +118,6 @@ class Row(NamedTuple):
     accelerations: Plane
     diagnostics: Floats
     links: NDArray[np.int32]
-    events: list[Event]
+    events: list[FlightEvent]
     weights: tuple[Floats, float] | None = None
     memories: Memories | None = None

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from msgspec import structs
 
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
@@ -10,9 +11,10 @@ from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.events import Event, RoundEnded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
-from meanflock.swarm.wire.messages import Event, Frames
+from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters, weight_spread
@@ -124,7 +126,8 @@ class World:
         self.models.add(frames)
         on_air = post.transmitted(frames, awake)
         links = self.air.send(tick, on_air, states, self._script.cut(tick, states))
-        post.close(tick, frames, on_air, links, awake, acts.has_leader, self.note)
+        for ended in post.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
+            flight.events.append(self._completed(ended, awake & ~absent))
         flight.advance(self.commands.accelerations, self._script.gust(tick, states))
         if flight.last_arrival == flight.tick:
             self.air.meter.mark()
@@ -250,6 +253,15 @@ class World:
         if new := sorted(uavs - self.counters.implausible):
             self.counters.implausible |= uavs
             self.note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
+
+    def _completed(self, ended: RoundEnded, replied: Mask) -> RoundEnded:
+        """A round with what it cost so far, and the means of the diagnostics of UAVs that `replied` (N,)."""
+        meter = self.air.meter
+        counted = self.commands.diagnostics[replied & self.flight.on_way]
+        names = self.scenario.declared.diagnostics
+        means = dict(zip(names, counted.mean(axis=0).tolist(), strict=True)) if len(counted) else {}
+        bits, airtime_s = int(meter.total("payload_bits")), meter.total("airtime_s")
+        return structs.replace(ended, bits=bits, airtime_s=airtime_s, diagnostics=means)
 
     def _learned(self, models: Floats, alive: Mask) -> tuple[Floats, float] | None:
         """The weights of the leader's UAV, and the spread of the models (N, W) of all UAVs that are `alive` (N,)."""

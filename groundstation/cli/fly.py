@@ -82,8 +82,12 @@ def run(
 ) -> None:
     """Fly a scenario once, by default the paper's.
 
-    SCENARIO is a TOML file, or the name of one that comes with meanflock: crowd, faults, gusts, hierarchical, lossy,
-    obstacles, paper, paper-exchanged, paper-printed, paper-slow, streams, swap, unknown, windmap, windy.
+    SCENARIO is a TOML file, or the name of one that comes with meanflock:
+
+    \b
+    crowd, faults, gusts, hierarchical, lossy, obstacles, paper,
+    paper-exchanged, paper-printed, paper-slow, streams, swap, unknown,
+    windmap, windy.
 
     Results are written to OUT/<id>/: summary, time series, events, recording.
 

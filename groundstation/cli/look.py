@@ -82,23 +82,32 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 @click.option(
     "--per", type=click.Choice(("uav", "tick")), help="Rows of that file: tick and UAV, or tick.  [default: uav]"
 )
+@click.option(
+    "--over",
+    type=click.Choice(("rounds", "seconds", "bits", "airtime")),
+    help="Plot learning curves over these instead.",
+)
 @quiet_option
-def plot(folder: Path, csv_file: Path | None, per: "Per | None", quiet: bool) -> None:
+def plot(folder: Path, csv_file: Path | None, per: "Per | None", over: str | None, quiet: bool) -> None:
     """Plot paths and time series of a run, or write them as CSV.
 
-    RUN is its folder; the plots are written to RUN/plots, as PNG and SVG.
+    RUN is its folder; the plots are written to RUN/plots, as PNG and SVG. With --over they are learning curves: the
+    diagnostics and metrics at the end of each round.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
     """
     if csv_file is None:  # first: without Matplotlib nothing is written
         from meanflock.groundstation.plots import plotstyle
+        from meanflock.groundstation.plots.rounds import plot_rounds
         from meanflock.groundstation.plots.run import plot_run
     from meanflock.groundstation.results.run_folder import alone, completed, flown_rows
     from meanflock.groundstation.results.timeseries_file import write_csv
 
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
+    if over is not None and csv_file is not None:
+        raise BadInput("--over and --csv: give one of them")
     if per is not None and csv_file is None:
         raise BadInput(f"--per {per}: it is about the rows of --csv FILE.csv; give that too")
     with alone(folder):
@@ -106,6 +115,8 @@ def plot(folder: Path, csv_file: Path | None, per: "Per | None", quiet: bool) ->
     if csv_file is not None:
         with progress_of("writing", quiet, "ticks") as show:
             written = [write_csv(flown_rows(folder), csv_file, per or "uav", show)]
+    elif over is not None:
+        written = plotstyle.write(plot_rounds(folder, over), folder / "plots")
     else:
         written = plotstyle.write(plot_run(folder), folder / "plots")
     report(written)

@@ -1,6 +1,8 @@
 """Tables of stored runs in a terminal, and the same as JSON records."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -8,10 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from meanflock.groundstation.cli.tables import console_for
+from meanflock.groundstation.cli.tables import WIDTH, console_for
 from meanflock.groundstation.launch.progress import summary_table
+from meanflock.groundstation.results.flown import flown_keys
 from meanflock.groundstation.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
+from meanflock.groundstation.results.rounds_table import MEAN, METRIC, rounds_table, stored_rounds
 from meanflock.groundstation.results.run_difference import Difference
+from meanflock.groundstation.results.run_folder import EVENTS
 from meanflock.groundstation.results.scenario_keys import changed_keys, nearest
 from meanflock.groundstation.results.stored_run import StoredRun
 from meanflock.swarm.errors import printable
@@ -21,6 +26,7 @@ _ABOUT = {  # of the files of a run folder
     "summary.json": "the results",
     "timeseries.parquet": "a row for each tick: `meanflock plot`",
     "events.jsonl": "a line for each event",
+    "rounds.parquet": "a row for each round: `meanflock show --rounds`",
     "recording.rrd": "the recording: `meanflock view`, `picture`",
     "checkpoint.msgpack": "from here `meanflock resume` continues",
     ".telemetry": "rows of the time series so far",
@@ -116,6 +122,67 @@ def print_run(run: StoredRun) -> None:
     for name, size in _files(run).items():
         files.add_row(escape(printable(name)), bits(size, "B"), _ABOUT.get(name, ""))
     _print_titled("Files", files)
+
+
+_COUNTS = ("lost", "silent", "absent", "late", "refused", "isolated", "retries")  # shown where any is above 0
+_SPARED = ("airtime\n(s)", "received", "absent", "silent")  # left out of a narrow terminal, in this order
+
+
+def print_rounds(folder: Path, as_json: bool) -> None:
+    """Print the rounds of a run: a table, or all columns as JSON.
+
+    Raises:
+        BadInput: no run there, or its events are damaged.
+    """
+    table = rounds_table(stored_rounds(folder / EVENTS), flown_keys(folder).dt)
+    if as_json:
+        print(json.dumps(table.to_pylist(), indent=1))
+        return
+    if not table.num_rows:
+        print(f"{folder}: the run has no rounds")
+        return
+    means = [name for name in table.column_names if name.startswith((MEAN, METRIC))]
+    counts = [name for name in _COUNTS if any(table[name].to_pylist())]
+    is_even = set(table["outcome"].to_pylist()) == {"averaged"}
+    rows = [
+        {
+            "round": str(row["round"]),
+            "time\n(s)": f"{row['sim_time_s']:g}",
+            **({} if is_even else {"outcome": row["outcome"]}),
+            **{name: str(row[name]) for name in ("sent", "received", *counts)},
+            "sent\nso far": bits(row["bits"], "bit"),
+            "airtime\n(s)": f"{row['airtime_s']:.3g}",
+            **{_head(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
+        }
+        for row in table.to_pylist()
+    ]
+    shown = next(
+        (one for left_out in range(len(_SPARED)) if _width(one := _rounds(rows, _SPARED[:left_out])) <= WIDTH),
+        _rounds(rows, _SPARED),
+    )
+    if any(name.startswith(MEAN) for name in means):
+        shown.caption = "Diagnostics are means over the UAVs on the way when the round ended."
+        shown.caption_justify = "left"
+    console_for(shown).print(shown)
+
+
+def _rounds(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
+    names = [name for name in rows[0] if name not in left_out]
+    shown = _headed(*names)
+    for column in shown.columns:
+        column.justify, column.no_wrap = "right", True
+    for row in rows:
+        shown.add_row(*(row[name] for name in names))
+    return shown
+
+
+def _width(table: Table) -> int:
+    return Console(width=_WIDE).measure(table).maximum
+
+
+def _head(column: str) -> str:
+    """The heading of a mean or metric, broken into lines."""
+    return column.removeprefix(MEAN).removeprefix(METRIC).replace("_", "_\n")
 
 
 def _files(run: StoredRun) -> dict[str, int]:

@@ -52,19 +52,23 @@ def list_runs(folder: Path, as_json: bool, html: Path | None, quiet: bool) -> No
 @click.command()
 @run_argument
 @_json_option
-def show(folder: Path, as_json: bool) -> None:
+@click.option("--rounds", is_flag=True, help="Show the rounds of the federation instead, a line each.")
+def show(folder: Path, as_json: bool, rounds: bool) -> None:
     """Show a run: what was flown, what came of it, and its files.
 
-    RUN is its folder. Of the scenario it shows the keys that differ from the paper's.
+    RUN is its folder. Of the scenario it shows the keys that differ from the paper's. With --rounds it shows what
+    became of the uploads of each round, what was sent until its end, and the means of the diagnostics then.
 
     \b
-    Example: meanflock show runs/20261121-101500-mfgfl-hf-s7
+    Example: meanflock show runs/20261121-101500-mfgfl-hf-s7 --rounds
     """
     from meanflock.groundstation.cli import run_tables
     from meanflock.groundstation.results.stored_run import stored_run
 
     run = stored_run(folder)
-    if as_json:
+    if rounds:
+        run_tables.print_rounds(folder, as_json)
+    elif as_json:
         click.echo(json.dumps(run_tables.full_record(run), indent=1))
     else:
         run_tables.print_run(run)

@@ -24,7 +24,8 @@ from meanflock.groundstation.results.flown import Flight, Flown, Piece
 from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY
 from meanflock.groundstation.results.series import per_uav
 from meanflock.swarm import __version__, durable, mission, paths
-from meanflock.swarm.wire.messages import Event, Status
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.wire.messages import Status
 
 TRANSFORMS = "/tf"
 UAVS = "/uavs"
@@ -148,7 +149,7 @@ class _Export:
             transform.rotation.w = w
         return message
 
-    def _event(self, event: Event) -> None:
+    def _event(self, event: FlightEvent) -> None:
         time_ns = round(event.tick * self._flight.scenario.dt * NANOSECONDS)
         level = Log.Level.Value({"WARN": "WARNING"}.get(severity := event_level(event), severity))
         message = Log(level=level, message=event_text(event), name=event.kind)

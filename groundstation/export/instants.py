@@ -7,7 +7,8 @@ import numpy as np
 
 from meanflock.groundstation.results.flown import Flown, Piece
 from meanflock.groundstation.results.series import per_uav, states_of
-from meanflock.swarm.wire.messages import Event, Status
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.wire.messages import Status
 
 MAP = "map"  # the frame of all positions: goal at the origin, x and y as in the scenario, z up
 NANOSECONDS = 1_000_000_000
@@ -25,7 +26,7 @@ class Instant(NamedTuple):
     states: list[list[float]]
     headings: list[list[float]]
     status: list[int]
-    events: list[Event]
+    events: list[FlightEvent]
 
 
 def instants(piece: Piece) -> Iterator[Instant]:

@@ -17,7 +17,8 @@ from meanflock.groundstation.results.flown import Flight, Piece
 from meanflock.groundstation.results.series import diagnostics_in
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.wire.messages import Event, Status
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.wire.messages import Status
 
 POSES = "/swarm/poses"
 STATES = "/swarm/states"
@@ -162,7 +163,7 @@ class _Export:
         pairs = [self._make["KeyValue"](key, "" if value is None else str(value)) for key, value in values.items()]
         return self._make["DiagnosticStatus"](level, f"meanflock: {subject}", message, subject, pairs)
 
-    def _event(self, event: Event) -> None:
+    def _event(self, event: FlightEvent) -> None:
         make = self._make["Log"]
         time_ns = round(event.tick * self._dt * NANOSECONDS)
         level = getattr(make, event_level(event))

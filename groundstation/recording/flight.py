@@ -13,8 +13,9 @@ from meanflock.groundstation.results.event_log import event_level, event_text
 from meanflock.groundstation.results.quantities import PHI_G
 from meanflock.groundstation.results.series import COLUMN, Reported
 from meanflock.swarm import state
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import Event, FrameKind, Status
+from meanflock.swarm.wire.messages import FrameKind, Status
 
 TRAIL_STEP_S = 0.5  # length of a piece of a trail
 LINKS_PER_TICK = 2000  # links of a tick that are drawn; the numbers count all
@@ -109,7 +110,9 @@ def _link_lines(entity: str, ticks: Ticks, positions: Floats, links: Links) -> S
     return entity, at.astype(np.int64), columns
 
 
-def event_rows(ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: Sequence[Event]) -> Iterator[Sent]:
+def event_rows(
+    ticks: Ticks, positions: Floats, swarm: NDArray[np.float64], events: Sequence[FlightEvent]
+) -> Iterator[Sent]:
     """Lines of the log, marks on the map, and a mark on the risk at each collision.
 
     Args:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.federation.account import Shares
 from meanflock.groundstation.recording.drawing import (
     BLUE,
     COLLISION,
@@ -26,6 +25,7 @@ from meanflock.groundstation.recording.drawing import (
 from meanflock.groundstation.results import quantities
 from meanflock.groundstation.results.series import BITS_SENT, COLUMN, Reported, log_sizes, span, span_where
 from meanflock.swarm import state
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.wire.messages import Status, Telemetry
 
 PLOTS = "plots"
@@ -148,9 +148,15 @@ def _diagnostic_rows(plot: Plot, ticks: Ticks, values: NDArray[Any], active: NDA
         yield from scalars(plot.entity, ticks[flown], span_where(values[flown], active[flown]))
 
 
-def percentages(rounds: Sequence[Shares]) -> NDArray[np.float64]:
-    """The lines of `ROUNDS`, (R, 3)."""
-    lines = [(each.received, each.late, each.silent) for each in rounds]
+def percentages(rounds: Sequence[RoundEnded]) -> NDArray[np.float64]:
+    """The lines of `ROUNDS`, (R, 3), NaN where there is nothing to share."""
+    lines = []
+    for each in rounds:
+        sent = len(each.sent)
+        arrived, copies = (each.arrived, each.copies) if each.copy and each.copies else (len(each.received), sent)
+        received = arrived / copies if copies else np.nan
+        late = len(each.late) / sent if sent else np.nan
+        lines.append((received, late, each.silent / each.participants if each.participants else np.nan))
     return 100.0 * np.array(lines, dtype=np.float64).reshape(len(rounds), len(ROUNDS.names))
 
 

@@ -27,7 +27,8 @@ from meanflock.groundstation.results.series import Reported, block_of, unbroken
 from meanflock.groundstation.results.timeseries_file import Past, past
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.wire.messages import Event, Telemetry
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.wire.messages import Telemetry
 
 _BLOCK_TICKS = 500
 
@@ -177,7 +178,7 @@ def missing(folder: Path, series: Past, present: Recorded, uavs: int) -> Iterato
         raise BadInput(f"{folder}: time series or events are damaged ({error})") from error
 
 
-def _events(folder: Path, series: Past, uavs: int) -> list[Event]:
+def _events(folder: Path, series: Past, uavs: int) -> list[FlightEvent]:
     """Read the events; raises BadInput if some are missing or damaged."""
     view = f", or look at what there is: `meanflock view {folder / RECORDING}`"
     remedy = f"bring the file back{view if (folder / RECORDING).exists() else ''}"

@@ -12,15 +12,15 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from meanflock.federation.account import Shares, shares
 from meanflock.federation.schedule import drawn
 from meanflock.groundstation.disk import LARGE_SWARM
 from meanflock.groundstation.recording import blueprint, plots
 from meanflock.groundstation.recording.drawing import Colors, Sent, Ticks, cut, scalars
 from meanflock.swarm import faults
+from meanflock.swarm.events import FlightEvent, RoundEnded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask
-from meanflock.swarm.wire.messages import Event, FrameKind, Status
+from meanflock.swarm.wire.messages import FrameKind, Status
 
 Links = NDArray[np.int32]  # (K, 5), as in `Telemetry.links`
 
@@ -51,29 +51,31 @@ class RoundRows:
         self._last, self._is_over = -1, True  # tick of its last links, and whether its event has come
         self._refused: set[int] = set()
 
-    def rows(self, ticks: Ticks, links: Links, events: Sequence[Event], status: NDArray[np.uint8]) -> Iterator[Sent]:
+    def rows(
+        self, ticks: Ticks, links: Links, events: Sequence[FlightEvent], status: NDArray[np.uint8]
+    ) -> Iterator[Sent]:
         """The rounds, by links (K, 5), events, and status (T, N) at ticks (T,); all follow those of earlier calls."""
-        accounts = [(event, found) for event in events if (found := _account(event)) is not None]
-        ends = np.array([event.tick for event, _ in accounts], dtype=np.int64)
-        yield from scalars(plots.ROUNDS.entity, ends, plots.percentages([found for _, found in accounts]))
+        ended = [event for event in events if isinstance(event, RoundEnded)]
+        ends = np.array([each.tick for each in ended], dtype=np.int64)
+        yield from scalars(plots.ROUNDS.entity, ends, plots.percentages(ended))
         if self._is_drawn:
             lost = status[np.clip(np.searchsorted(ticks, ends), 0, len(ticks) - 1)] == Status.LOST
-            yield from self._graphs(links, events, accounts, lost)
+            yield from self._graphs(links, events, ended, lost)
 
     def _graphs(
-        self, links: Links, events: Sequence[Event], accounts: list[tuple[Event, Shares]], lost: NDArray[np.bool_]
+        self, links: Links, events: Sequence[FlightEvent], ended: list[RoundEnded], lost: NDArray[np.bool_]
     ) -> Iterator[Sent]:
         links = links[(links[:, 3] == FrameKind.UPLOAD) | (links[:, 3] == FrameKind.RELAY)]
         refusals = [event for event in events if event.kind == "refused" and event.uavs]
-        at = sorted({*links[:, 0].tolist(), *(event.tick for event, _ in accounts)})
+        at = sorted({*links[:, 0].tolist(), *(each.tick for each in ended)})
         drawings: list[Drawing] = []
         for tick in at:
             self._add(links[links[:, 0] == tick])
             colors, labels = self._provisional(), self._names
             self._refused.update(uav for event in refusals if event.tick == tick for uav in event.uavs)
-            for (event, found), is_lost in zip(accounts, lost, strict=True):
-                if event.tick == tick:
-                    colors, labels = self._final(event, found, is_lost), self._labelled(found, is_lost)
+            for each, is_lost in zip(ended, lost, strict=True):
+                if each.tick == tick:
+                    colors, labels = self._final(each, is_lost), self._labelled(each, is_lost)
                     self._is_over = True
             drawings.append(Drawing(colors, labels, self._edges()))
         if drawings:
@@ -110,12 +112,12 @@ class RoundRows:
             colors[self._centre] = blueprint.CENTRE
         return colors
 
-    def _final(self, event: Event, found: Shares, lost: Mask) -> Colors:
+    def _final(self, ended: RoundEnded, lost: Mask) -> Colors:
         """Colours at the end of the round, (N,). lost: the UAVs that are lost, (N,)."""
         colors, scenario = self._provisional(), self._scenario
-        sent = np.array(event.uavs, dtype=np.intp)
-        paused = faults.paused(scenario.faults, found.number * scenario.period_ticks, scenario.dt)
-        silent = np.setdiff1d(drawn(scenario, found.number), [*sent, *np.flatnonzero(lost), *paused])
+        sent = np.array(ended.sent, dtype=np.intp)
+        paused = faults.paused(scenario.faults, ended.opened, scenario.dt)
+        silent = np.setdiff1d(drawn(scenario, ended.number), [*sent, *np.flatnonzero(lost), *paused])
         colors[silent] = blueprint.OUTCOMES["silent"]
         own = np.setdiff1d(sent, self._links[:, 1])  # no UAV in range, or the UAV that averages
         colors[own] = blueprint.OUTCOMES["received" if self._centre is not None else "lost"]
@@ -124,9 +126,9 @@ class RoundRows:
             colors[self._centre] = blueprint.CENTRE
         return colors
 
-    def _labelled(self, found: Shares, lost: Mask) -> list[str]:
+    def _labelled(self, ended: RoundEnded, lost: Mask) -> list[str]:
         """Names of the UAVs, with a word at those that received nothing and average for themselves."""
-        if not found.isolated:
+        if not ended.isolated:
             return self._names
         received = {*self._delivered()[:, 2].tolist(), *np.flatnonzero(lost).tolist()}
         return [name if uav in received else f"{name} isolated" for uav, name in enumerate(self._names)]
@@ -154,7 +156,3 @@ class RoundRows:
         nodes = (_COLORS, rr.components.ColorBatch(shades)), (_LABELS, rr.components.TextBatch(words))
         lengths = np.array([len(each.edges) for each in drawings])
         return [*cut(len(drawings), *nodes), rr.ComponentColumn(_EDGES, joined, lengths=lengths)]
-
-
-def _account(event: Event) -> Shares | None:
-    return shares(event.text) if event.kind in ("round", "void") else None

@@ -9,7 +9,7 @@ from typing import IO, Any
 
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput, printable
-from meanflock.swarm.wire.messages import Event
+from meanflock.swarm.events import Event, FlightEvent, RoundEnded, fields_of, round_of
 
 FIELDS = {  # of a line
     "tick": "number of the tick",
@@ -17,6 +17,7 @@ FIELDS = {  # of a line
     "kind": "one of the kinds below",
     "text": "what happened, in words",
     "uavs": "numbers of the UAVs concerned, if there are any",
+    "round": "of the end of a round: all that is in a row of rounds.parquet, and the UAVs by number",
 }
 KINDS = {  # of events
     "joined": "all nodes have joined; the flight begins",
@@ -66,7 +67,7 @@ class EventLog:
         """Bytes so far."""
         return os.fstat(self._file.fileno()).st_size
 
-    def append(self, events: Iterable[Event]) -> None:
+    def append(self, events: Iterable[FlightEvent]) -> None:
         """Append events, a line each. Raises OSError if there is no room; a part may be written."""
         self.write("".join(json.dumps(row_of(event, self._dt)) + "\n" for event in events).encode())
 
@@ -87,18 +88,19 @@ class EventLog:
         self._file.close()
 
 
-def row_of(event: Event, dt: float) -> dict[str, Any]:
+def row_of(event: FlightEvent, dt: float) -> dict[str, Any]:
     """An event as a row of the file; a tick takes `dt` seconds."""
     row = {"tick": event.tick, "sim_time_s": round(event.tick * dt, 6), "kind": event.kind}
-    return {**row, "text": event.text, "uavs": list(event.uavs)}
+    row |= {"text": event.text, "uavs": list(event.uavs)}
+    return row | {"round": fields_of(event)} if isinstance(event, RoundEnded) else row
 
 
-def event_text(event: Event) -> str:
+def event_text(event: FlightEvent) -> str:
     """An event as a log shows it."""
     return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")
 
 
-def event_level(event: Event) -> str:
+def event_level(event: FlightEvent) -> str:
     """The severity of an event in a log."""
     return LEVELS.get(event.kind, "INFO")
 
@@ -111,7 +113,7 @@ def lock(file: IO[Any], folder: Path) -> None:
         raise BadInput(f"{folder}: another process still writes this run; let it end first") from error
 
 
-def past_events(path: Path, size: int, uavs: int, remedy: str) -> list[Event]:
+def past_events(path: Path, size: int, uavs: int, remedy: str) -> list[FlightEvent]:
     """Read the events in the first `size` bytes of the file.
 
     Raises:
@@ -136,9 +138,13 @@ def stored_lines(path: Path) -> list[bytes]:
         raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
 
 
-def _event(row: Any, uavs: int) -> Event:
+def _event(row: Any, uavs: int) -> FlightEvent:
     """Parse a row; raises ValueError, TypeError, KeyError or OverflowError if it is invalid."""
-    event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
+    event: FlightEvent
+    if "round" in row:
+        event = round_of(row["round"])
+    else:
+        event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
     if event.tick < 0 or any(not 0 <= uav < uavs for uav in event.uavs):
         raise ValueError(f"an event of tick {event.tick} and UAVs {event.uavs}")
     return event

@@ -15,8 +15,8 @@ from meanflock.groundstation.results.run_folder import EVENTS, SCENARIO, SUMMARY
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
-from meanflock.swarm.wire.messages import Event
 
 _MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
@@ -63,7 +63,7 @@ class Piece(NamedTuple):
     """Rows of the time series, and the events up to the last of them since the piece before."""
 
     rows: pa.Table
-    events: list[Event]
+    events: list[FlightEvent]
 
 
 class Flight:

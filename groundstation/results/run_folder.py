@@ -16,6 +16,7 @@ import pyarrow as pa
 from meanflock.groundstation.results import flown_plugins, inbound
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events, stored_lines
 from meanflock.groundstation.results.quantities import check_diagnostics
+from meanflock.groundstation.results.rounds_table import write_rounds
 from meanflock.groundstation.results.series import block_of, unbroken
 from meanflock.groundstation.results.spool import Spool
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
@@ -93,6 +94,7 @@ class RunFolder:
         self.last_tick = -1
         self._new = False  # whether this object may delete the folder
         self._owner = os.getpid()
+        self._has_rounds = flown.declared.is_federated
         self.files = [SCENARIO, EVENTS, TIMESERIES]  # that must be there at the end
         sources = flown_plugins.files(flown) if past is None else {}
         try:
@@ -263,6 +265,8 @@ class RunFolder:
             elif self._full is None:  # without room the rows stay in the spool, as after a kill
                 if SPOOL not in gone:
                     recover(self.path)
+                if EVENTS not in gone and self._has_rounds:
+                    write_rounds(self.path, self.path / EVENTS, self._flown.dt)
                 gone += [name for name in self.files if not (self.path / name).exists() and name not in gone]
                 if gone and failure is None:
                     raise RunFailed(

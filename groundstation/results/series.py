@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from meanflock.channel.meter import TRAFFIC
 from meanflock.groundstation.results.quantities import PHI_G, Field, columns
 from meanflock.swarm.declared import Declared
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, Status, Telemetry
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status, Telemetry
 
 COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}  # of `Telemetry.swarm`
 BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
@@ -97,7 +98,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
     )
 
 
-def block_of(rows: pa.Table, number: int, events: tuple[Event, ...] = ()) -> Telemetry:
+def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) -> Telemetry:
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
     reported = rows.filter(rows["leader_model"].is_valid())
     reports = reported["leader_model"].to_pylist()

@@ -125,6 +125,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         Raises:
             BadInput: no such file or scenario, bad TOML, or an invalid scenario.
         """
+        if not isinstance(source, str | Path):
+            raise BadInput(f"scenario: {source!r}; give the name of a shipped one, a TOML file or a Scenario")
         path = paths.given(source)
         path = path if path.suffix else toml.FOLDER / f"{path}.toml"
         return with_keys(toml.read(path, "scenario"), settings, cls, str(source))

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import msgspec
 import numpy as np
 
+from meanflock.swarm.events import Event, FlightEvent
 from meanflock.swarm.plugins import PluginKind
 
 
@@ -111,15 +112,6 @@ class Stop(_Message, frozen=True, tag="stop"):
     lost: bool = False  # the world counts the node as lost; the flight may continue
 
 
-class Event(_Message, frozen=True, tag="event"):
-    """Event of a flight, for log and recording."""
-
-    tick: int
-    kind: str
-    text: str
-    uavs: tuple[int, ...] = ()
-
-
 class Telemetry(_Message, frozen=True, tag="telemetry"):
     """Block of telemetry, world to ground stations: T consecutive rows of the flight, one a tick."""
 
@@ -136,7 +128,7 @@ class Telemetry(_Message, frozen=True, tag="telemetry"):
     report_ticks: np.ndarray  # (R,) i4
     reports: np.ndarray  # (R, W) f4, learned weights of the leader's UAV
     spread: np.ndarray  # (R,) f8, root-mean-square distance of the models from their mean
-    events: tuple[Event, ...] = ()
+    events: tuple[FlightEvent, ...] = ()
     checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
     diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics
 

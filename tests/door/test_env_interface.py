@@ -183,7 +183,7 @@ def test_actions_of_another_kind_are_bad_input() -> None:
     ("changed", "says"),
     [
         ({"file": 5}, "5 is no path of a file"),
-        ({"file": "a\0.npz"}, "name a file that can be written"),
+        ({"file": "a\0.npz"}, "no path contains NUL"),
         ({"layers": 5}, "give pairs of arrays"),
         ({"layers": [(WEIGHTS * 1j, BIASES)]}, "give pairs of arrays"),
         ({"layers": [([[1], [1, 2]], BIASES)]}, "give pairs of arrays"),

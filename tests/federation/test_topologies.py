@@ -1,5 +1,6 @@
 """Rounds in any topology, also a user's: their ticks and participants, their account in words, and bad settings."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -7,13 +8,15 @@ import pytest
 
 import meanflock as mf
 from meanflock.federation import coding
-from meanflock.federation.account import Account, ModelsHash, shares
+from meanflock.federation.account import Account, ModelsHash
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.memory import Trigger
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.groundstation.launch.engine import Engine
+from meanflock.groundstation.recording.plots import percentages
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import RoundEnded, fields_of, round_of
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import EVERY_TICKS
@@ -266,20 +269,46 @@ FIVE = ("uavs=5", "duration=12", 'stop="duration"', "federation.period=50", "fed
 LIARS = ("federation.byzantine_fraction=0.3", "federation.byzantine_kind=huge")
 
 
-def test_words_name_all_outcomes_and_the_shares_are_read_back() -> None:
+def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
     account = Account(participants=10, absent=1, sent=[0, 2, 3, 4, 5, 6])
     links = np.array([[20, uav, 1, 0, slots] for uav, slots in ((0, 2), (2, 2), (3, -8), (4, 7))], dtype=np.int32)
     account.transmit(links, np.array([3, 3, 3, 3]), links[:, 4] > 5)
     account.receive([0, 2], 5)
     account.refused, account.earlier = {2}, 1
     account = Account.restored(account.snapshot())
-    words = account.words(" by UAV 1", "fragments")
-    assert words == (
-        "6 of 10 participants sent, 3 silent, 1 absent, 2 received by UAV 1, 3 lost, 1 late (UAV 4), 1 refused "
-        "(UAV 2), 5 of 12 fragments arrived, 1 late from the round before averaged, too"
+    late = tuple(sorted(account.late - account.received))
+    assert (account.received, late, account.copies, account.arrived) == ({0, 2}, (4,), 12, 5)
+    ended = RoundEnded(
+        21,
+        7,
+        20,
+        "averaged",
+        participants=account.participants,
+        absent=account.absent,
+        sent=tuple(account.sent),
+        received=tuple(account.received),
+        late=late,
+        refused=tuple(account.refused),
+        receiver=1,
+        copies=account.copies,
+        arrived=account.arrived,
+        copy="fragments",
+        earlier=account.earlier,
+        averaging=3,
+        isolated=2,
     )
-    assert shares(f"round 7: {words}; averaged by 3 UAVs, 2 isolated") == (7, 5 / 12, 0.3, 1 / 6, 2)
-    assert shares("round 7 goes on without the cluster of UAV 3: its head is silent") is None
+    assert (ended.silent, ended.lost, ended.kind, ended.uavs) == (3, 3, "round", tuple(account.sent))
+    assert ended.text == (
+        "round 7: 6 of 10 participants sent, 3 silent, 1 absent, 2 received by UAV 1, 3 lost, 1 late (UAV 4), "
+        "1 refused (UAV 2), 5 of 12 fragments arrived, 1 late from the round before averaged, too, 2 isolated; "
+        "averaged by 3 UAVs"
+    )
+    np.testing.assert_allclose(percentages([ended]), [[500 / 12, 100 / 6, 30.0]])
+    fields = json.loads(json.dumps(fields_of(ended)))
+    assert fields_of(round_of(fields)) == fields
+    for wrong in ({"number": -1}, {"outcome": "perhaps"}, {"sent": 3}, {"airtime_s": None}):
+        with pytest.raises(ValueError, match=r"Expected|Invalid"):
+            round_of(fields | wrong)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def _links(uavs: int, first: int, block: int) -> np.ndarray:
 
 def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
     events = [Event(tick, "collision", "too near", pair) for tick, pair in COLLISIONS if uavs > max(pair)]
-    events += [Event(400, "lost", "UAV 7 is silent", (7,)), Event(100, "round", "round 1 averaged")]
+    events += [Event(400, "lost", "UAV 7 is silent", (7,)), Event(100, "fault", "a gust")]
     return tuple(event for event in events if first <= event.tick < first + block)
 
 

@@ -33,7 +33,7 @@ def flown(out: Path, at_tick_200: Callable[[Path], object], record: bool = False
         for tick in engine.fly():
             if tick == 200:
                 at_tick_200(outputs.folder.path)
-        outputs.summary = engine.world.finish()
+        outputs.summary = engine.finish()
     return outputs.folder.path
 
 

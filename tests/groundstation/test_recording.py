@@ -19,6 +19,7 @@ from meanflock.groundstation.recording.replay import verify
 from meanflock.groundstation.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import Federation, Scenario, load
@@ -120,7 +121,7 @@ def test_a_collision_is_a_star_a_mark_and_a_log_line(recorded) -> None:
     shades = {text[0]: color for text, color in zip(texts, colors, strict=True)}
     assert shades["collision: too near"] == [drawing.COLLISION]
     assert ("lost: UAV 7 is silent", "ERROR") in log
-    assert ("round 1 averaged", "INFO") in log
+    assert ("fault: a gust", "INFO") in log
 
 
 def test_links_are_green_where_delivered_and_red_in_outage(recorded) -> None:
@@ -149,8 +150,9 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     on = [(3, head, 0, FrameKind.RELAY, -8 if head == 10 else 4) for head in (5, 10, 15, 20)]
     links = np.array(up + on, dtype=np.int32)
     sent = tuple(uav for uav in range(25) if uav not in (9, 17))
-    text = "round 1: 23 of 25 participants sent, 1 silent, 1 absent, 22 received, 1 lost; averaged and broadcast"
-    events = (Event(3, "refused", "upload of UAV 11", (11,)), Event(3, "round", text, sent))
+    received = tuple(uav for uav in sent if uav != 7)
+    ended = RoundEnded(3, 1, 0, "averaged", participants=25, absent=1, sent=sent, received=received)
+    events = (Event(3, "refused", "upload of UAV 11", (11,)), ended)
     paused = Pause(tick=0, uavs=(17,), duration_s=1000.0)
     federation = Federation(clusters=5, fraction=1.0)
     record(path, [msgspec.structs.replace(block, links=links, events=events)], federation=federation, faults=(paused,))

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from meanflock.kernels.wire import SENSE
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.wire import control, messages, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
@@ -92,7 +93,10 @@ EXAMPLES: dict[str, Any] = {
         report_ticks=numbers("<i4", 1),
         reports=numbers("<f4", 1, 246),
         spread=numbers("<f8", 1) + 0.5,
-        events=(messages.Event(141, "round", "round 1 averaged and broadcast"),),
+        events=(
+            messages.Event(141, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
+            RoundEnded(141, 1, 140, "averaged", sent=(0, 2), received=(2,), diagnostics={"error": 0.5}),
+        ),
         checkpoint=b"\x93\x01\x02\x03",
         diagnostic_names=("hjb_residual", "fpk_residual", "phi_G"),
     ),

@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as hnp
 from meanflock.kernels import wire
 from meanflock.kernels.wire import ACT, FIRST, SENSE
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.net import keys
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
@@ -30,6 +31,20 @@ shapes = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
 arrays = st.sampled_from(DTYPES).flatmap(lambda name: finite(name, shapes))
 st.register_type_strategy(np.ndarray, arrays)
 st.register_type_strategy(int, st.integers(-(2**63), 2**64 - 1))
+counts = st.integers(0, 2**63 - 1)
+some_uavs = st.lists(counts, max_size=3).map(tuple)
+measured = st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False), max_size=3)
+OUTCOMES = st.sampled_from(("averaged", "waiting", "void"))
+st.register_type_strategy(
+    RoundEnded,
+    st.builds(
+        RoundEnded,
+        *(counts, counts, counts, OUTCOMES, st.text(max_size=5), counts, counts),
+        *(some_uavs, some_uavs, some_uavs, some_uavs),
+        *(st.none() | counts, counts, counts, st.text(max_size=5), counts, st.none() | counts, counts, counts),
+        *(st.none() | counts, counts, counts, st.floats(allow_nan=False), measured, measured),
+    ),
+)
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)

@@ -1,0 +1,94 @@
+"""Rounds as a result: one table in memory and in the run folder, in the terminal, and as learning curves."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import pyarrow.parquet as pq
+import pytest
+
+import meanflock as mf
+from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.results import inbound
+from meanflock.groundstation.results.rounds_table import COLUMNS, OVER, ROUNDS
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import RoundEnded
+from tests.telemetry import fly
+
+KEYS = {"uavs": 6, "seed": 3, "duration": 20.0, "stop": "duration", "federation.period": 40}
+KEYS |= {"radio.target_snr_db": 76.0}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[mf.Run, mf.Run]:
+    """A run and the same, read back."""
+    run = mf.fly(method="mfgfl-hf", out=tmp_path_factory.mktemp("rounds"), **KEYS)
+    return run, mf.open(run.folder)
+
+
+def test_the_rounds_of_a_run_are_a_table_that_is_also_in_its_folder(flown: tuple[mf.Run, mf.Run]) -> None:
+    run, opened = flown
+    table = run.rounds()
+    assert table.equals(opened.rounds())
+    assert table.equals(pq.read_table(run.folder / ROUNDS))
+    assert table.column_names[: len(COLUMNS)] == list(COLUMNS)
+    rows = table.to_pylist()
+    averaged = [row for row in rows if row["outcome"] == "averaged"]
+    assert (len(averaged), len(rows)) == (run.summary["rounds"], run.summary["rounds"] + run.summary["rounds_void"])
+    uplink = run.summary["radio"]["traffic"]["uplink"]
+    assert sum(row["copies"] for row in rows) == uplink["sent"]  # a model of the leader to itself needs no radio
+    assert sum(row["lost"] for row in rows) == uplink["outages"] > 0
+    assert [row["opened_s"] for row in rows] == [4.0 * row["round"] for row in rows]
+    assert all(row["sent"] == row["received"] + row["late"] + row["lost"] for row in rows)
+
+
+def test_costs_of_a_round_are_those_of_the_series_and_its_means_those_of_the_uavs_on_the_way(flown) -> None:
+    run, _ = flown
+    rows, series = run.rounds().to_pylist(), run.frame()
+    for row in rows:
+        after = series.slice(row["tick"] + 1, 1).to_pylist()[0]  # the row of a tick is at its end
+        assert row["bits"] == sum(after[f"{kind}_bits"] for kind in ("uplink", "relay", "broadcast", "state"))
+        assert row["airtime_s"] == after["airtime_s"]
+        assert set(after["status"]) == {0}  # all are on the way
+        assert row["mean_hjb_residual"] == pytest.approx(sum(after["hjb_residual"]) / 6, rel=1e-6)
+    assert [row["bits"] for row in rows] == sorted(row["bits"] for row in rows)
+
+
+def test_a_run_without_rounds_has_an_empty_table_no_file_and_no_learning_curve(tmp_path: Path, capsys) -> None:
+    run = mf.fly(method="hjb", uavs=2, duration=1.0, out=tmp_path)
+    assert (run.rounds().num_rows, (run.folder / ROUNDS).exists()) == (0, False)
+    assert main(["show", str(run.folder), "--rounds"]) == 0
+    assert "the run has no rounds" in capsys.readouterr().out
+    assert main(["plot", str(run.folder), "--over", "bits"]) == 2
+    assert "the run has no round; fly a method that learns" in capsys.readouterr().err
+
+
+def test_the_terminal_shows_a_line_a_round_in_80_columns(flown: tuple[mf.Run, mf.Run], monkeypatch, capsys) -> None:
+    run, _ = flown
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["show", str(run.folder), "--rounds"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum(line.split()[:1] == [str(row["round"])] for line in lines for row in run.rounds().to_pylist()) == 4
+    assert main(["show", str(run.folder), "--rounds", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == run.rounds().to_pylist()
+
+
+@pytest.mark.parametrize("over", OVER)
+def test_learning_curves_are_drawn_over_each_cost(over: str, flown: tuple[mf.Run, mf.Run], capsys) -> None:
+    run, _ = flown
+    assert main(["plot", str(run.folder), "--over", over]) == 0
+    assert (run.folder / "plots" / f"learning-over-{over}.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [({"sent": (0, 6)}, "wrong-shape"), ({"late": (99,)}, "wrong-shape"), ({"airtime_s": float("nan")}, "non-finite"),
+     ({"metrics": {"loss": float("inf")}}, "non-finite")],
+)  # fmt: skip
+def test_a_false_round_is_refused_by_the_station(fields: dict, reason: str) -> None:
+    _, record = fly(mf.Scenario(uavs=6, duration=1.0, method="mfg"))
+    false = msgspec.structs.replace(record.blocks[0], events=(RoundEnded(1, 1, 0, "averaged", **fields),))
+    with pytest.raises(MessageRejected) as rejected:
+        inbound.check(false, 6)
+    assert rejected.value.reason == reason
