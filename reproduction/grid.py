@@ -264,10 +264,10 @@ def structural() -> Iterator[tuple[str, Method, tuple[str, ...]]]:
     for place in map_design():
         if EQUAL_ROUNDS not in place:
             yield from (("exchanged-map", method, (*place, EXCHANGED)) for method in FEDERATED)
-    for share, method in product(COMMON, COMPARED):
-        yield "common", method, (f"wind.common={share}",)
-    for method in COMPARED:
-        yield "held-back", method, (HELD_BACK,)
+    for base, share, method in product(((), PAPER_EXCHANGED), COMMON, COMPARED):
+        yield "common", method, (*base, f"wind.common={share}")
+    for base, method in product(((), PAPER_EXCHANGED), COMPARED):
+        yield "held-back", method, (*base, HELD_BACK)
     for share in (0.0, *COMMON):
         yield "drift", Method.MFG, (DRIFTING, f"wind.common={share}")
     for method in COMPARED:

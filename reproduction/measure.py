@@ -47,9 +47,9 @@ def filter_moments(
     """Prop. 3 on the gradients at `states`, `(S, 4)`, without command.
 
     step_over_bound: μ_F of the scenario over 2/λ_max. learnable: directions of 138 the mean moves in one trip.
-    bias: ‖E w̃‖ at the end over its start. msd_ratio: simulated over closed-form E‖w̃‖². msd_fall: simulated MSD at half
-    the step over that at the step. The last three with a small step, in the directions the flight
-    excites, for as long as the slowest of them takes.
+    followed: directions that the flight excites. bias: ‖E w̃‖ at the end over its start. msd_ratio: simulated over
+    closed-form E‖w̃‖². msd_fall: simulated MSD at half the step over that at the step. The last three with a small step,
+    in the directions followed, for as long as the slowest of them takes.
     """
     gradients = theory.fpk_gradients(scenario, states, np.zeros((len(states), state.AXES)), np.zeros(len(states)))
     r = theory.correlation(gradients)
@@ -73,6 +73,7 @@ def filter_moments(
     return {
         "step_over_bound": scenario.learner.mu_f / bound,
         "learnable": float(theory.learnable_directions(r, scenario.learner.mu_f, round(TRIP_S / scenario.dt))),
+        "followed": float(np.count_nonzero(excited)),
         "bias": float(np.linalg.norm(wide.mean(axis=0)) / np.linalg.norm(start)),
         "msd_ratio": msd(wide) / theory.mean_square_deviation(reduced, start, mu, NOISE, steps),
         "msd_fall": msd(narrow) / msd(wide),

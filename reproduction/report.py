@@ -66,6 +66,7 @@ THEORY = {
     "mfg_lost": "Cor. 1: UAVs that left every bound",
     "fpk_step_over_bound": "Prop. 3: μ_F over 2/λ_max(R)",
     "fpk_learnable": "Prop. 3: directions of 138 that one trip can learn at this μ_F",
+    "fpk_followed": "Prop. 3: directions of 138 that a flight excites, in which the next three are measured",
     "fpk_bias": "Prop. 3: bias left, relative to the start",
     "fpk_msd_ratio": "Prop. 3: simulated over closed-form mean-square deviation",
     "fpk_msd_fall": "Prop. 3: deviation at μ/2 over that at μ",

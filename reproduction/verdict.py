@@ -223,7 +223,8 @@ class Share:
 
 def shares(results: Results) -> list[Share]:
     """The share of every claim that at least one setting can decide, in the order of the claims."""
-    views = {setting: View.from_results(_as_s0(results, setting)) for setting in _settings(results.runs)}
+    settings = _settings(results.runs)
+    views = {setting: View.from_results(of_setting(results, EXPERIMENTS, setting)) for setting in settings}
     table = []
     for claim in claims.load():
         if claim.untestable or not claim.scenario.startswith("S0"):
@@ -242,18 +243,21 @@ def _settings(runs: pa.Table) -> list[str]:
     return list(dict.fromkeys(own["setting"].to_pylist()))
 
 
-def _as_s0(results: Results, setting: str) -> Results:
-    """The runs of one setting, with the coordinates of S0."""
-    runs = results.runs
-    mine = pc.and_(pc.is_in(runs["experiment"], pa.array(EXPERIMENTS)), pc.equal(runs["setting"], setting))
-    runs = runs.filter(mine)
-    for name, value in (("experiment", "s0"), ("setting", "")):
-        place = runs.schema.get_field_index(name)
-        column = pa.array([value] * runs.num_rows).cast(runs.schema.field(name).type)
-        runs = runs.set_column(place, runs.schema.field(name), column)
+def of_setting(results: Results, experiments: Sequence[str], setting: str) -> Results:
+    """The runs and paths of one setting in some experiments, with the coordinates of S0."""
     return Results(
-        runs=runs,
+        runs=_as_s0(results.runs, experiments, setting),
         series=results.series.slice(0, 0),
-        trajectories=results.trajectories.slice(0, 0),
+        trajectories=_as_s0(results.trajectories, experiments, setting),
         weights=results.weights.slice(0, 0),
     )
+
+
+def _as_s0(rows: pa.Table, experiments: Sequence[str], setting: str) -> pa.Table:
+    own = pc.and_(pc.is_in(rows["experiment"], pa.array(experiments)), pc.equal(rows["setting"], setting))
+    rows = rows.filter(own)
+    for name, value in (("experiment", "s0"), ("setting", "")):
+        place = rows.schema.get_field_index(name)
+        column = pa.array([value] * rows.num_rows).cast(rows.schema.field(name).type)
+        rows = rows.set_column(place, rows.schema.field(name), column)
+    return rows

@@ -177,12 +177,17 @@ def _fly(
 
 @click.command()
 @number_option("--seeds", "K", 30, "Flights of each point; 2 for a quick look.")
-@click.option("--only", multiple=True, metavar="FIG", help="fig2 … fig8 or map: fly only what it needs; repeatable.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FIG",
+    help="fig2 … fig8, map or exchanged: fly only what it needs; repeatable.",
+)
 @click.option(
     "--scenario",
     "name",
     metavar="NAME",
-    help="Judge this scenario instead: paper-slow, paper-printed or a file.  [default: paper]",
+    help="Judge this scenario instead: paper-slow, paper-printed, paper-exchanged or a file.  [default: paper]",
 )
 @jobs_option
 @backend_option

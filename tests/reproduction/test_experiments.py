@@ -216,6 +216,7 @@ def test_the_moments_of_spread_states_meet_proposition_3() -> None:
     assert found["msd_ratio"] == pytest.approx(1.2, abs=0.2)  # the step is too large for the closed form, but fast
     assert found["msd_fall"] < 0.6
     assert 0 < found["learnable"] < 138
+    assert 0 < found["followed"] < 138
 
 
 def test_a_long_flight_counts_the_uavs_that_left_every_bound() -> None:

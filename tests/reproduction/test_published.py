@@ -25,7 +25,7 @@ from tests.sources import ROOT
 RECORDS: list[dict[str, Any]] = json.loads((ROOT / "docs/results/claims.json").read_text(encoding="utf-8"))
 MAP: dict[str, Any] = json.loads((ROOT / "docs/results/map.json").read_text(encoding="utf-8"))
 REPRODUCTION = page.PAGE.read_text(encoding="utf-8")
-SCENARIOS = ("paper", "paper-slow", "paper-printed")
+SCENARIOS = ("paper", *page.OTHERS)
 OF_MOST = {claim.id for claim in claims.load() if any(check.points == "most" for check in claim.check)}
 
 
@@ -80,10 +80,10 @@ def test_every_record_repeats_its_claim() -> None:
 
 def test_the_readme_has_the_published_counts() -> None:
     counts = report.counts(RECORDS)
-    assert sum(counts.values()) == 53
+    assert sum(counts.values()) == 54
     readme = words_of("README.md")
-    assert f"Of 53 claims of the paper {counts[REPRODUCED]} are reproduced, {page.tally(counts)}" in readme
-    slow, printed = (page.counted(RECORDS, name)[REPRODUCED] for name in SCENARIOS[1:])
+    assert f"Of 54 claims of the paper {counts[REPRODUCED]} are reproduced, {page.tally(counts)}" in readme
+    slow, printed = (page.counted(RECORDS, name)[REPRODUCED] for name in page.CHOSEN)
     assert f"{slow} claims are reproduced in `paper-slow`, where UAVs steer slowly, and {printed} in" in readme
 
 
@@ -95,8 +95,9 @@ def test_the_page_has_the_findings_the_table_and_the_rule_of_the_code() -> None:
 def test_the_named_scenarios_are_those_that_the_search_chose() -> None:
     assert len(MAP["settings"]) == grid.MAP_SETTINGS + len(grid.KNOWN)
     assert MAP["best"] == [", ".join(settings) for settings in grid.best_settings()]
-    for name in SCENARIOS[1:]:
+    for name in page.CHOSEN:
         assert load(Path(f"scenarios/{name}.toml")).sha256() == load(None, MAP[name].split(", ")).sha256()
+    assert load(Path("scenarios/paper-exchanged.toml")).sha256() == load(None, grid.PAPER_EXCHANGED).sha256()
 
 
 FLOWN = (
@@ -179,7 +180,7 @@ def test_the_report_has_every_claim_figure_and_reading(tables: Results, tmp_path
     paths = report.write_report(tables, evaluate(tables, measured), tmp_path, measured)
     assert [path.name for path in paths] == ["report.md", "report.html", "claims.json"]
     markdown, html = (path.read_text() for path in paths[:2])
-    for k in range(1, 54):
+    for k in range(1, 55):
         assert f"| C{k} |" in markdown
         assert f"id='C{k}'" in html
     assert all(f"figures/{name}.png" in markdown for name in figures.FIGURES)
