@@ -248,9 +248,14 @@ class Flight:
     @property
     def mean_speed(self) -> float | None:
         """Mean over UAVs and ticks on the way, m/s."""
-        self.books.settle()
-        ticks = int(self.books.ticks_on_way.sum())
+        ticks = self.ticks_on_way
         return float(self.books.speed_sum.sum()) / ticks if ticks else None
+
+    @property
+    def ticks_on_way(self) -> int:
+        """Ticks that UAVs were on the way, summed over UAVs."""
+        self.books.settle()
+        return int(self.books.ticks_on_way.sum())
 
     @property
     def trajectory_sha256(self) -> str:

@@ -129,13 +129,16 @@ def protocol_summary(world: World, schedule: Schedule | None, *, can_be_steered:
     counters, post, commands = world.counters, world.post, world.commands
     names = world.scenario.declared.diagnostics
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
+    summed = dict(zip(names, commands.summed.tolist(), strict=True))
+    ticks = world.flight.ticks_on_way
     return {
         "rounds": post.rounds,
         "rounds_void": post.rounds_void,
         "rounds_isolated": post.isolated,
         "uploads_silent": post.silent,
         "uploads_late": post.late,
-        "diagnostics": dict(zip(names, commands.summed.tolist(), strict=True)),
+        "diagnostics": summed,
+        "diagnostics_mean": {name: total / ticks if ticks else None for name, total in summed.items()},
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),
         "fpk_residual_max": largest.get("fpk_residual"),

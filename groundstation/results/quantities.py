@@ -49,7 +49,8 @@ class Field(NamedTuple):
 
     key: dotted; `*` stands for any name. measured: its quantity, or the unit of a field without a name of its own:
     `1` for a pure number, empty for no number. cumulative: counted, summed or averaged since take-off. type: of the
-    column; `[]`: an entry a UAV. symbol: on an axis; empty: that of the quantity.
+    column; `[]`: an entry a UAV. symbol: on an axis; empty: that of the quantity. optional: whether the summary of an
+    older version of meanflock may lack it.
     """
 
     key: str
@@ -58,6 +59,7 @@ class Field(NamedTuple):
     cumulative: bool = False
     type: str = "float64"
     symbol: str = ""
+    optional: bool = False
 
     @property
     def unit(self) -> str:
@@ -160,6 +162,7 @@ SUMMARY = (
         "collisions_at_ticks",
         COLLISIONS,
         "the pairs of `collisions` that were nearer than r_coll at the end of such a tick",
+        optional=True,
     ),
     Field(
         "closest_approach_m",
@@ -223,6 +226,13 @@ SUMMARY = (
         "diagnostics.*",
         "",
         "sum of each diagnostic of the controller over ticks and the UAVs on the way, in its unit",
+    ),
+    Field(
+        "diagnostics_mean.*",
+        "",
+        "mean of each diagnostic of the controller over the same ticks and UAVs, in its unit; null if no UAV was ever "
+        "on the way",
+        optional=True,
     ),
     Field("diagnostics_max.*", "", "largest absolute value of each diagnostic of the controller, in its unit"),
     Field("hjb_residual_max", HJB_RESIDUAL, "largest HJB residual |e_H|; null if the controller reports none"),

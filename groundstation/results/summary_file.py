@@ -28,7 +28,18 @@ def _struct(prefix: str) -> type[msgspec.Struct]:
     """The type of the table whose dotted keys begin with `prefix`."""
     inner = [field.key.removeprefix(prefix) for field in FIELDS if field.key.startswith(prefix)]
     names = dict.fromkeys(key.partition(".")[0] for key in inner)
-    return msgspec.defstruct(f"Summary_{prefix}", [(name, _type(prefix + name)) for name in names])
+    fields: list[Any] = [
+        (name, _type(prefix + name) | msgspec.UnsetType, msgspec.UNSET)
+        if _is_optional(prefix + name)
+        else (name, _type(prefix + name))
+        for name in names
+    ]
+    return msgspec.defstruct(f"Summary_{prefix}", fields, kw_only=True)
+
+
+def _is_optional(key: str) -> bool:
+    """Returns whether records of older versions may lack the field or table of a dotted key."""
+    return all(field.optional for field in FIELDS if field.key == key or field.key.startswith(f"{key}."))
 
 
 def _type(key: str) -> Any:
@@ -48,7 +59,7 @@ Summary = _struct("")
 
 
 def read_summary(path: Path) -> dict[str, Any]:
-    """The fields of a summary, each of its type.
+    """The fields of a summary, each of its type. Records of older versions lack the optional fields.
 
     Raises:
         BadInput: it is missing, damaged or of another version.

@@ -243,7 +243,7 @@ def test_every_column_says_what_it_is_in_the_file_itself(run: Path) -> None:
 def flat(record: dict[str, Any], prefix: str = "") -> Iterator[str]:
     for key, value in record.items():
         if isinstance(value, dict) and (
-            value or prefix + key in ("diagnostics", "diagnostics_max", "dropped_messages")
+            value or prefix + key in ("diagnostics", "diagnostics_mean", "diagnostics_max", "dropped_messages")
         ):
             yield from flat(value, f"{prefix}{key}.") if value else [f"{prefix}{key}.*"]
         else:
@@ -260,6 +260,15 @@ def test_every_field_of_the_summary_is_described_and_every_described_field_is_th
     for table in ("realtime", "steered"):
         absent |= {key for key in known if key.startswith(f"{table}.")} if summary[table] is None else {table}
     assert known - set(found.values()) == absent
+
+
+def test_the_mean_of_a_diagnostic_is_over_the_ticks_and_uavs_on_the_way(runs: dict[str, Path]) -> None:
+    summary = json.loads((runs["hjb"] / SUMMARY).read_text())
+    rows = pq.read_table(runs["hjb"] / TIMESERIES)
+    for name in ("hjb_residual", "phi_G"):
+        values = np.array(rows[name].to_pylist())[1:]  # all UAVs are on the way in all ticks
+        assert summary["diagnostics_mean"][name] == pytest.approx(values.mean(), rel=1e-6)
+        assert summary["diagnostics"][name] == pytest.approx(values.sum(), rel=1e-6)
 
 
 def test_every_kind_of_event_is_described(run: Path) -> None:

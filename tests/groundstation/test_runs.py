@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.results.quantities import SUMMARY
 from meanflock.groundstation.results.run_folder import CHECKPOINT
@@ -16,6 +17,7 @@ from meanflock.groundstation.results.stored_run import runs_in
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK
 
+SUMMARY_OF_1_0_0 = Path(__file__).parents[1] / "golden/summary-1.0.0.json"
 HOSTILE = "<script>alert('&')</script>\x1b[31m"
 
 
@@ -116,6 +118,22 @@ def test_a_run_that_cannot_be_compared_is_listed_and_refused(damage, status: str
     assert run("show", str(bad))[0] == (EXIT_BAD_INPUT if status == "damaged" else EXIT_DONE)
     code, out, err = run("diff", str(good), str(bad))
     assert (code, out, err.count("\n"), says in err, "\x1b" in err) == (EXIT_BAD_INPUT, "", 1, True, False)
+
+
+def test_a_run_of_version_1_0_0_is_read_though_its_summary_lacks_later_fields(run, runs) -> None:
+    new, old = one(runs, "hf-s2"), one(runs, "hf-s1")
+    record = json.loads(SUMMARY_OF_1_0_0.read_text())
+    assert not {"collisions_at_ticks", "diagnostics_mean"} & record.keys()
+    shutil.copy(SUMMARY_OF_1_0_0, old / "summary.json")
+    assert {each["status"] for each in json.loads(run("list", "--json")[1])} == {"finished"}
+    assert json.loads(run("show", str(old), "--json")[1])["summary"] == record
+    assert run("show", str(old))[0] == run("list", "--html", "page.html")[0] == EXIT_DONE
+    figures = json.loads(run("diff", str(old), str(new), "--json")[1])["figures"]
+    assert figures["collisions_at_ticks"] == {"unit": "pairs", "a": None, "b": 0, "change": None}
+    assert mf.open(old).summary == record
+    del record["phi_A"]  # which every version writes
+    (old / "summary.json").write_text(json.dumps(record))
+    assert "missing required field `phi_A`" in run("show", str(old))[2]
 
 
 def test_the_page_has_a_picture_of_each_run_escapes_all_text_and_loads_nothing(run, runs) -> None:
