@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from meanflock.agent.controllers.filtered import Filter as Filter
     from meanflock.channel.base import Channel as Channel
     from meanflock.channel.base import Message as Message
-    from meanflock.comparing import Comparison as Comparison
     from meanflock.comparing import compare as compare
     from meanflock.comparing import sweep as sweep
+    from meanflock.comparison import Comparison as Comparison
     from meanflock.federation.rules.base import Aggregator as Aggregator
     from meanflock.federation.rules.base import Uploads as Uploads
     from meanflock.flying import fly as fly
@@ -45,7 +45,7 @@ _WHERE = {  # a name → its module, and its name there
     "BadInput": ("meanflock.swarm.errors", "BadInput"),
     "Broadcast": ("meanflock.agent.controllers.base", "Broadcast"),
     "Channel": ("meanflock.channel.base", "Channel"),
-    "Comparison": ("meanflock.comparing", "Comparison"),
+    "Comparison": ("meanflock.comparison", "Comparison"),
     "Controller": ("meanflock.agent.controllers.base", "Controller"),
     "Filter": ("meanflock.agent.controllers.filtered", "Filter"),
     "MeanflockError": ("meanflock.swarm.errors", "MeanflockError"),

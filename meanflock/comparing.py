@@ -1,52 +1,27 @@
 """`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from meanflock.channel.outlook import warn_of_lost_models
+from meanflock.comparison import Comparison
 from meanflock.groundstation import memory
 from meanflock.groundstation.temporary import TemporaryFolder
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
-from meanflock.studies.means import Means
 from meanflock.studies.store import Store
+from meanflock.studies.swept import refuse_twice
 from meanflock.swarm import paths
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
 
 Progress = Callable[[int, int], None]  # flights finished, and all flights
-
-
-class Comparison:
-    """The result of a study. Iterate over it to get one row for each point.
-
-    A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
-    under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. `uplink_bits`,
-    `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic. In means over UAVs a UAV
-    that never arrived counts with the duration.
-    """
-
-    def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:
-        self.means = Means(names, flown)
-
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        for values, row in self.means.rows():
-            yield dict(zip(self.means.names, values, strict=True)) | row
-
-    def __len__(self) -> int:
-        return len(self.means.points)
-
-    def __repr__(self) -> str:
-        flights = sum(map(len, self.means.points.values()))
-        return f"<Comparison of {len(self)} points of {', '.join(self.means.names)}: {flights} flights>"
-
-    @property
-    def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
-        """The summaries of all flights, by point."""
-        return self.means.points
 
 
 @with_settings
@@ -91,7 +66,7 @@ def compare(
 
 @with_settings
 def sweep(
-    key: str,
+    key: str | Sequence[str],
     values: Sequence[Any],
     *,
     methods: Sequence[str | type] | str | type | None = None,
@@ -103,11 +78,12 @@ def sweep(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Comparison:
-    """Flies a scenario for several values of one of its keys.
+    """Flies a scenario for several values of one of its keys, or for all combinations of the values of several keys.
 
     Args:
-        key: a dotted scenario key.
-        values: values of the key, as a sequence or a NumPy array.
+        key: a dotted scenario key, or a list of keys.
+        values: values of the key, as a sequence or a NumPy array; of a list of keys a sequence for each, as in
+            `mf.sweep(["wind.sigma", "uavs"], [[0.1, 0.3], [9, 25]])`.
         methods: the controllers that fly each value; None: the scenario's. All other arguments are those of `compare`.
 
     Raises:
@@ -115,16 +91,37 @@ def sweep(
         RunFailed: a process died.
     """
     load_plugins(plugin)
-    if key in settings:
-        raise BadInput(f"{key} is what is swept; leave it out of the settings")
-    points, named = {}, _several(methods)
-    for value in values:
+    keys, listed = ([key], [values]) if isinstance(key, str) else (list(key), list(values))
+    named = _several(methods)
+    _check_grid(keys, listed, settings, named)
+    points = {}
+    for point in product(*listed):
         for method in named or (None,):
-            flown = scenario_of(scenario, {**settings, key: value}, method=method)
-            points[_hashable(value), flown.method] = study.seeded(flown, _count(seeds))
-    if not points:
-        raise BadInput(f"sweep: give {key} a value or more")
-    return Comparison((key, "method"), _fly(points, _processes(jobs), out, progress))
+            flown = scenario_of(scenario, {**settings, **dict(zip(keys, point, strict=True))}, method=method)
+            at = tuple(map(_hashable, point))
+            points[at if "method" in keys else (*at, flown.method)] = study.seeded(flown, _count(seeds))
+    names = keys if "method" in keys else [*keys, "method"]
+    return Comparison(tuple(names), _fly(points, _processes(jobs), out, progress))
+
+
+def _check_grid(
+    keys: Sequence[str], listed: Sequence[Any], settings: Mapping[str, Any], methods: Sequence[Any]
+) -> None:
+    """Check the keys of a sweep and the values of each.
+
+    Raises:
+        BadInput: they do not fit together, or another argument sets a key.
+    """
+    if not keys or len(listed) != len(keys):
+        raise BadInput(f"sweep: {len(keys)} keys, and values for {len(listed)}; give each key a list of its values")
+    refuse_twice(keys)
+    for key, values in zip(keys, listed, strict=True):
+        if key in settings or (key == "method" and methods):
+            raise BadInput(f"{key} is what is swept; leave it out of the {'methods' if methods else 'settings'}")
+        if isinstance(values, str) or not np.iterable(values):
+            raise BadInput(f"sweep: {key}: {values!r}; give a list of values")
+        if not len(values):
+            raise BadInput(f"sweep: give {key} a value or more")
 
 
 def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -17,12 +17,19 @@ from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENAR
 from meanflock.groundstation.results.series import long_form, rows_of, states_of
 from meanflock.groundstation.results.summary_file import read_summary
 from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
+from meanflock.notebook import html_of_run
 from meanflock.swarm import paths, scenario
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from meanflock.groundstation.plots.run import Shown
+
+What: TypeAlias = Literal["paths", "curves"]
 Progress = Callable[[int, int], None]  # ticks written, and all ticks
 
 
@@ -108,9 +115,7 @@ class Run:
         Raises:
             BadInput: pandas is not installed; otherwise as for `frame`.
         """
-        if find_spec("pandas") is None:
-            raise BadInput("to_pandas: pandas is not installed; `pip install pandas`, or use frame() or to_csv()")
-        return self.frame(per).to_pandas()
+        return as_pandas(self.frame(per))
 
     def to_csv(self, path: str | Path, per: Per = "uav", progress: Progress | None = None) -> Path:
         """Writes the time series to a CSV file, completely or not at all. Floats read back as the same float64.
@@ -139,12 +144,47 @@ class Run:
         except OSError as error:
             raise BadInput(f"{self.folder / TIMESERIES}: {error}; fly the run again") from error
 
+    def plot(self, what: What = "paths") -> "Figure":
+        """A Matplotlib figure of the flight.
+
+        Args:
+            what: "paths": the paths on the map. "curves": a panel for each quantity of the time series.
+
+        Raises:
+            BadInput: Matplotlib is not installed, or `what` has another value; otherwise as for `frame`.
+        """
+        if what not in get_args(What):
+            raise BadInput(f'what: {what!r}; give "paths" for a map, or "curves" for panels over time')
+        with available("Run.plot", "ground"):
+            from meanflock.groundstation.plots.run import plot_curves, plot_paths
+        return plot_paths(self._shown()) if what == "paths" else plot_curves(self._shown())
+
+    def _shown(self) -> "Shown":
+        """What pictures show of the run."""
+        from meanflock.groundstation.plots.run import Shown
+
+        return Shown(self._rows(), self.scenario, self.events)
+
+    def _repr_html_(self) -> str:
+        return html_of_run(self.summary, self.folder, self._shown)
+
     def __repr__(self) -> str:
         flown = self.summary
         where = f" in {self.folder}" if self.folder is not None else ""
         return (
             f"<Run of {flown['method']}, {flown['uavs']} UAVs, seed {flown['seed']}: {flown['arrived']} arrived{where}>"
         )
+
+
+def as_pandas(table: pa.Table) -> Any:
+    """A table as a pandas DataFrame.
+
+    Raises:
+        BadInput: pandas is not installed.
+    """
+    if find_spec("pandas") is None:
+        raise BadInput("to_pandas: pandas is not installed; `pip install pandas`, or use frame() or to_csv()")
+    return table.to_pandas()
 
 
 def _check(per: str) -> None:

@@ -1,10 +1,11 @@
-"""The key that a sweep varies, and its values."""
+"""The keys that a sweep varies, and their values."""
 
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from meanflock.swarm.errors import BadInput
@@ -53,6 +54,43 @@ class Swept:
             if given is not None:
                 raise BadInput(f"{flag} {given}: `{self.key}` is what is swept; leave out {flag}")
         refuse_setting(self.key, settings, "is what is swept")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Several swept keys; a point has a value of each."""
+
+    keys: tuple[Swept, ...]
+
+    @classmethod
+    def parse(cls, texts: Sequence[str]) -> "Grid":
+        """The keys of several texts, each as for `Swept`.
+
+        Raises:
+            BadInput: as for `Swept.parse`, or a key is there twice.
+        """
+        keys = tuple(map(Swept.parse, texts))
+        refuse_twice([one.key for one in keys])
+        return cls(keys)
+
+    @property
+    def has_methods(self) -> bool:
+        """Returns whether the controller is one of the keys."""
+        return any(one.key == "method" for one in self.keys)
+
+    def points(self) -> Iterator[tuple[Any, ...]]:
+        """All combinations of the values; those of the last key change fastest."""
+        return product(*(one.values for one in self.keys))
+
+    def settings(self, point: Sequence[Any]) -> list[str]:
+        """A point as `--set` takes it."""
+        return [one.setting(value) for one, value in zip(self.keys, point, strict=True)]
+
+
+def refuse_twice(keys: Sequence[str]) -> None:
+    """Raise BadInput if a key is swept twice."""
+    if twice := [key for place, key in enumerate(keys) if key in keys[:place]]:
+        raise BadInput(f"{twice[0]} is swept twice; give all its values at once")
 
 
 def refuse_setting(key: str, settings: Iterable[str], reason: str) -> None:

@@ -12,6 +12,7 @@ from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
 from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
+from meanflock.swarm.provenance import provenance
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.clocks import Schedule
@@ -183,6 +184,7 @@ def summary(
         "schema": SCHEMA,
         "run_id": run,
         "version": __version__,
+        "provenance": provenance(scenario),
         "scenario_sha256": scenario.sha256(),
         "method": str(scenario.method),
         "uavs": scenario.uavs,

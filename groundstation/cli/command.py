@@ -45,7 +45,7 @@ _COMMANDS = {  # in the order of their use
     "export": _Listed("export", "export", "Write a run as an MCAP file for Foxglove, or as a bag of ROS 2."),
     "bridge": _Listed("bridge", "bridge", "Show a flight to other software, live or from a run folder."),
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
-    "sweep": _Listed("study", "sweep", "Compare several values of one scenario key."),
+    "sweep": _Listed("study", "sweep", "Compare several values of one scenario key, or of several."),
     "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),
     "frontier": _Listed("frontier", "frontier", "Find the fewest bits for flights without collisions."),
     "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),

@@ -23,6 +23,7 @@ from meanflock.groundstation.cli.study_arguments import (
     SEEDS,
     backend_option,
     jobs_option,
+    keys_or_list,
     lists,
     names,
     progress_of,
@@ -34,7 +35,6 @@ from meanflock.groundstation.cli.study_arguments import (
 from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
-    from meanflock.studies import study
     from meanflock.swarm.scenario import Scenario
 
 
@@ -59,31 +59,28 @@ def compare(
 ) -> None:
     """Compare controllers over the same seeds.
 
-    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
-    fly only what is missing.
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals, and a table with a row for each
+    flight as CSV and Parquet. Repeat an interrupted command to fly only what is missing.
 
     \b
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
     """
-    from meanflock.groundstation.plots import comparison, plotstyle
     from meanflock.studies import swept
-    from meanflock.studies.runner import terminable
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
         from meanflock.studies import side_by_side
-    with terminable(out):
-        flown = _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
-        figure = comparison.plot_compare({method: runs for (method,), runs in flown.items()})
-        report(plotstyle.write({"compare": figure}, out))
-        if record:
+        from meanflock.studies.runner import terminable
+    _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
+    if record:
+        with terminable(out):
             side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
             report([out / "compare.rrd"])
 
 
 @click.command(cls=lists("--methods"))
-@click.argument("swept", metavar="KEY=V1,V2,…", shell_complete=completion.keys)
+@click.argument("swept", nargs=-1, required=True, metavar="KEY=V1,V2…", shell_complete=keys_or_list)
 @click.option(
     "--methods",
     multiple=True,
@@ -98,7 +95,7 @@ def compare(
 @out_option("out/sweep")
 @quiet_option
 def sweep(
-    swept: str,
+    swept: tuple[str, ...],
     methods: tuple[str, ...],
     file: Path | None,
     seeds: int | None,
@@ -108,39 +105,32 @@ def sweep(
     settings: tuple[str, ...],
     **given: Any,
 ) -> None:
-    """Compare several values of one scenario key.
+    """Compare several values of one scenario key, or of several.
 
-    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals. Repeat an interrupted command to
-    fly only what is missing.
+    Several keys are a grid: all combinations of their values fly. Prints a table of means, and writes it as CSV and as
+    a plot with 95 % intervals, and a table with a row for each flight as CSV and Parquet. Repeat an interrupted command
+    to fly only what is missing.
 
     \b
-    Example: meanflock sweep wind.sigma=0.1,0.3 --methods hjb mfgfl-hf --seeds 4
+    Example: meanflock sweep wind.sigma=0.1,0.3 uavs=9,25 --methods hjb mfgfl-hf
     """
-    from meanflock.groundstation.plots import comparison, plotstyle
-    from meanflock.groundstation.results.quantities import with_unit
-    from meanflock.studies import study
-    from meanflock.studies.runner import terminable
-    from meanflock.studies.swept import Swept, refuse_setting
+    from meanflock.studies.swept import Grid, refuse_setting
 
-    varied = Swept.parse(swept)
+    grid = Grid.parse(swept)
     of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
-    varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
+    for varied in grid.keys:
+        varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
     if methods:
         refuse_setting("method", settings, "is what --methods names")
     flown_by: list[str | None] = [*dict.fromkeys(names(methods))] or [None]
     scenarios: dict[tuple[Any, ...], Scenario] = {}
-    for value in varied.values:
+    for point in grid.points():
         for name in flown_by:
-            one = load_scenario(file, (*settings, varied.setting(value)), method=name, **given)
-            scenarios[(value,) if varied.key == "method" else (value, str(one.method))] = one
-    columns = ("method",) if varied.key == "method" else (with_unit(varied.key), "method")
-    each = 1 if varied.key == "seed" else seeds or SEEDS
-    with terminable(out):
-        flown = _fly("sweep", columns, scenarios, each, jobs, out, quiet)
-        points: dict[Any, dict[str, study.Summaries]] = {}
-        for (value, *_), runs in flown.items():
-            points.setdefault(value, {})[runs[0]["method"]] = runs
-        report(plotstyle.write({"sweep": comparison.plot_sweep(varied.key, points)}, out))
+            one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
+            scenarios[point if grid.has_methods else (*point, str(one.method))] = one
+    keys = tuple(varied.key for varied in grid.keys)
+    columns = keys if grid.has_methods else (*keys, "method")
+    _fly("sweep", columns, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet)
 
 
 def _fly(
@@ -151,28 +141,35 @@ def _fly(
     jobs: int,
     out: Path,
     quiet: bool,
-) -> "dict[Any, study.Summaries]":
-    """Fly all runs that `out` does not have; print the table of means, and write it and the runs. Returns the
-    summaries.
+) -> None:
+    """Fly all runs that `out` does not have; print the table of means, and write it, the runs, their table and a plot.
+
+    Args:
+        columns: names of the varied values.
     """
     from meanflock.groundstation import memory
     from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
-    from meanflock.studies import study
+    from meanflock.groundstation.plots import comparison, plotstyle
+    from meanflock.groundstation.results.quantities import with_unit
+    from meanflock.studies import flight_table, study
     from meanflock.studies.means import Means
+    from meanflock.studies.runner import terminable
 
     memory.check(scenarios.values())
     warn_before_take_off(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
-    with store_in(out) as store, progress_of(verb, quiet) as progress:
-        flown = study.fly_all(points, jobs, progress, store)
-    means = Means(columns, flown)
-    sizes = {one.uavs for one in scenarios.values()}
-    title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
-    for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
-        console_for(table).print(table)
-    study.save(flown.values(), out / "runs.jsonl")
-    report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
-    return flown
+    with terminable(out):
+        with store_in(out) as store, progress_of(verb, quiet) as progress:
+            flown = study.fly_all(points, jobs, progress, store)
+        means = Means(tuple(map(with_unit, columns)), flown)
+        sizes = {one.uavs for one in scenarios.values()}
+        title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
+        for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
+            console_for(table).print(table)
+        study.save(flown.values(), out / "runs.jsonl")
+        report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
+        report(flight_table.write_tables(flight_table.flight_table(columns, flown), out))
+        report(plotstyle.write({verb: comparison.plot_points(columns, flown)}, out))
 
 
 @click.command()

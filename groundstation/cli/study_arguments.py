@@ -140,13 +140,20 @@ def lists(*flags: str) -> type[click.Command]:
 
         def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
             """Complete the second and later words of a list like its first."""
-            items = super().shell_complete(ctx, incomplete)
-            for option in self.params:
-                if ctx.meta[_TAKING] in option.opts:
-                    items += option.shell_complete(ctx, incomplete)
-            return items
+            return [*super().shell_complete(ctx, incomplete), *_of_list(ctx, incomplete)]
 
     return Lists
+
+
+def keys_or_list(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Completion of an argument with keys, in a command of `lists`: its keys, and words of the list at the end."""
+    return [*completion.keys(context, parameter, incomplete), *_of_list(context, incomplete)]
+
+
+def _of_list(context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Completion of the list option at the end of the words, if any."""
+    options = [option for option in context.command.params if context.meta[_TAKING] in option.opts]
+    return [item for option in options for item in option.shell_complete(context, incomplete)]
 
 
 def names(given: Sequence[str]) -> list[str]:

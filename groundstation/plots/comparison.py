@@ -16,6 +16,7 @@ from meanflock.groundstation.results.quantities import COMPARED, FIELDS, number,
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 
+_METHOD = "method"
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 
 
@@ -84,35 +85,49 @@ def _explained(figure: Figure, flights: Sequence[int], before: str = "") -> None
     figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
-def plot_sweep(key: str, points: Mapping[Any, Mapping[str, Summaries]]) -> Figure:
-    """A panel a metric along the swept key: mean over seeds with 95 % interval, a line a method.
+def plot_points(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+    """A study: methods side by side, or a sweep.
 
     Args:
-        key: what was swept, as `--set` calls it; points: value → method → summaries. Values that are not all numbers
-            are put side by side.
+        names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
     """
-    values = list(points)
+    if tuple(names) == (_METHOD,):
+        return plot_compare({method: summaries for (method,), summaries in points.items()})
+    return plot_sweep(names, points)
+
+
+def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+    """A panel a metric along the first swept key: mean over seeds with 95 % interval, a line for each method and each
+    combination of the other keys.
+
+    Values that are not all numbers are put side by side. Arguments as for `plot_points`.
+    """
+    key = next((name for name in names if name != _METHOD), _METHOD)
+    along = list(names).index(key)
+    values = list(dict.fromkeys(point[along] for point in points))
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-    x = np.array(values if numeric else range(len(values)), dtype=np.float64)
-    methods = list(dict.fromkeys(method for runs in points.values() for method in runs))
-    looks = plotstyle.looks(methods)
+    places = np.array(values if numeric else range(len(values)), dtype=np.float64)
+    lines: dict[str, dict[Any, Summaries]] = {}
+    for point, summaries in points.items():
+        others = [f"{name}={value}" for name, value in zip(names, point, strict=True) if name not in (key, _METHOD)]
+        lines.setdefault(", ".join([str(summaries[0][_METHOD]), *others]), {})[point[along]] = summaries
+    looks = plotstyle.looks(lines)
     with plotstyle.style():
         figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
-            for place, method in enumerate(methods):
-                beside = 0.012 * (x.max() - x.min()) * (place - (len(methods) - 1) / 2)
+            for place, (line, flown) in enumerate(lines.items()):
+                beside = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
                 estimates = [
-                    statistics.mean([number(summary, metric) for summary in runs.get(method, ())])
-                    for runs in points.values()
+                    statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
                 ]
-                plotstyle.dots(ax, looks[method], x + beside, estimates)
+                plotstyle.dots(ax, looks[line], places + beside, estimates)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:
-                ax.set_xticks(x, [str(value) for value in values])
+                ax.set_xticks(places, [str(value) for value in values])
         for ax in axes[-2:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(figure, methods, markers=True, looks=looks)
-        _explained(figure, [len(summaries) for runs in points.values() for summaries in runs.values()])
+        plotstyle.legend(figure, list(lines), markers=True, looks=looks)
+        _explained(figure, [len(summaries) for summaries in points.values()])
     return figure

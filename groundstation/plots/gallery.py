@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
-from meanflock.groundstation.plots.thumbnail import thumbnail
+from meanflock.groundstation.plots.run import stored
+from meanflock.groundstation.plots.thumbnail import COLUMNS, thumbnail
 from meanflock.groundstation.results.in_words import UNKNOWN, arrivals, bits, named, number, setting
 from meanflock.groundstation.results.scenario_keys import nearest
 from meanflock.groundstation.results.stored_run import StoredRun
@@ -100,7 +101,7 @@ def _card(place: int, run: StoredRun) -> str:
 
 def _picture(run: StoredRun) -> str:
     try:
-        return thumbnail(run.folder)
+        return thumbnail(stored(run.folder, COLUMNS))
     except BadInput:
         reason = (
             "the time series cannot be read" if run.status in ("finished", "damaged") else "the run has not finished"

@@ -142,6 +142,8 @@ _RC: Any = {
     "svg.fonttype": "path",  # looks the same on a machine without the font
 }
 
+_LEGEND_LETTERS = 112  # in a line of a legend
+_HANDLE_LETTERS = 8  # that a line and the space beside it take
 _LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
 
 
@@ -189,9 +191,19 @@ def style() -> Iterator[None]:
         yield
 
 
+class _Shown(Figure):
+    """A figure that a notebook shows as a picture, whatever its backend is."""
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        with style():
+            self.savefig(drawn, format="png")
+        return drawn.getvalue()
+
+
 def figure(width_in: float, height_in: float) -> Figure:
     """An empty figure on the Agg canvas; no global state, no window."""
-    result = Figure(figsize=(width_in, height_in))
+    result = _Shown(figsize=(width_in, height_in))
     FigureCanvasAgg(result)
     return result
 
@@ -274,9 +286,9 @@ def legend(
         handle.set_marker(seen.marker if markers else "")
         handles.append(handle)
     handles += list(extra)
-    drawing.legend(
-        handles=handles, loc="outside upper center", ncols=min(len(handles), 4), handlelength=2.6, columnspacing=1.4
-    )
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), 4, _LEGEND_LETTERS // (longest + _HANDLE_LETTERS)))
+    drawing.legend(handles=handles, loc="outside upper center", ncols=columns, handlelength=2.6, columnspacing=1.4)
 
 
 def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None, high: Floats | None = None) -> None:

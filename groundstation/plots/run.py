@@ -5,7 +5,7 @@ They need neither the controller nor the plug-ins of the run.
 
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +26,7 @@ from meanflock.groundstation.results.quantities import FIELDS, PHI_G, quantity
 from meanflock.groundstation.results.run_folder import EVENTS, flown_rows
 from meanflock.groundstation.results.series import diagnostics_in, per_uav, span_where
 from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 
 log = logging.getLogger("meanflock.plots")
@@ -36,22 +37,36 @@ MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
 
 
-def plot_run(folder: Path) -> dict[str, Figure]:
-    """`paths` and `curves` of the run in `folder`, from its timeseries.parquet, scenario.toml and events.jsonl.
+class Shown(NamedTuple):
+    """What is drawn of a run: its time series, its scenario, and its events as rows of events.jsonl."""
+
+    table: pa.Table
+    scenario: Flown | Scenario
+    events: Sequence[Mapping[str, Any]]
+
+
+def stored(folder: Path, columns: list[str] | None = None) -> Shown:
+    """The run in `folder`, with some columns of its time series, or all.
 
     Raises:
         BadInput: no run there, or one that never wrote a row.
     """
-    table = flown_rows(folder)
-    flown = flown_keys(folder)
-    with plotstyle.style():
-        return {"paths": _paths(table, flown, folder), "curves": _curves(table, flown)}
+    return Shown(flown_rows(folder, columns), flown_keys(folder), _events(folder / EVENTS))
+
+
+def plot_run(folder: Path) -> dict[str, Figure]:
+    """`paths` and `curves` of the run in `folder`; raises as `stored`."""
+    run = stored(folder)
+    return {"paths": plot_paths(run), "curves": plot_curves(run)}
 
 
 # -- paths ---------------------------------------------------------------------------------------------------------
 
 
-def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
+@plotstyle.style()
+def plot_paths(run: Shown) -> Figure:
+    """The paths of all UAVs on the map, with collisions, obstacles and goals."""
+    table, flown = run.table, run.scenario
     position = per_uav(table, "x_m", "y_m")
     ticks, uavs, _ = position.shape
     step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
@@ -61,12 +76,12 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
     ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(*position[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
-    collisions = places_of(folder, "collision", position)
+    collisions = places_of(run.events, "collision", position)
     if (counted := int(_line(table, "collisions")[-1])) != len(collisions):
-        log.warning("%s: %d of %d collisions; the others are not marked", folder / EVENTS, len(collisions), counted)
+        log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)
     ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
     if len(flown.obstacles):
-        hits = places_of(folder, "hit", position)
+        hits = places_of(run.events, "hit", position)
         ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
     _draw_mission(ax, flown)
     ax.set_aspect("equal", adjustable="datalim")
@@ -84,32 +99,34 @@ def _paths(table: pa.Table, flown: Flown, folder: Path) -> Figure:
     return figure
 
 
-def places_of(folder: Path, kind: str, position: Floats) -> Floats:
+def places_of(events: Iterable[Mapping[str, Any]], kind: str, position: Floats) -> Floats:
     """Mean positions of the UAVs at events of a kind, (K, 2), m; `position` is (T, N, 2)."""
     ticks, uavs, _ = position.shape
     places = [
-        position[tick, at].mean(axis=0)
-        for tick, at in _events(folder, kind)
-        if 0 <= tick < ticks and at and all(0 <= uav < uavs for uav in at)
+        position[event["tick"], event["uavs"]].mean(axis=0)
+        for event in events
+        if event["kind"] == kind
+        and event.get("uavs")
+        and 0 <= event["tick"] < ticks
+        and all(0 <= uav < uavs for uav in event["uavs"])
     ]
     return np.array(places).reshape(-1, 2)
 
 
-def _events(folder: Path, kind: str) -> list[tuple[int, list[int]]]:
-    """Tick and UAVs of the events of a kind; lines that cannot be read are skipped, as the last line after a kill."""
-    path = folder / EVENTS
+def _events(path: Path) -> list[dict[str, Any]]:
+    """Kind, tick and UAVs of the events in a file; lines that cannot be read are skipped, as the last after a kill."""
     found = []
     for text in stored_lines(path) if path.exists() else ():
         try:
             row = json.loads(text)
-            if row["kind"] == kind:
-                found.append((int(row["tick"]), [int(uav) for uav in row["uavs"]]))
-        except (ValueError, TypeError, KeyError):
+            uavs = [int(uav) for uav in row.get("uavs", ())]
+            found.append({"kind": str(row["kind"]), "tick": int(row["tick"]), "uavs": uavs})
+        except (ValueError, TypeError, KeyError, AttributeError):
             continue
     return found
 
 
-def _draw_mission(ax: Axes, flown: Flown) -> None:
+def _draw_mission(ax: Axes, flown: Flown | Scenario) -> None:
     """Draws goals and obstacles over the paths, and names them in the legend."""
     goals, radius = mission.goals(flown), flown.destination.radius
     for x, y, size in mission.obstacles(flown).tolist():
@@ -128,8 +145,10 @@ def _draw_mission(ax: Axes, flown: Flown) -> None:
 # -- curves --------------------------------------------------------------------------------------------------------
 
 
-def _curves(table: pa.Table, flown: Flown) -> Figure:
-    panels = _Panels(table, plotstyle.colour(flown.method)).all()
+@plotstyle.style()
+def plot_curves(run: Shown) -> Figure:
+    """A panel for every quantity of the time series."""
+    panels = _Panels(run.table, plotstyle.colour(run.scenario.method)).all()
     rows = -(-len(panels) // 2)
     figure = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False)

@@ -1,18 +1,17 @@
 """A small SVG drawing of a run: paths on the map, starts, goals, obstacles and collisions."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.plots.run import places_of
-from meanflock.groundstation.results.flown import Flown, flown_keys
-from meanflock.groundstation.results.run_folder import flown_rows
+from meanflock.groundstation.plots.run import Shown, places_of
+from meanflock.groundstation.results.flown import Flown
 from meanflock.groundstation.results.series import per_uav
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -24,16 +23,18 @@ _LEAST_M = 1.0  # smallest extent
 _BARS = (1, 2, 5)  # lengths of the scale bar, times a power of ten
 
 
-def thumbnail(folder: Path) -> str:
-    """The drawing of the run in `folder`, as an SVG element without references to anything outside.
+COLUMNS = ["x_m", "y_m"]  # of the time series, that a drawing needs
+
+
+def thumbnail(run: Shown) -> str:
+    """The drawing of a run, as an SVG element without references to anything outside.
 
     Raises:
-        BadInput: there is no time series, it is damaged, or so is the scenario.
+        BadInput: the time series is damaged.
     """
-    flown = flown_keys(folder)
-    position = per_uav(flown_rows(folder, ["x_m", "y_m"]), "x_m", "y_m")
+    flown, position = run.scenario, per_uav(run.table, *COLUMNS)
     if not np.isfinite(position).all():
-        raise BadInput(f"{folder}: positions that are not finite; bring the time series back, or fly the run again")
+        raise BadInput("positions that are not finite; bring the time series back, or fly the run again")
     goals = np.unique(mission.goals(flown), axis=0)
     view = _View([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2]])
     parts = [
@@ -41,7 +42,7 @@ def thumbnail(folder: Path) -> str:
         *_paths(view, position, plotstyle.colour(flown.method)),
         *_squares(view, position[0]),
         *_circles(view, position[-1], 1.8, f'fill="{plotstyle.INK}"'),
-        *_circles(view, places_of(folder, "collision", position), 3.0, f'fill="{plotstyle.STAR["color"]}"'),
+        *_circles(view, places_of(run.events, "collision", position), 3.0, f'fill="{plotstyle.STAR["color"]}"'),
         *_goals(view, goals, flown.destination.radius),
         _scale_bar(view),
     ]
@@ -89,7 +90,7 @@ def _circles(view: _View, places: Floats, radius: float, look: str) -> list[str]
     return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" {look}/>' for x, y in view(places[:_MOST_MARKS])]
 
 
-def _discs(view: _View, flown: Flown) -> list[str]:
+def _discs(view: _View, flown: Flown | Scenario) -> list[str]:
     """The obstacles, to scale."""
     look = f'fill="{plotstyle.PALE}" fill-opacity=".5"'
     discs = mission.obstacles(flown)

@@ -1,22 +1,30 @@
 """`mf.fly`, `mf.open`, `mf.compare`, `mf.sweep`: flights from Python are those of the command; imports load nothing."""
 
 import csv
+import hashlib
 import json
 import os
+import platform
+import re
 import shutil
 import signal
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import meanflock as mf
-from meanflock import env
+from meanflock import env, swarm
+from meanflock.comparison import Comparison
 from meanflock.groundstation.cli.command import main
+from meanflock.groundstation.results.quantities import SUMMARY
 from meanflock.studies import study
 from tests.commands import loaded, printed
 
@@ -109,6 +117,12 @@ OUT = {"out": "runs"}
         (lambda: mf.sweep("wind.sigma", [], **FEW), "a value or more"),
         (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **FEW | {"jobs": "2"}), "jobs: '2'; give a number"),
         (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **FEW), "leave it out"),
+        (lambda: mf.sweep("method", ["mfg"], methods="hjb", **FEW), "leave it out of the methods"),
+        (lambda: mf.sweep(["wind.sigma", "uavs"], [[0.1, 0.2]], **FEW), "2 keys, and values for 1"),
+        (lambda: mf.sweep(["wind.sigma", "wind.sigma"], [[0.1], [0.2]], **FEW), "swept twice"),
+        (lambda: mf.sweep(["wind.sigma", "uavs"], [0.1, 0.2], **FEW), "wind.sigma: 0.1; give a list"),
+        (lambda: mf.sweep("method", "hjb", **FEW), "give a list"),
+        (lambda: mf.sweep([], [], **FEW), "0 keys"),
         (lambda: env.vector_env("paper", reward={"speed": 1.0}), "no term 'speed'"),
         (lambda: env.vector_env("paper", neighbours=0), "neighbours: 0"),
         (lambda: env.vector_env("paper", message=99), "message: 99"),
@@ -251,6 +265,85 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     disc = {"centre": [30.0, 0.0], "radius": 2.0}
     tables = mf.sweep("obstacles", [[], [disc]], methods="mfg", seeds=1, **FEW)
     assert [row["obstacles"] for row in tables] == [(), (str(disc),)]
+
+
+@pytest.fixture(scope="module")
+def grid() -> mf.Comparison:
+    options: dict[str, Any] = {"seeds": 2, "duration": 3.0, "jobs": 1}
+    return mf.sweep(["wind.sigma", "uavs"], [np.array([0.1, 0.2]), (2, 3)], methods=["plan", "hjb"], **options)
+
+
+def test_several_keys_are_a_grid_and_its_frame_has_a_row_for_each_flight(grid: mf.Comparison, tmp_path: Path) -> None:
+    assert [(row["wind.sigma"], row["uavs"], row["method"]) for row in grid] == [
+        (sigma, uavs, method) for sigma in (0.1, 0.2) for uavs in (2, 3) for method in ("plan", "hjb")
+    ]
+    table = grid.frame()
+    flown = [summary for summaries in grid.summaries.values() for summary in summaries]
+    assert len(table) == 16 == len(flown)
+    for key in ("seed", "arrived", "energy_mean_J", "t_avg_s", "models_sha256", "scenario_sha256", "t_avg_censored_s"):
+        assert table[key].to_pylist() == [summary[key] for summary in flown]
+    assert table["payload_bits.total"].to_pylist() == [summary["payload_bits"]["total"] for summary in flown]
+    assert table["diagnostics_mean.phi_G"].to_pylist()[:2] == [None, None]  # `plan` reports none
+    assert {str(table.schema.field(name).type) for name in ("t_avg_s", "radio.outage_rate", "uavs", "method")} == {
+        *("double", "int64", "string")
+    }
+    described = {field.key for field in SUMMARY} | {"t_avg_censored_s", "wind.sigma"}
+    assert not [name for name in table.column_names if not any(fnmatchcase(name, key) for key in described)]
+    assert pq.read_table(grid.to_parquet(tmp_path / "flights.parquet")).equals(table)
+    with grid.to_csv(tmp_path / "flights.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["energy_mean_J"]) for row in rows] == table["energy_mean_J"].to_pylist()
+    assert (rows[0]["t_avg_s"], list(rows[0])) == ("", table.column_names)
+
+
+def test_values_that_are_lists_or_of_several_types_are_text_in_the_frame() -> None:
+    lists = mf.sweep("wind.mean", [[1.0, -1.0], (0.0, 0.0)], methods="plan", seeds=1, **FEW)
+    assert lists.frame()["wind.mean"].to_pylist() == ["[1.0, -1.0]", "[0.0, 0.0]"]
+    compared = mf.compare(["plan", "hjb"], seeds=1, **FEW)
+    assert compared.frame().column_names[:2] == ["method", "schema"]
+    methods = mf.sweep("method", ["plan", "hjb"], seeds=1, **FEW)
+    assert (list(methods.summaries), list(compared.summaries)) == ([("plan",), ("hjb",)],) * 2
+
+
+def test_every_flight_says_what_flew_it() -> None:
+    git = subprocess.run(["git", "rev-parse", "HEAD"], cwd=EXAMPLES, capture_output=True, text=True, check=False)
+    commit = git.stdout.strip() or None  # None: the source is no checkout
+    found = mf.fly(method="spring", plugin=EXAMPLES / "spring.py", **SMALL).summary["provenance"]
+    source = hashlib.sha256((EXAMPLES / "spring.py").read_bytes()).hexdigest()
+    assert (found["commit"], found["python"], found["numpy"]) == (commit, platform.python_version(), np.__version__)
+    assert found["plugins"]["controller"] == f"spring, sha256 {source}"
+    assert found["plugins"]["channel"] == f"rice, meanflock {swarm.__version__}"
+    (summary,) = mf.compare("spring", seeds=1, uavs=2, duration=1.0, jobs=1).summaries[("spring",)]
+    assert summary["provenance"] == found
+
+
+def test_a_notebook_shows_runs_and_studies_and_their_plots(grid: mf.Comparison, left: mf.Run) -> None:
+    here = mf.fly(method="orca", **SMALL)
+    for run in (here, mf.open(left.folder)):
+        page = run._repr_html_()
+        assert (page.count("<svg"), f"{run.summary['arrived']} of 4 UAVs" in page) == (1, True)
+        for what, panels in (("paths", 1), ("curves", 6)):
+            figure = run.plot(what)
+            assert len([ax for ax in figure.axes if ax.get_title(loc="left")]) >= panels
+        assert figure._repr_png_().startswith(b"\x89PNG")
+    page = grid._repr_html_()
+    assert (page.count("<tr>"), page.count("<th ")) == (9, 4 + 7)
+    hostile = Comparison(("<b>",), {("<script>\x1b",): [here.summary | {"t_avg_censored_s": 1.0}]})
+    assert not re.findall("<script|<b>|\x1b", hostile._repr_html_())
+    with pytest.raises(mf.BadInput, match="curves"):
+        here.plot("map")
+
+
+def test_a_grid_is_drawn_along_its_first_key_with_a_line_for_each_of_the_others(grid: mf.Comparison) -> None:
+    figure = grid.plot()
+    lines = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert lines == ["plan, uavs=2", "hjb, uavs=2", "plan, uavs=3", "hjb, uavs=3"]
+    assert [ax.get_xlabel() for ax in figure.axes] == ["", "", *["wind.sigma (m/s/√s)"] * 2]
+    energy = np.array([line.get_ydata() for line in figure.axes[1].get_lines() if len(line.get_ydata()) == 2])
+    means = [row["energy_mean_J"] for row in grid]
+    assert {tuple(row) for row in energy} >= {(means[k], means[k + 4]) for k in range(4)}
+    rows = mf.compare(["plan", "hjb"], seeds=2, **FEW).plot()
+    assert [label.get_text() for label in rows.axes[0].get_yticklabels()] == ["plan", "hjb"]
 
 
 def test_what_was_registered_in_this_process_is_flown_in_it() -> None:

@@ -93,6 +93,8 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
     (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
     (("sweep", "wind.sigma=0.1,0.10"), "there twice"),
+    (("sweep", "wind.sigma=0.1,0.2", "uavs=2,3", "wind.sigma=0.3,0.4"), "wind.sigma is swept twice"),
+    (("sweep", "wind.sigma=0.1,0.2", "uavs=2,3", "--uavs", "4"), "leave out --uavs"),
     (("sweep", "wind.sigma=0.1"), "two values or more"),
     (("sweep", "wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
     (("leaderboard", "--missions", "mars"), "--missions mars: no such mission; there are paper"),

@@ -82,7 +82,7 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
         ("meanflock", ["plot", "run"], "matplotlib", "'meanflock[ground]'"),
         ("meanflock", ["list", "--html=p"], "matplotlib", "'meanflock[ground]'"),
         ("meanflock", ["certs", "init", "c"], "cryptography", "'meanflock[ground]'"),
-        ("meanflock", ["sweep", "uavs=2", "--jobs=1"], "scipy", "'meanflock[ground]'"),
+        ("meanflock", ["sweep", "uavs=2,3", "--jobs=1"], "scipy", "'meanflock[ground]'"),
         ("meanflock", ["run", "--in-process", "--record"], "rerun", "'meanflock[ground]'"),
         ("meanflock", ["run", "--view", "--web"], "rerun", "'meanflock[ground]'"),
         ("meanflock", ["run", "--uavs=2", "--tls=c", "--no-record"], "cryptography", "'meanflock[ground]'"),

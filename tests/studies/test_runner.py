@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from rerun.chunk import RrdReader
 
@@ -51,6 +52,23 @@ def test_method_seed_and_uavs_are_swept_like_any_key(run, tmp_path, swept, flags
     assert column in out
     (label,) = [name for name in rows(tmp_path / "out/sweep.csv")[0] if name.startswith(column)][:1]
     assert [row[label] for row in rows(tmp_path / "out/sweep.csv")] == swept.partition("=")[2].split(",")
+
+
+def test_several_keys_are_a_grid_with_a_row_for_each_flight(run, tmp_path: Path) -> None:
+    code, out, err = run("sweep", "wind.sigma=0.1,0.2", "method=plan,hjb", "uavs=2,3", "--seeds", "2", *QUICK)
+    assert (code, err) == (EXIT_DONE, "")
+    assert max(map(len, out.splitlines())) <= 80
+    keys = ("wind.sigma", "method", "uavs")
+    grid = [(sigma, method, uavs) for sigma in ("0.1", "0.2") for method in ("plan", "hjb") for uavs in ("2", "3")]
+    flights = rows(tmp_path / "out/flights.csv")
+    wanted = [(*point, seed) for point in grid for seed in "12"]
+    assert [tuple(row[name] for name in (*keys, "seed")) for row in flights] == wanted
+    assert [tuple(row.values())[:3] for row in rows(tmp_path / "out/sweep.csv")] == grid
+    table = pq.read_table(tmp_path / "out/flights.parquet")
+    assert table.column_names == list(flights[0])
+    assert table["energy_mean_J"].to_pylist() == [one["energy_mean_J"] for one in flown(tmp_path / "out")]
+    for name in ("flights.csv", "flights.parquet", "sweep.png"):
+        assert f"out/{name}" in out
 
 
 @pytest.mark.parametrize(
