@@ -20,11 +20,13 @@ Carried: TypeAlias = tuple[NDArray[np.int64], NDArray[np.bool_]]  # slots (K,) a
 
 
 class Message(NamedTuple):
-    """A message on its way over K ≥ 1 links, sorted by source and then by target.
+    """All frames of one kind that UAVs send in a tick, and their K ≥ 1 links, sorted by source and then by target.
 
-    tick: in which it is sent. bits: its size. source, target: (K,) the UAVs at the ends of each link; the leader is one
-    of the UAVs. A pair comes several times if the message is a model that is sent in fragments. distance_m: (K,).
-    position_m: (N, 2) of all UAVs, m.
+    The uploads of a round are one Message, for example, and so are the states that all UAVs broadcast in a tick.
+
+    tick: in which they are sent. bits: size of each frame. source, target: (K,) the UAVs at the ends of each link; the
+    leader is one of the UAVs. A pair comes several times if models are sent in fragments: once for each fragment.
+    distance_m: (K,) lengths of the links. position_m: (N, 2) of all UAVs, m.
     """
 
     tick: int
@@ -38,9 +40,9 @@ class Message(NamedTuple):
 class Channel:
     """Base class of channels. Derive from it and set `name`, which `radio.model` then refers to.
 
-    Write `transmit` if each message is drawn afresh. Write `init` and `carry` if the channel must know which UAVs talk,
-    where they are, or what was drawn before. A channel must not remember anything else between two calls, and must draw
-    from the given generator only. Then a flight is the same in every mode, and after every resume.
+    Write `transmit` if the fate of each frame is drawn afresh. Write `init` and `carry` if the channel must know which
+    UAVs talk, where they are, or what was drawn before. A channel must not remember anything else between two calls,
+    and must draw from the given generator only. Then flights are bit-identical in every mode, and after every resume.
     """
 
     plugin_kind: ClassVar = "channel"
@@ -65,14 +67,14 @@ class Channel:
     def carry(
         self, memory: Memory, message: Message, rng: np.random.Generator
     ) -> tuple[Memory, NDArray[np.int64], NDArray[np.bool_]]:
-        """Sends one message, as `transmit` does; by default by `transmit`.
+        """Decides the fate of all frames of a `Message`; by default by `transmit`.
 
         Args:
-            memory: the result of `init` or of the last message. Its arrays are read-only: return new ones, with the
+            memory: the result of `init` or of the last call. Its arrays are read-only: return new ones, with the
                 same names, dtypes and shapes.
 
         Returns:
-            The memory after the message; the slots (K,) and deliveries (K,), see `transmit`.
+            The new memory; the slots (K,) and deliveries (K,), see `transmit`.
         """
         answer = self.transmit(message.distance_m, message.bits, rng)
         slots, delivered = check_values("transmit", answer, 2, "slots and delivered")
@@ -80,11 +82,14 @@ class Channel:
 
     @abstractmethod
     def transmit(self, distance_m: Floats, bits: int, rng: np.random.Generator) -> Carried:
-        """Sends one message of `bits` over K ≥ 1 links of lengths `distance_m` (K,), by source and then by target.
+        """Decides the fate of frames of `bits` each on K ≥ 1 links, sorted by source and then by target.
+
+        Args:
+            distance_m: (K,) lengths of the links. bits: size of each frame.
 
         Returns:
-            The slots of θ that each link took (K,), 1 … 1,000,000, and whether it delivered the message (K,). A round
-            closes D_M slots after its uploads are sent; an upload that takes longer is too late.
+            The slots of θ that the frame takes on each link (K,), 1 … 1,000,000, and whether the link delivers it (K,).
+            Uploads are averaged D_M slots after they are sent, rounded up to whole ticks, or at `federation.deadline`.
         """
         raise NotImplementedError
 

@@ -27,13 +27,13 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("Controller", "Options", "Received", "Broadcast", "Step"),
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
-    "A channel": ("Decides how long a message takes on a link, and whether it is lost.", ("Channel", "Message")),
+    "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),
     "A filter": (
         "May change the accelerations of any controller; "
         "see [the filter](controllers.md#the-filters-ecbf-and-braking-before-any-controller).",
         ("Filter",),
     ),
-    "A vehicle": ("Moves the UAVs and counts their energy.", ("Vehicle",)),
+    "A vehicle": ("See [your vehicle](your-vehicle.md).", ("Vehicle",)),
     "Installed plug-ins": ("", ("plugins", "register", "Plugin")),
     "The mission": ("Start, launch time and goal of each UAV; all UAVs know them.", ("mission",)),
     "Randomness": ("Random generators for your controller, drawn from the scenario's seed.", ("seeds",)),
@@ -133,7 +133,7 @@ def _prose(docstring: str) -> list[str]:
     lines: list[str] = []
     for part in docstring.split("\n\n"):
         head, _, rest = part.partition("\n")
-        if head in ("Args:", "Returns:", "Raises:", "Yields:"):
+        if head in ("Args:", "Attributes:", "Returns:", "Raises:", "Yields:"):
             lines += [f"*{head[:-1]}*:", "", *_items(rest, least=1), ""]
         elif all(line.startswith("    ") for line in part.splitlines()):
             again = lines[-2:] == ["```", ""]  # blank lines of one piece of code
@@ -147,11 +147,12 @@ def _prose(docstring: str) -> list[str]:
 def _items(text: str, least: int = 2) -> list[str]:
     """A list where a text goes by `name: meaning. name: meaning.`, with so many at least; else a paragraph."""
     text = " ".join(text.split())
-    starts = [match.start(1) for match in re.finditer(r"(?:^|(?<=[.?]\s))(?!None)(\w+): ", text)]
+    starts = [match.start(1) for match in re.finditer(r"(?:^|(?<=[.?]\s))(?!None)(\w+(?:, \w+)*): ", text)]
     if len(starts) < least or starts[0]:
         return [text]
     parts = [text[one:other].strip() for one, other in itertools.pairwise([*starts, len(text)])]
-    return [f"- `{name}`: {about}" for name, _, about in (part.partition(": ") for part in parts)]
+    named = (part.partition(": ") for part in parts)
+    return [f"- `{names.replace(', ', '`, `')}`: {about}" for names, _, about in named]
 
 
 if __name__ == "__main__":

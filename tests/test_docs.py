@@ -26,6 +26,7 @@ EXECUTED = [
     "your-controller",
     "your-aggregation",
     "your-channel",
+    "your-vehicle",
     "train-a-policy",
     "flower",
     "containers",

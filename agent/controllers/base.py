@@ -91,14 +91,14 @@ class Controller:
     Options: ClassVar[type[msgspec.Struct]] = Options
     parameters: int = 0  # floats of the model it shares with the federation
     parts: tuple[int, ...] = ()  # block sizes of the model; int8 scales each block separately
-    weights: int | None = None  # floats that `report` returns for a UAV; None: `parameters`
+    weights: int | None = None  # number of learned floats of a UAV, which `report` returns; None: `parameters`
     diagnostics: tuple[str, ...] = ()
     period_ticks: int = 100  # ticks between rounds, if `federation.period` is unset
     broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
     pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
-    weighted: bool = False  # whether each model is sent with a weight, 32 bits more, that `samples` returns
+    weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""
@@ -135,8 +135,8 @@ class Controller:
         return memory
 
     def samples(self, memory: Memory) -> NDArray[np.float64]:
-        """Returns the weights of the models, (M,), greater than 0 as float32; asked only if the controller is
-        `weighted`."""
+        """Returns how much each model counts in a mean, (M,), greater than 0 as float32: for example its number of
+        training samples. Called only if the controller is `weighted`."""
         return np.ones(len(next(iter(memory.values()))))
 
     def prediction(self) -> Prediction | None:
@@ -144,7 +144,7 @@ class Controller:
         return None
 
     def report(self, memory: Memory) -> NDArray[np.float64]:
-        """Returns the learned weights that are recorded, (M, weights)."""
+        """Returns all learned floats of each UAV for the recording, (M, weights); by default the model of `get`."""
         return self.get(memory)
 
 

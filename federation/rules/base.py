@@ -20,13 +20,13 @@ class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
     Models that are too long for one message arrive in fragments, and some may be lost.
 
     Attributes:
-        models: (S, parameters), finite. A weight that was lost is the mean of those that arrived from other UAVs, so
-            that a rule which does not look at `arrived` computes something sensible; 0 if it arrived from nobody.
+        models: (S, parameters), finite. A number that was lost is replaced by the mean of those that arrived from other
+            UAVs, or by 0 if none arrived. So a rule that ignores `arrived` computes something sensible.
         uavs: (S,) the UAVs that the models are of.
         sent: (S,) the rounds in which they were sent; below `round` for an upload that came after its deadline.
         slots: (S,) slots that they were on the air, all fragments together; 0 for the model of the UAV that averages.
-        samples: (S,) the weights that the controllers declare, greater than 0; 1 where they declare none.
-        arrived: (S, parameters) whether a weight arrived.
+        samples: (S,) how much each model counts, as `Controller.samples` returns it, greater than 0; else 1.
+        arrived: (S, parameters) whether each number of a model arrived.
         round: the number of the round, from 1 on.
     """
 
@@ -40,7 +40,7 @@ class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def mean(self) -> Floats:
-        """(parameters,) mean of each weight over the models in which it arrived, all counted alike; 0 if in none."""
+        """(parameters,) mean of each number over the models in which it arrived, all counted alike; 0 if in none."""
         return mean(self.models, None, self.arrived)
 
     @classmethod
@@ -123,8 +123,8 @@ class Aggregator:
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
         """Returns the state after a round, and its global model, (parameters,).
 
-        None in place of the model: the rule waits for more models. The state is kept, and no model is broadcast.
-        Fragments that arrived from nobody are not broadcast, whatever the model says there.
+        A rule that waits for more models returns None in place of the model. Then the state is stored, and no model is
+        broadcast. A fragment that arrived from no other UAV is not broadcast, whatever the model has there.
 
         Args:
             uploads: at least one model.
@@ -132,9 +132,10 @@ class Aggregator:
         raise NotImplementedError
 
     def weights(self, uploads: Uploads) -> Floats | None:
-        """Returns the weight of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
+        """Returns the factor of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
 
-        A weight may depend on its own upload alone, and not on its `slots`, which are 0 here. With the topology
-        `neighbours` one call then serves all UAVs of a node, in place of a `step` for each; the state is not used.
+        The factor of a model may depend on its own upload alone, and not on `slots`, which are 0 here. With the
+        topology `neighbours` one call then serves all UAVs of a node, in place of a `step` for each; the state is not
+        used.
         """
         return None

@@ -21,7 +21,7 @@ GONE = (
 )
 OTHER_THREADS = 2  # a flight has one
 THREADS = (
-    f"the bits of a flight differ with {OTHER_THREADS} threads of BLAS, OpenMP or torch",
+    f"a flight with {OTHER_THREADS} threads of BLAS, OpenMP or torch is not bit-identical",
     "flights use one, but your own programs use more: set the number in `__init__`, as `torch.set_num_threads(1)` "
     "does, or sum in an order of your own",
 )

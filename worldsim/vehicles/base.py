@@ -22,8 +22,9 @@ Hidden = dict[str, NDArray]  # each (N, …)
 class Vehicle:
     """Base class of vehicles. Derive from it and set `name`, which `vehicle.model` then refers to.
 
-    Row i of every result must depend on row i of the arguments only, to the last bit. Arguments must not be written to.
-    Anything besides the states [x, y, vx, vy] (m, m/s) belongs in `hidden`, which checkpoints store, and not in self.
+    Row i of every result must depend on row i of the arguments only, so that flights are bit-identical in every mode.
+    Arguments must not be written to. Anything besides the states [x, y, vx, vy] (m, m/s) belongs in `hidden`, which
+    checkpoints store, and not in self.
     """
 
     plugin_kind: ClassVar = "vehicle"
@@ -33,8 +34,12 @@ class Vehicle:
         """Keys of `[vehicle.options]`, with units and bounds."""
 
     def __init__(self, options: "Vehicle.Options", scenario: Scenario) -> None:
-        """`scenario`: its `dt`, its `wind`, and whatever else the vehicle needs. Its wind is that of the world;
-        `worldsim.vehicles.base.MeanWind(scenario)` gives it at a place.
+        """Sets `self.options` and `self.scenario`.
+
+        Args:
+            options: an instance of `Options`.
+            scenario: all keys. Its `wind` is that of the world, which may differ from the one that UAVs know.
+                `meanflock.worldsim.vehicles.base.MeanWind(scenario)` computes its mean at a place.
         """
         self.options, self.scenario = options, scenario
 
