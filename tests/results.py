@@ -261,11 +261,12 @@ def radio_losses(floats: int) -> float:
 
 
 def long_model() -> tuple[int, int, str]:
-    """Fragments of a model of 10⁵ floats on the default radio, slots of each, and ticks of a round."""
+    """Fragments of a model of 10⁵ floats on the default radio, slots of each, and ticks until it is in place."""
     scenario = rounds._scenario("leader", 25, rounds.Long)
     fragments = scenario.hops[0].coding.fragments
     assert fragments is not None
-    return fragments.count, fragments.cut.slots, {4: "four"}[sum(hop.coding.ticks for hop in scenario.hops)]
+    ticks = scenario.hops[-1].after + scenario.hops[-1].coding.ticks - 1 + scenario.hop_ticks
+    return fragments.count, fragments.cut.slots, {4: "four"}[ticks]
 
 
 def secure_bits(uavs: int) -> float:

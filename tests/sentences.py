@@ -145,7 +145,7 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
             f"{results.mixed('t_avg_censored_s', SCAFFOLD).mean() - results.mixed('t_avg_censored_s').mean():.0f}",
             *(f"{results.mixed('arrived', way).sum():.0f}" for way in (SCAFFOLD, "mfgfl-hf")),
         ],
-        "a model of 10⁵ weights goes in {} fragments of {} slots, and its round takes {} ticks.": lambda: [
+        "of 10⁵ weights goes in {} fragments of {} slots, and the global model is in place {} ticks after": lambda: [
             *results.long_model()
         ],
         (
@@ -275,7 +275,7 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
                 ("`rls`, together, alone", ("rls", "rls-alone"), ()),
             )
         },
-        "cost {} times the bits and track worse": lambda: [
+        "send {} times as many bits and track worse": lambda: [
             f"{results.shared_bits('paper', 'fed-lspi-data', 'fed-lspi'):.0f}"
         ],
         "track best, with a median of {} in place of {} under a leader": lambda: [
@@ -284,7 +284,7 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
         "learns only drag and wind, tracks `unknown` with {}": lambda: [
             f"{results.median_of('unknown', 'rls', 'tracking'):.1f}"
         ],
-        "and more at κ = 0.02, for {} times the bits": lambda: [
+        "and more at κ = 0.02, and sends {} times as many bits": lambda: [
             f"{results.shared_bits('paper', 'mfgfl-h-ecbf', 'mfg-ecbf'):.0f}"
         ],
         "the mean logarithm of the tracking cost is {} together and {} alone": lambda: [
@@ -339,8 +339,9 @@ SENTENCES: dict[str, dict[str, Callable[[], Sequence[object]]]] = {
     },
     YOUR_CONTROLLER: {
         (
-            "loses {} % of the messages of 300 floats, and {} % of those of 500 floats. Models of more "
-            "than {} floats go in fragments, of which {} % arrive"
+            "loses {} % of the messages of 300 floats and {} % of those of 500 floats, and cannot deliver one of more "
+            "than {} floats. A model of more than 622 floats is therefore cut into fragments, each of which is a "
+            "message of its own; {} % of them arrive."
         ): lambda: [
             f"{results.radio_losses(300):.0f}",
             f"{results.radio_losses(500):.0f}",
