@@ -89,9 +89,9 @@ def sections_of(view: View, held: Sequence[Share]) -> list[Section]:
     parts = [
         (
             "How it was run",
-            f"Version {versions(view)}. Every flight lasts 300 s, even if all UAVs arrive earlier. The same version, "
-            "scenario and seed give the same trajectory, to the last bit on one kind of machine and NumPy build. No "
-            "number depends on wall-clock time.",
+            f"Version {versions(view)}. Every flight lasts 300 s, even if all UAVs arrive earlier. Trajectories of one "
+            "version, scenario and seed are bit-identical on one kind of machine and NumPy build. No number depends on "
+            "wall-clock time.",
             how_run(view),
         ),
         (

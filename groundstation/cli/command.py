@@ -47,7 +47,7 @@ _COMMANDS = {  # in the order of their use
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
     "sweep": _Listed("study", "sweep", "Compare several values of one scenario key, or of several."),
     "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),
-    "frontier": _Listed("frontier", "frontier", "Find the fewest bits for flights without collisions."),
+    "frontier": _Listed("frontier", "frontier", "Find the fewest bits to send for flights without collisions."),
     "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),
     "doctor": _Listed("prepare", "doctor", "Check whether a run would work on this machine."),
     "plugins": _Listed("prepare", "plugins_command", "List controllers and all other plug-ins, with their options."),

@@ -1,4 +1,4 @@
-"""The command `frontier`: the fewest bits for flights without collisions."""
+"""The command `frontier`: the fewest bits to send for flights without collisions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,7 +99,7 @@ def frontier(
     out: Path,
     quiet: bool,
 ) -> None:
-    """Find the fewest bits for flights without collisions.
+    """Find the fewest bits to send for flights without collisions.
 
     For each controller, mission, outage and number of UAVs, searches for the cheapest policy of communication of which
     the flights show that 90 % and 95 % are free of collisions. Repeat an interrupted command to fly only what is

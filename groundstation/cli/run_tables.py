@@ -216,7 +216,7 @@ def print_difference(found: Difference) -> None:
     _print_titled(f"Figures that differ: {number_of} of {found.compared}", figures)
     if hidden := len(found.figures) - figures.row_count:
         console.print(f"{hidden} more, by kind of traffic: --json", highlight=False)
-    same = "Both are the same flight, to the last bit." if found.same_flight else "The flights are different."
+    same = "Both flights are bit-identical." if found.same_flight else "The flights are different."
     console.print(f"\n{same}", highlight=False)
 
 

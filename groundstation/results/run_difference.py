@@ -36,7 +36,7 @@ class Difference(NamedTuple):
 
     @property
     def same_flight(self) -> bool:
-        """Returns whether the states of all ticks are equal, to the last bit."""
+        """Returns whether the states of all ticks are bit-identical."""
         return bool(self.first.summary["trajectory_sha256"] == self.second.summary["trajectory_sha256"])
 
     def record(self) -> dict[str, Any]:

@@ -205,7 +205,9 @@ def negative(record: Record) -> list[str]:
             "among policies flatters."
         )
     if factors := [*_of_every_tick(sharing)]:
-        results.append(f"A state every tick costs {_range(factors)} times the bits of the cheapest safe policy.")
+        results.append(
+            f"With a state every tick {_range(factors)} times as many bits are sent as with the cheapest safe policy."
+        )
     return [
         *results,
         *_not_safer(record, sharing),

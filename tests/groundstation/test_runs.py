@@ -94,7 +94,7 @@ def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> N
     assert (code, "wind.sigma" in out, "phi_A" in out, max(map(len, out.splitlines())) <= 80) == (0, True, True, True)
     same = run("diff", str(first), str(first))[1]
     assert "Keys that differ: none" in same
-    assert "the same flight, to the last bit" in same
+    assert "Both flights are bit-identical." in same
 
 
 @pytest.mark.parametrize(
