@@ -120,7 +120,7 @@ def _check_grid(
             raise BadInput(f"{key} is what is swept; leave it out of the {'methods' if methods else 'settings'}")
         if isinstance(values, str) or not np.iterable(values):
             raise BadInput(f"sweep: {key}: {values!r}; give a list of values")
-        if not len(values):
+        if not list(values):
             raise BadInput(f"sweep: give {key} a value or more")
 
 

@@ -1,10 +1,14 @@
 """The documentation is executed: what it says to type works, and what can be typed is in it."""
 
+import importlib
+import inspect
 import os
 import re
 import shlex
 import sys
+import textwrap
 import tomllib
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +172,15 @@ def test_a_written_page_is_that_of_the_code(name: str) -> None:
     script = script_of(name)
     path, expected = (script.PICTURE, script.picture()) if name == "rooms" else (script.PAGE, script.page())
     assert path.read_text(encoding="utf-8") == expected, f"run `python docs/{name}.py`"
+
+
+def test_code_that_the_page_on_architecture_quotes_is_that_of_the_source() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    quotes = re.findall(r"<!-- source: (\S+) ([^\n]+) -->\n```python\n(.*?)```", page, re.DOTALL)
+    assert len(quotes) == 2
+    for module, names, quoted in quotes:
+        found = [attrgetter(name)(importlib.import_module(module)) for name in names.split()]
+        assert quoted == "\n\n".join(textwrap.dedent(inspect.getsource(one)) for one in found)
 
 
 def test_pages_have_the_numbers_and_names_of_the_code() -> None:

@@ -87,20 +87,20 @@ class World:
         report = tick % REPORT_EVERY_TICKS == 0
         every = self._checkpoint_every
         self._senses = Senses(
-            tick,
-            flight.states,
-            awake,
-            flight.lost,
-            flight.idle,
-            _reaching(due, awake) if due else due,
-            self.post.letters,
-            self.post.newest,
-            self.post.leader_is_due(tick, awake),
-            self.post.rule_record,
-            report,
-            report and every > 0 and tick % every == 0,
-            killed,
-            leaders_killed,
+            tick=tick,
+            states=flight.states,
+            awake=awake,
+            lost=flight.lost,
+            idle=flight.idle,
+            heard=_reaching(due, awake) if due else due,
+            letters=self.post.letters,
+            newest=self.post.newest,
+            leads=self.post.leader_is_due(tick, awake),
+            rule_record=self.post.rule_record,
+            report=report,
+            checkpoint=report and every > 0 and tick % every == 0,
+            killed=killed,
+            leaders_killed=leaders_killed,
         )
         return self._senses
 
