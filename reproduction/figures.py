@@ -8,7 +8,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
 
 from meanflock.groundstation.plots import plotstyle
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, meant
 from reproduction import regimes
 from reproduction.curves import against_period, against_uavs, against_wind, residuals, six_panels
 from reproduction.paths import offline, trajectories
@@ -142,7 +142,9 @@ def chosen(only: Iterable[str]) -> list[str]:
     """
     names = [asked if asked in FLOWN_FOR else f"fig{asked.removeprefix('fig')}" for asked in only]
     if unknown := sorted(set(names) - set(FLOWN_FOR)):
-        raise BadInput(f"--only {', '.join(unknown)}: no such figure; there are {', '.join(FLOWN_FOR)}")
+        raise BadInput(
+            f"--only {', '.join(unknown)}: no such figure{meant(unknown[0], FLOWN_FOR)}; there are {', '.join(FLOWN_FOR)}"
+        )
     return [name for name in FLOWN_FOR if name in names or not names]
 
 

@@ -5,7 +5,7 @@ This module imports the standard library only, so it can report any other librar
 
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +13,9 @@ from pathlib import Path
 EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
+_SIMILAR = 0.7  # least share of common letters of two names that are similar
 _LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
+LEAN = frozenset({"click", "psutil", "pyarrow", "rich", "tomli_w"})  # libraries of the extra `fly`
 PLUGIN_MODULE = "meanflock_plugin_"  # prefix of the names of modules loaded from files
 FAILURES = (Exception, SystemExit)  # a plug-in may raise these; Ctrl-C comes from the user
 _OURS = {"meanflock", "numpy", "click", *sys.stdlib_module_names}  # frames ignored when locating an error
@@ -69,6 +71,21 @@ class MessageRejected(MeanflockError):
         self.reason = reason
 
 
+def most_similar(word: str, names: Iterable[str]) -> str | None:
+    """The most similar of some names, or one with the same letters; None if none is similar."""
+    from difflib import get_close_matches  # only here: no agent needs it
+
+    names = list(names)
+    same = [name for name in names if sorted(name) == sorted(word)]
+    return next(iter([*get_close_matches(word, names, 1, _SIMILAR), *same]), None)
+
+
+def meant(word: str, names: Iterable[str]) -> str:
+    """The most similar of some names as part of an error: `; did you mean 'hjb'?`; empty if none is similar."""
+    name = most_similar(word, names)
+    return f"; did you mean {name!r}?" if name else ""
+
+
 def printable(text: str, most: int = _LONGEST_TEXT) -> str:
     """Text from outside on one line, with every character that is not printable as a backslash escape.
 
@@ -122,12 +139,17 @@ def needed(by: str, extra: str = "") -> Iterator[None]:
 
 
 def lacking(error: BaseException, by: str, extra: str = "") -> str:
-    """Advice what to install, if `error` is the lack of a library that `by` needs; else an empty text."""
+    """Advice what to install, if `error` is the lack of a library that `by` needs; else an empty text.
+
+    A library of the lean extra `fly` is advised with that extra, although `ground` has it too.
+    """
     library = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
     if library in ("meanflock", "") or _is_there(library):
         return ""
-    package = f"'meanflock[{extra}]'" if extra else "meanflock"
-    return f"{library} is not installed, and {by} needs it: pip install {package}"
+    package, more = f"'meanflock[{extra}]'" if extra else "meanflock", ""
+    if extra == "ground" and library in LEAN:
+        package, more = "'meanflock[fly]'", ", or 'meanflock[ground]' with recordings, plots and comparisons"
+    return f"{library} is not installed, and {by} needs it: pip install {package}{more}"
 
 
 def _is_there(library: str) -> bool:

@@ -1,12 +1,13 @@
 """Error messages for invalid scenarios: the key, what was expected, what it is, and how to fix it."""
 
-import difflib
 import re
 import reprlib
 from collections.abc import Iterator
 from typing import Any
 
 from msgspec import inspect
+
+from meanflock.swarm.errors import most_similar
 
 REMEDY = "`meanflock scenario schema` lists every key with its unit and bounds"
 _WORDS = {
@@ -102,23 +103,30 @@ def _choices(root: type, place: str) -> str:
 
 
 def _meant(root: type, place: str, name: str) -> str | None:
-    """The most similar key of this table, else an equal key of another table; None in a list of tables."""
+    """The most similar key of this table, else the only equal key of the other tables; None in a list of tables.
+
+    In no table, an equal key comes first.
+
+    Tables that only some methods read are none of these: in most flights such a key would do nothing.
+    """
     tables = [kind for kind in _at(root, place) if isinstance(kind, inspect.StructType)]
     here = sorted({field.encode_name for table in tables for field in table.fields})
-    close = difflib.get_close_matches(name, here, 1)
-    if close:
-        return f"{place}.{close[0]}" if place else close[0]
-    if place.endswith("]"):
-        return None
     keys = list(_keys(inspect.type_info(root)))
     same = [key for key in keys if key.rpartition(".")[2] == name]
-    return next(iter(same or ([] if place else difflib.get_close_matches(name, keys, 1))), None)
+    close = most_similar(name, here)
+    if close and (place or not same):
+        return f"{place}.{close}" if place else close
+    if place.endswith("]"):
+        return None
+    if same:
+        return same[0] if len(same) == 1 else None
+    return None if place else most_similar(name, keys)
 
 
 def _keys(kind: inspect.Type, path: str = "") -> Iterator[str]:
-    """All dotted keys of a table."""
+    """All dotted keys of a table, without those of tables that only some methods read."""
     for part in _parts(kind):
-        if isinstance(part, inspect.StructType):
+        if isinstance(part, inspect.StructType) and not getattr(part.cls, "of_some_methods", False):
             for field in part.fields:
                 yield path + field.encode_name
                 yield from _keys(field.type, f"{path}{field.encode_name}.")

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from meanflock.swarm import paths
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, meant
 from meanflock.swarm.state import BEYOND_SENSE
 
 FOLDER = Path("scenarios")  # of the names that users give to the shipped files, in every working folder
@@ -60,7 +60,8 @@ def read(path: Path, kind: str) -> dict[str, Any]:
         return parse(paths.read_stream(found(path)))
     except OSError as error:
         named = path.parent == FOLDER or not path.suffix
-        choices = f", or name one of {', '.join(file.stem for file in shipped())}" if named else ""
+        names = [file.stem for file in shipped()]
+        choices = f", or name one of {', '.join(names)}{meant(str(path), names)}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {kind}{choices}") from error
     except ValueError as error:  # from the parser, or from bytes that are not UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error

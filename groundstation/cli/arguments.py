@@ -5,6 +5,7 @@ Shell completion imports this module and those of the commands, so they import w
 
 import logging
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
@@ -15,6 +16,7 @@ import click
 
 from meanflock.groundstation.cli import completion
 from meanflock.swarm import logs, paths
+from meanflock.swarm.errors import meant
 
 if TYPE_CHECKING:
     from meanflock.swarm.scenario import Scenario
@@ -28,7 +30,41 @@ class _Path(click.Path):
         return paths.given(value)
 
 
+class Group(click.Group):
+    """A group of commands that suggests the one that is meant, with every version of Click."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find a command; an unknown one is an error that names the most similar."""
+        names = self.list_commands(ctx)
+        if args[0] not in names and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {args[0]!r}{meant(args[0], names) or '.'}")
+        return super().resolve_command(ctx, args)
+
+
+class _RunPath(_Path):
+    """Type of the folder of a run, or of a recording: a path, or `latest`, unless there is a file of that name."""
+
+    name = "run"
+
+    def __init__(self, *, is_resumable: bool = False) -> None:
+        """`is_resumable`: whether `latest` is the last run that can be resumed."""
+        super().__init__()
+        self._is_resumable = is_resumable
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
+        """The path of the run."""
+        path = super().convert(value, parameter, context)
+        if str(path) != completion.LATEST or os.path.lexists(path) or (context and context.resilient_parsing):
+            return path
+        from meanflock.groundstation.results.stored_run import latest
+
+        found = latest(completion.RUNS, is_resumable=self._is_resumable)
+        logs.show(f"{completion.LATEST}: {found}")
+        return found
+
+
 PATH = _Path()
+RUN = _RunPath()
 
 
 def _register(context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
@@ -150,7 +186,10 @@ def report(paths: Iterable[Path]) -> None:
         click.echo(str(path))
 
 
-run_argument = click.argument("folder", metavar="RUN", type=PATH, shell_complete=completion.runs)
+run_argument = click.argument("folder", metavar="RUN", type=RUN, shell_complete=completion.runs)
+unfinished_run_argument = click.argument(
+    "folder", metavar="RUN", type=_RunPath(is_resumable=True), shell_complete=completion.runs
+)
 quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
 uavs_per_process_option = number_option("--uavs-per-process", "M", 1, "UAVs that one agent process flies.")
 in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from meanflock.groundstation.cli import completion
-from meanflock.groundstation.cli.arguments import PATH, Positive
+from meanflock.groundstation.cli.arguments import PATH, RUN, Group, Positive
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
 
@@ -13,7 +13,7 @@ _HOME = "47.397742,8.545594,488"  # where autopilots are simulated by default
 _TO = "127.0.0.1:14550"  # where ground stations listen
 
 
-@click.group()
+@click.group(cls=Group)
 def bridge() -> None:
     """Show a flight to other software, live or from a run folder.
 
@@ -23,7 +23,7 @@ def bridge() -> None:
 
 
 @bridge.command()
-@click.argument("folder", metavar="[RUN]", required=False, type=PATH, shell_complete=completion.runs)
+@click.argument("folder", metavar="[RUN]", required=False, type=RUN, shell_complete=completion.runs)
 @click.option("--live", metavar="ENDPOINT", help="Show the flight of the world there, e.g. tcp/127.0.0.1:7447.")
 @click.option("--tls", type=PATH, metavar="DIR", help="With --live: use the observer's certificate in DIR.")
 @click.option(
@@ -66,8 +66,8 @@ def mavlink(
 ) -> None:
     """Show each UAV as a MAVLink vehicle, in real time.
 
-    RUN is the folder of a run; --live shows a flight while it is flown. UAV k is system k + 1 and sends HEARTBEAT,
-    LOCAL_POSITION_NED and GLOBAL_POSITION_INT. Needs the extra `mavlink`.
+    RUN is the folder of a run, or `latest`; --live shows a flight while it is flown. UAV k is system k + 1 and sends
+    HEARTBEAT, LOCAL_POSITION_NED and GLOBAL_POSITION_INT. Needs the extra `mavlink`.
 
     \b
     Example: meanflock bridge mavlink runs/20261121-101500-mfgfl-hf-s7 --speed 4

@@ -13,6 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from meanflock.groundstation.cli import completion
+from meanflock.groundstation.cli.arguments import Group
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,
@@ -57,7 +58,7 @@ _COMMANDS = {  # in the order of their use
 }
 
 
-class _Commands(click.Group):
+class _Commands(Group):
     """Command group that imports the module of a command when the command is used; listing commands imports none."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:

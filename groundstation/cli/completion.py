@@ -16,7 +16,8 @@ from meanflock import swarm
 VARIABLE = "_MEANFLOCK_COMPLETE"  # set by the shell's function while it asks
 KEYS = Path(__file__).with_name("keys.csv")  # rows as `_Key`; written by docs/keys.py
 _GROUP = "meanflock."  # begins the name of each group of entry points
-_RUNS = Path("runs")  # the default folder of runs
+RUNS = Path("runs")  # the default folder of runs
+LATEST = "latest"  # in place of a run: the one in that folder that began last
 _OF_A_RUN = ("scenario.toml", "summary.json")
 Items = list[CompletionItem]
 
@@ -68,15 +69,15 @@ def keys(context: click.Context, _parameter: click.Parameter, incomplete: str) -
 
 
 def runs(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
-    """Folders of runs below `runs`, or below the folder that was typed, the latest first; else files."""
+    """Folders of runs below `runs`, or below the folder that was typed, the latest first; `latest`; else files."""
     parent = Path(incomplete if incomplete.endswith("/") else os.path.dirname(incomplete))
-    if not incomplete or str(_RUNS).startswith(incomplete):
-        parent = _RUNS
+    if not incomplete or str(RUNS).startswith(incomplete):
+        parent = RUNS
     try:
         found = [path for path in parent.iterdir() if any((path / name).is_file() for name in _OF_A_RUN)]
     except OSError:
         found = []
-    return _or_files(incomplete, sorted(map(str, found), reverse=True))
+    return _or_files(incomplete, [*sorted(map(str, found), reverse=True), *([LATEST] if incomplete else [])])
 
 
 def asked() -> bool:

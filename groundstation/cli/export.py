@@ -21,7 +21,7 @@ _EXTRA = "export"
 def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) -> None:
     """Write a run as an MCAP file for Foxglove, or as a bag of ROS 2.
 
-    RUN is its folder. Needs the extra `export`.
+    RUN is its folder, or `latest`. Needs the extra `export`.
 
     \b
     Example:

@@ -13,11 +13,11 @@ from meanflock.groundstation.cli.arguments import (
     PATH,
     in_process_option,
     out_option,
-    run_argument,
     scenario_arguments,
     telling,
     tls_option,
     uavs_per_process_option,
+    unfinished_run_argument,
 )
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def run(
 
 
 @click.command()
-@run_argument
+@unfinished_run_argument
 @scenario_arguments("plugin")
 @in_process_option
 @uavs_per_process_option
@@ -116,7 +116,8 @@ def run(
 def resume(folder: Path, as_json: bool, in_process: bool, **given: Any) -> None:
     """Resume a run that did not finish, from its last checkpoint.
 
-    RUN is its folder. The result is the same as without the interruption.
+    RUN is its folder, or `latest`: the last one in `runs` that can be resumed. The result is the same as without the
+    interruption.
 
     \b
     Example: meanflock resume runs/20261121-101500-mfgfl-hf-s7

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def view(folder: Path, web: bool) -> None:
     """Open a finished run in the Rerun viewer.
 
-    RUN is its folder, or a file.rrd. Ends when the window is closed, or with Ctrl-C.
+    RUN is its folder, `latest`, or a file.rrd. Ends when the window is closed, or with Ctrl-C.
 
     \b
     Example: meanflock view runs/20261121-101500-mfgfl-hf-s7
@@ -53,7 +53,7 @@ def view(folder: Path, web: bool) -> None:
 def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     """Save the Rerun view of a finished run as a PNG file.
 
-    RUN is its folder, or a file.rrd. Needs no display.
+    RUN is its folder, `latest`, or a file.rrd. Needs no display.
 
     \b
     Example:
@@ -91,8 +91,8 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
 def plot(folder: Path, csv_file: Path | None, per: "Per | None", over: str | None, quiet: bool) -> None:
     """Plot paths and time series of a run, or write them as CSV.
 
-    RUN is its folder; the plots are written to RUN/plots, as PNG and SVG. With --over they are learning curves: the
-    diagnostics and metrics at the end of each round.
+    RUN is its folder, or `latest`; the plots are written to RUN/plots, as PNG and SVG. With --over they are learning
+    curves: the diagnostics and metrics at the end of each round.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7

@@ -11,6 +11,7 @@ import click
 
 from meanflock.groundstation.cli.arguments import (
     PATH,
+    Group,
     load_scenario,
     number_option,
     out_option,
@@ -57,7 +58,7 @@ def doctor(
         raise SystemExit(EXIT_RUN_FAILED)
 
 
-@click.group("certs")
+@click.group("certs", cls=Group)
 def certs_group() -> None:
     """Make TLS certificates for the nodes of a swarm.
 
@@ -90,7 +91,7 @@ def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> No
     )
 
 
-@click.group("scenario")
+@click.group("scenario", cls=Group)
 def scenario_group() -> None:
     """Print a scenario, or the schema of scenario files.
 

@@ -1,6 +1,7 @@
 """Tables of stored runs in a terminal, and the same as JSON records."""
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,7 @@ _MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON r
 def list_table(runs: Sequence[StoredRun]) -> Table:
     """Table of runs. In a narrow terminal it leaves out columns that the names of all runs repeat."""
     rows = [_cells(run) for run in runs]
-    repeated = all(f"{run.when:%Y%m%d-%H%M%S}-{run.named('method')}-s" in run.folder.name for run in runs)
+    repeated = all(re.match(rf"\d{{8}}-\d{{6}}-{re.escape(named(run, 'method'))}-s", run.folder.name) for run in runs)
     whole = _table(rows, ())
     if not repeated or Console(width=_WIDE).measure(whole).maximum <= Console().width:
         return whole
@@ -65,7 +66,7 @@ def _cells(run: StoredRun) -> dict[str, str]:
     finished = run.status == "finished"
     return {
         "run": run.run_id,
-        "when": f"{run.when:%Y-%m-%d %H:%M}",
+        "when": f"{run.when.astimezone():%Y-%m-%d %H:%M}",
         "method": named(run, "method"),
         "mission": str(nearest(run.keys)) if run.keys else UNKNOWN,
         "N": named(run, "uavs"),
@@ -82,7 +83,7 @@ def record(run: StoredRun) -> dict[str, Any]:
     return {
         "run_id": run.folder.name,
         "folder": str(run.folder),
-        "when": run.when.isoformat(),
+        "when": run.when.astimezone().isoformat(timespec="seconds"),
         "status": run.status,
         "fault": run.fault or None,
         "method": run.named("method"),

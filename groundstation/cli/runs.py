@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from meanflock.groundstation.cli import completion
-from meanflock.groundstation.cli.arguments import PATH, quiet_option, report, run_argument
+from meanflock.groundstation.cli.arguments import PATH, RUN, quiet_option, report, run_argument
 from meanflock.groundstation.cli.study_arguments import progress_of
 
 _json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
@@ -56,8 +56,8 @@ def list_runs(folder: Path, as_json: bool, html: Path | None, quiet: bool) -> No
 def show(folder: Path, as_json: bool, rounds: bool) -> None:
     """Show a run: what was flown, what came of it, and its files.
 
-    RUN is its folder. Of the scenario it shows the keys that differ from the paper's. With --rounds it shows what
-    became of the uploads of each round, what was sent until its end, and the means of the diagnostics then.
+    RUN is its folder, or `latest`. Of the scenario it shows the keys that differ from the paper's. With --rounds it
+    shows what became of the uploads of each round, what was sent until its end, and the means of the diagnostics then.
 
     \b
     Example: meanflock show runs/20261121-101500-mfgfl-hf-s7 --rounds
@@ -75,13 +75,13 @@ def show(folder: Path, as_json: bool, rounds: bool) -> None:
 
 
 @click.command()
-@click.argument("first", metavar="A", type=PATH, shell_complete=completion.runs)
-@click.argument("second", metavar="B", type=PATH, shell_complete=completion.runs)
+@click.argument("first", metavar="A", type=RUN, shell_complete=completion.runs)
+@click.argument("second", metavar="B", type=RUN, shell_complete=completion.runs)
 @_json_option
 def diff(first: Path, second: Path, as_json: bool) -> None:
     """Compare two runs: which keys and which figures differ.
 
-    A and B are their folders. Both runs must have finished. Times of this computer are not compared.
+    A and B are their folders, or `latest`. Both runs must have finished. Times of this computer are not compared.
 
     \b
     Example:

@@ -61,7 +61,7 @@ def _page(runs: Sequence[StoredRun], folder: Path, cards: Sequence[str]) -> str:
 def _row(place: int, run: StoredRun) -> str:
     cells = (
         f"<a href='#run-{place}'>{_safe(run.folder.name)}</a>",
-        f"{run.when:%Y-%m-%d %H:%M}",
+        f"{run.when.astimezone():%Y-%m-%d %H:%M}",
         _named(run, "method"),
         _safe(nearest(run.keys)) if run.keys else UNKNOWN,
         _named(run, "uavs"),

@@ -51,7 +51,7 @@ def flown(run: StoredRun) -> str:
     """The flight in words: `25 UAVs under mfgfl-hf in paper +1, seed 7, on 2026-11-25 at 02:05`."""
     uavs, method, seed = (named(run, key) for key in ("uavs", "method", "seed"))
     where = f"{uavs} UAV{'' if uavs == '1' else 's'} under {method} in {nearest(run.keys)}"
-    return f"{where}, seed {seed}, on {run.when:%Y-%m-%d} at {run.when:%H:%M}"
+    return f"{where}, seed {seed}, on {run.when.astimezone():%Y-%m-%d at %H:%M}"
 
 
 def outcome(run: StoredRun) -> str:

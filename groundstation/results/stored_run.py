@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -19,7 +19,10 @@ from meanflock.swarm import paths
 from meanflock.swarm.errors import BadInput, printable
 
 Status: TypeAlias = Literal["finished", "interrupted", "unfinished", "flying", "damaged"]
-_NAMED = re.compile(r"(\d{8}-\d{6})-")  # the time at the start of a run's name
+_NAMED = re.compile(r"(\d{8}-\d{6})-")  # the local time at the start of a run's name
+_ZONE_STEP_S = 900  # time zones differ by multiples of it
+_ZONES_S = (-12 * 3600, 14 * 3600)  # the least and the greatest time zone
+_BEGINNING_S = 10.0  # at most between the naming of a run and the writing of its scenario
 _UNITS = {known.key: known.unit for known in FIELDS}
 
 
@@ -27,7 +30,7 @@ _UNITS = {known.key: known.unit for known in FIELDS}
 class StoredRun:
     """A run folder.
 
-    when: local time of take-off, by the name of the run, else by its scenario file. fault: why it is damaged. summary:
+    when: UTC time at which the run began, see `began`. fault: why it is damaged. summary:
     empty if there is none, or it is damaged. keys: of its scenario, dotted; empty if the file cannot be read.
     resumable: whether it did not finish and has a checkpoint.
     """
@@ -84,6 +87,23 @@ def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _
     return sorted(runs, key=lambda run: (run.when, run.run_id), reverse=True)
 
 
+def latest(parent: Path, *, is_resumable: bool = False) -> Path:
+    """The folder of the run in `parent` that began last, or of the last one that can be resumed.
+
+    Raises:
+        BadInput: there is none.
+    """
+    wanted = "that can be resumed" if is_resumable else ""
+    try:
+        found = [path for path in parent.iterdir() if is_run(path)]
+    except OSError:
+        found = []
+    for path in sorted(found, key=lambda path: (began(path), path.name), reverse=True):
+        if not is_resumable or _read(path).resumable:
+            return path
+    raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; name the folder of one")
+
+
 def stored_run(folder: Path) -> StoredRun:
     """The run in a folder.
 
@@ -138,7 +158,7 @@ def _read(folder: Path) -> StoredRun:
     except RecursionError:
         fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
     resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
-    return StoredRun(folder, _when(folder), status, printable(fault), summary, keys, resumable)
+    return StoredRun(folder, began(folder), status, printable(fault), summary, keys, resumable)
 
 
 def _status(folder: Path) -> Status:
@@ -158,12 +178,23 @@ def _status(folder: Path) -> Status:
     return "unfinished"
 
 
-def _when(folder: Path) -> datetime:
+def began(folder: Path) -> datetime:
+    """UTC time at which a run began.
+
+    The name of a run has its local time. The time of the scenario file is that instant, if it fits the name in any time
+    zone; that of a copy does not. Else the name is taken for local time here, and without one the file decides.
+    """
+    times = [path.lstat().st_mtime for name in (SCENARIO, SUMMARY) if os.path.lexists(path := folder / name)]
+    written = datetime.fromtimestamp(times[0] if times else 0.0, UTC)
     named = _NAMED.match(folder.name)
     try:
-        if named:
-            return datetime.strptime(named[1], "%Y%m%d-%H%M%S")
+        local = datetime.strptime(named[1], "%Y%m%d-%H%M%S") if named else None
     except ValueError:
-        pass
-    times = [path.lstat().st_mtime for name in (SCENARIO, SUMMARY) if os.path.lexists(path := folder / name)]
-    return datetime.fromtimestamp(times[0] if times else 0.0).replace(microsecond=0)
+        local = None
+    if local is None:
+        return written
+    ahead_s = (local.replace(tzinfo=UTC) - written).total_seconds()
+    zone_s = round((ahead_s + _BEGINNING_S / 2) / _ZONE_STEP_S) * _ZONE_STEP_S
+    if _ZONES_S[0] <= zone_s <= _ZONES_S[1] and -_BEGINNING_S <= ahead_s - zone_s <= 0.0:
+        return written
+    return local.astimezone(UTC)

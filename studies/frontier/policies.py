@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from meanflock.studies.leaderboard.rows import Row
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, meant
 
 SILENT = "silent"
 OWN = "own"  # of a row that sets the keys itself, or of a controller that knows none of them
@@ -42,7 +42,9 @@ def check(names: Sequence[str]) -> None:
     every = [policy.name for policies in shipped().values() for policy in policies]
     for name in names:
         if name not in every:
-            raise BadInput(f"--policies {name}: no such policy; there are {', '.join(every)}, or all")
+            raise BadInput(
+                f"--policies {name}: no such policy{meant(name, every)}; there are {', '.join(every)}, or all"
+            )
 
 
 def of_row(row: Row, table: dict[str, Any], where: str, names: Sequence[str] = ()) -> list[Policy]:

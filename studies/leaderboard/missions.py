@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from meanflock.swarm import paths, toml
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, meant
 
 ALL = "all"
 # Keys that rows set. Missions set places, wind and radio.
@@ -64,7 +64,8 @@ def chosen(names: Iterable[str]) -> list[Mission]:
         elif paths.given(name).is_file() or _path(name) in toml.shipped():
             missions[name] = Mission(name, Path(name).stem)
         else:
-            raise BadInput(f"--missions {name}: no such mission; there are {', '.join(known)}; or name a TOML file")
+            what = f"no such mission{meant(name, known)}"
+            raise BadInput(f"--missions {name}: {what}; there are {', '.join(known)}; or name a TOML file")
     return list(missions.values())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from meanflock.swarm import plugins, toml
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, meant
 from meanflock.swarm.scenario import Scenario, validated
 from meanflock.swarm.scenario.tables import POLICIES
 
@@ -104,7 +104,8 @@ def chosen(names: Iterable[str]) -> list[Row]:
         else:
             others = [other for other in installed if other not in table]
             raise BadInput(
-                f"--controllers {name}: no such row or controller; rows are {', '.join(table)}; other controllers are "
+                f"--controllers {name}: no such row or controller{meant(name, [*table, *others])}; rows are "
+                f"{', '.join(table)}; other controllers are "
                 f"{', '.join(others) or 'none'}; a file of yours is named with --plugin FILE.py"
             )
     return list(rows.values())
@@ -119,6 +120,8 @@ def policies(names: Iterable[str]) -> list[str]:
     found: dict[str, None] = {}
     for name in names:
         if name != ALL and name not in POLICIES:
-            raise BadInput(f"--policies {name}: no such policy; there are {', '.join(POLICIES)}, or all")
+            raise BadInput(
+                f"--policies {name}: no such policy{meant(name, POLICIES)}; there are {', '.join(POLICIES)}, or all"
+            )
         found |= dict.fromkeys(POLICIES if name == ALL else (name,))
     return list(found)

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
-from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line, meant
 
 PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
 
@@ -87,13 +87,10 @@ def find(kind: PluginKind, name: str) -> Plugin:
     key = (kind, name)
     candidates = [*_packaged().get(key, ()), *([registered[key][0]] if key in registered else [])]
     if not candidates:
-        from difflib import get_close_matches  # only here: no agent needs it
-
-        close = get_close_matches(name, names(kind), 1)
-        remedy = f"did you mean {close[0]!r}? Else install" if close else "install"
+        suggested = meant(name, names(kind))
         raise BadInput(
-            f"{kind} {name!r} is not installed here; {remedy} its package, or name its file: --plugin FILE.py; "
-            f"there are {', '.join(names(kind)) or 'none'}"
+            f"{kind} {name!r} is not installed here{suggested + ' Else' if suggested else ';'} install its package, or "
+            f"name its file: --plugin FILE.py; there are {', '.join(names(kind)) or 'none'}"
         )
     if len(candidates) > 1:
         where = " and ".join(f"{plugin.reference} ({plugin.source})" for plugin in candidates)

@@ -1,10 +1,16 @@
 """Tables of the paper's mean-field methods. Other methods ignore them."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from meanflock.swarm.toml import Table as _Table
+from meanflock.swarm.toml import Table
+
+
+class _Table(Table, frozen=True):
+    """A table that only some methods read."""
+
+    of_some_methods: ClassVar[bool] = True
 
 
 class Cost(_Table, frozen=True):

@@ -11,7 +11,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from meanflock.swarm.errors import EXIT_BAD_INPUT, needed
+from meanflock.swarm.errors import EXIT_BAD_INPUT, LEAN, lacking, needed
 from tests.commands import ended, printed
 from tests.sources import EXTRAS, PROJECT, ROOT, direct
 
@@ -75,7 +75,8 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
 @pytest.mark.parametrize(
     ("module", "arguments", "library", "install"),
     [
-        ("meanflock", ["--version"], "click", "'meanflock[ground]'"),
+        ("meanflock", ["--version"], "click", "'meanflock[fly]'"),
+        ("meanflock", ["run", "--in-process"], "pyarrow", "'meanflock[fly]'"),
         ("meanflock", ["compare", "mfg", "--uavs=2"], "matplotlib", "'meanflock[ground]'"),
         ("meanflock", ["view", "run"], "rerun", "'meanflock[ground]'"),
         ("meanflock", ["picture", "run", "-o", "p.png"], "rerun", "'meanflock[ground]'"),
@@ -93,7 +94,7 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
         ("meanflock.agent", ["--run", "bare"], "numpy", "meanflock"),
         ("meanflock.leader", ["--run", "bare"], "msgspec", "meanflock"),
         ("meanflock.worldsim", ["--run", "bare"], "msgpack", "'meanflock[world]'"),
-        ("meanflock.groundstation", ["--run", "bare"], "pyarrow", "'meanflock[ground]'"),
+        ("meanflock.groundstation", ["--run", "bare"], "pyarrow", "'meanflock[fly]'"),
     ],
 )
 def test_a_process_without_a_library_names_what_to_install(module, arguments, library, install, tmp_path) -> None:
@@ -104,6 +105,16 @@ def test_a_process_without_a_library_names_what_to_install(module, arguments, li
     assert said.stderr.startswith(f"error: {library} is not installed")
     assert f"pip install {install}" in said.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lean_libraries_are_those_of_the_lean_extra(monkeypatch) -> None:
+    declared = {re.split(r"[<>=]", each)[0].replace("-", "_") for each in PROJECT["optional-dependencies"]["fly"]}
+    assert declared - {"meanflock[world]"} == LEAN
+    error = ModuleNotFoundError("nowhere", name="nowhere")
+    assert lacking(error, "a test", "ground").endswith("pip install 'meanflock[ground]'")
+    monkeypatch.setattr("meanflock.swarm.errors.LEAN", {"nowhere"})
+    assert "pip install 'meanflock[fly]', or 'meanflock[ground]' with recordings" in lacking(error, "a test", "ground")
+    assert lacking(error, "a test", "rl").endswith("pip install 'meanflock[rl]'")
 
 
 def test_a_missing_module_of_ours_or_within_a_library_is_a_defect() -> None:

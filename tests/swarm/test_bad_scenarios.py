@@ -104,6 +104,9 @@ def test_a_wrong_value_of_python_code_is_named_with_its_key_and_bound(keys, part
         ("vehicle.options.curve=[[1.0, nan]]", ("vehicle", "`options` must be a finite number within ±1e+30, not nan")),
         ("wind.mean=[1", ("--set wind.mean=[1:", "not TOML", "Unclosed array")),
         ("federation.agregation=median", ("did you mean `federation.aggregation`?",)),
+        ("sigma=0.2", ("did you mean `wind.sigma`?",)),
+        ("acceleration_max=2", ("did you mean `vehicle.acceleration_max`?",)),
+        ("lerner.kappa=2", ("did you mean `learner`?",)),
         ("..=1", ()),
     ],
 )
@@ -112,7 +115,8 @@ def test_a_bad_setting_is_bad_input(setting: str, parts: tuple[str, ...]) -> Non
 
 
 def test_no_key_is_suggested_where_none_is_near() -> None:
-    for text in ("obstacles=[{x = 1.0}]", "wind.x=1"):
+    wrong = ("vehicle.speed_max=1", "speed_max=1", "wind.acceleration=1", "wind.range_m=1", "radio.kappa=1")
+    for text in ("obstacles=[{x = 1.0}]", "wind.x=1", *wrong):
         said = check_line(lambda: load(None, [text]), "there is no key", REMEDY)  # noqa: B023
         assert "did you mean" not in said
 
