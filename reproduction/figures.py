@@ -142,9 +142,8 @@ def chosen(only: Iterable[str]) -> list[str]:
     """
     names = [asked if asked in FLOWN_FOR else f"fig{asked.removeprefix('fig')}" for asked in only]
     if unknown := sorted(set(names) - set(FLOWN_FOR)):
-        raise BadInput(
-            f"--only {', '.join(unknown)}: no such figure{meant(unknown[0], FLOWN_FOR)}; there are {', '.join(FLOWN_FOR)}"
-        )
+        there_are = f"there are {', '.join(FLOWN_FOR)}"
+        raise BadInput(f"--only {', '.join(unknown)}: no such figure{meant(unknown[0], FLOWN_FOR)}; {there_are}")
     return [name for name in FLOWN_FOR if name in names or not names]
 
 

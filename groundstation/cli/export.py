@@ -17,8 +17,13 @@ _EXTRA = "export"
 @run_argument
 @click.option("--mcap", type=PATH, metavar="FILE.mcap", help="Write an MCAP file for Foxglove.")
 @click.option("--rosbag", type=PATH, metavar="DIR", help="Write a bag of ROS 2, which is a new folder.")
+@click.option(
+    "--take-off",
+    metavar="TIME",
+    help="When the UAVs took off, e.g. 2026-11-21T10:15:00Z, or `run`: when the run began.  [default: 0 s]",
+)
 @quiet_option
-def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) -> None:
+def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str | None, quiet: bool) -> None:
     """Write a run as an MCAP file for Foxglove, or as a bag of ROS 2.
 
     RUN is its folder, or `latest`. Needs the extra `export`.
@@ -27,6 +32,7 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) ->
     Example:
       meanflock export runs/20261121-101500-mfgfl-hf-s7 --mcap swarm.mcap
     """
+    from meanflock.groundstation.export import instants
     from meanflock.groundstation.results.flown import Flight
     from meanflock.groundstation.results.run_folder import alone, completed
 
@@ -46,9 +52,10 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, quiet: bool) ->
             raise BadInput(f"{flag} {path}: there is something already; remove it, or give another name")
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
+    take_off_ns = 0 if take_off is None else instants.take_off(take_off, folder)
     with alone(folder):
         completed(folder)
-    flight = Flight(folder)
+    flight = Flight(folder, take_off_ns)
     if not flight.finished:
         logs.show(f"{folder}: the run did not finish; this is the flight up to tick {flight.ticks - 1}")
     for flag, path, write in writers:

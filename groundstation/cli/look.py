@@ -87,12 +87,15 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     type=click.Choice(("rounds", "seconds", "bits", "airtime")),
     help="Plot learning curves over these instead.",
 )
+@click.option("--out", type=PATH, metavar="DIR", help="Where plots are written.  [default: RUN/plots]")
 @quiet_option
-def plot(folder: Path, csv_file: Path | None, per: "Per | None", over: str | None, quiet: bool) -> None:
+def plot(
+    folder: Path, csv_file: Path | None, per: "Per | None", over: str | None, out: Path | None, quiet: bool
+) -> None:
     """Plot paths and time series of a run, or write them as CSV.
 
-    RUN is its folder, or `latest`; the plots are written to RUN/plots, as PNG and SVG. With --over they are learning
-    curves: the diagnostics and metrics at the end of each round.
+    RUN is its folder, or `latest`; the plots are written as PNG and SVG. A run that cannot be written needs --out. With
+    --over they are learning curves: the diagnostics and metrics at the end of each round.
 
     \b
     Example: meanflock plot runs/20261121-101500-mfgfl-hf-s7
@@ -110,15 +113,16 @@ def plot(folder: Path, csv_file: Path | None, per: "Per | None", over: str | Non
         raise BadInput("--over and --csv: give one of them")
     if per is not None and csv_file is None:
         raise BadInput(f"--per {per}: it is about the rows of --csv FILE.csv; give that too")
+    if out is not None and csv_file is not None:
+        raise BadInput(f"--out {out}: it is where plots are written, and --csv FILE.csv writes none; leave one out")
     with alone(folder):
         completed(folder)
     if csv_file is not None:
         with progress_of("writing", quiet, "ticks") as show:
             written = [write_csv(flown_rows(folder), csv_file, per or "uav", show)]
-    elif over is not None:
-        written = plotstyle.write(plot_rounds(folder, over), folder / "plots")
     else:
-        written = plotstyle.write(plot_run(folder), folder / "plots")
+        figures = plot_run(folder) if over is None else plot_rounds(folder, over)
+        written = plotstyle.write(figures, out or folder / "plots")
     report(written)
 
 

@@ -18,9 +18,9 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from meanflock.groundstation.export.columns import field_name, message_class
-from meanflock.groundstation.export.instants import MAP, NANOSECONDS, Instant, about, instants, label, name
+from meanflock.groundstation.export.instants import MAP, NANOSECONDS, Instant, about, instants, label, name, time_ns
 from meanflock.groundstation.results.event_log import event_level, event_text
-from meanflock.groundstation.results.flown import Flight, Flown, Piece
+from meanflock.groundstation.results.flown import Flight, Piece
 from meanflock.groundstation.results.run_folder import SCENARIO, SUMMARY
 from meanflock.groundstation.results.series import per_uav
 from meanflock.swarm import __version__, durable, mission, paths
@@ -106,7 +106,7 @@ class _Export:
         }
         self._names = [name(uav) for uav in range(flight.scenario.uavs)]
         self._shown: list[int] = []  # the status of each UAV in the last scene
-        self._log(MISSION, 0, SceneUpdate(entities=_mission(flight.scenario)))
+        self._log(MISSION, flight.take_off_ns, SceneUpdate(entities=_mission(flight)))
 
     def write(self, piece: Piece) -> None:
         """Append the ticks and events of a piece."""
@@ -114,7 +114,7 @@ class _Export:
         swarm = {name: [math.nan if n is None else n for n in piece.rows[name].to_pylist()] for name in self._totals}
         swarm["lost"] = [status.count(Status.LOST) for status in series["status"]]
         swarm["energy_mean_J"] = [sum(energy) / len(energy) for energy in series["energy_J"]]
-        for at in instants(piece):
+        for at in instants(self._flight, piece):
             for event in at.events:
                 self._event(event)
             self._log(TRANSFORMS, at.time_ns, self._transforms(at))
@@ -129,7 +129,8 @@ class _Export:
         for file, kind in ((SCENARIO, "application/toml"), (SUMMARY, "application/json")):
             path = self._flight.folder / file
             if path.is_file():
-                self._writer.add_attachment(0, 0, file, kind, paths.read(path))
+                at_ns = self._flight.take_off_ns
+                self._writer.add_attachment(at_ns, at_ns, file, kind, paths.read(path))
         self._writer.add_metadata("meanflock", about(self._flight.scenario, self._flight.finished))
         self._writer.finish()
 
@@ -150,11 +151,11 @@ class _Export:
         return message
 
     def _event(self, event: FlightEvent) -> None:
-        time_ns = round(event.tick * self._flight.scenario.dt * NANOSECONDS)
+        at_ns = time_ns(self._flight, event.tick * self._flight.scenario.dt)
         level = Log.Level.Value({"WARN": "WARNING"}.get(severity := event_level(event), severity))
         message = Log(level=level, message=event_text(event), name=event.kind)
-        _stamp(message.timestamp, time_ns)
-        self._log(EVENTS, time_ns, message)
+        _stamp(message.timestamp, at_ns)
+        self._log(EVENTS, at_ns, message)
 
 
 def _stamp(timestamp: Any, time_ns: int) -> None:
@@ -180,8 +181,9 @@ def _uavs(at: Instant) -> SceneUpdate:
     return message
 
 
-def _mission(flown: Flown) -> list[SceneEntity]:
+def _mission(flight: Flight) -> list[SceneEntity]:
     """Goals and obstacles."""
+    flown = flight.scenario
     goals = np.unique(mission.goals(flown), axis=0).tolist()
     radius = flown.destination.radius
     discs = [(f"goal_{number}", x, y, radius, 0.1, _GOAL, 0.4) for number, (x, y) in enumerate(goals)]
@@ -190,7 +192,7 @@ def _mission(flown: Flown) -> list[SceneEntity]:
     entities = []
     for title, x, y, width, height, color, alpha in discs:
         entity = SceneEntity(id=title, frame_id=MAP)
-        _show(entity, 0)
+        _show(entity, flight.take_off_ns)
         disc = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0, color=_color(color, alpha))
         disc.pose.position.x = x
         disc.pose.position.y = y

@@ -11,7 +11,7 @@ import pyarrow as pa
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from meanflock.groundstation.export.instants import MAP, NANOSECONDS, Instant, about, instants, name
+from meanflock.groundstation.export.instants import MAP, NANOSECONDS, Instant, about, instants, name, time_ns
 from meanflock.groundstation.results.event_log import event_level, event_text
 from meanflock.groundstation.results.flown import Flight, Piece
 from meanflock.groundstation.results.series import diagnostics_in
@@ -111,7 +111,7 @@ class _Export:
             for package, kinds in _PARTS.items()
             for kind in kinds.split()
         }
-        self._dt = flight.scenario.dt
+        self._flight = flight
         self._names = [name(uav) for uav in range(flight.scenario.uavs)]
         self._diagnosed: tuple[int, list[int]] = (-_DIAGNOSED_NS, [])  # time and status of the last diagnostics
         self._totals = [column.name for column in flight.columns if not pa.types.is_list(column.type)]
@@ -119,12 +119,12 @@ class _Export:
 
     def write(self, piece: Piece) -> None:
         """Append the ticks and events of a piece."""
-        for at in instants(piece):
+        for at in instants(self._flight, piece):
             for event in at.events:
                 self._event(event)
             self._states(at)
-            time_ns, status = self._diagnosed
-            if at.time_ns - time_ns >= _DIAGNOSED_NS or at.status != status:
+            last_ns, status = self._diagnosed
+            if at.time_ns - last_ns >= _DIAGNOSED_NS or at.status != status:
                 self._diagnosed = at.time_ns, at.status
                 self._diagnose(at, piece)
 
@@ -165,7 +165,7 @@ class _Export:
 
     def _event(self, event: FlightEvent) -> None:
         make = self._make["Log"]
-        time_ns = round(event.tick * self._dt * NANOSECONDS)
+        at_ns = time_ns(self._flight, event.tick * self._flight.scenario.dt)
         level = getattr(make, event_level(event))
-        message = make(self._time(time_ns), level, f"meanflock.{event.kind}", event_text(event), "", "", 0)
-        self._log(EVENTS, time_ns, message)
+        message = make(self._time(at_ns), level, f"meanflock.{event.kind}", event_text(event), "", "", 0)
+        self._log(EVENTS, at_ns, message)

@@ -220,7 +220,7 @@ def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written") from error
+        raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written: --out DIR") from error
     paths = []
     layout = drawing.get_layout_engine()
     for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):

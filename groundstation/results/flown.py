@@ -70,9 +70,10 @@ class Flight:
     """A flight up to its end, or up to where a run was killed.
 
     scenario: of the run. ticks: number of rows. columns: of the time series. finished: whether the run has a summary.
+    take_off_ns: time of take-off on the clock of an export, in ns since 1970.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, take_off_ns: int = 0) -> None:
         """Open a run.
 
         Raises:
@@ -81,6 +82,7 @@ class Flight:
         if not (folder / SCENARIO).is_file():
             raise BadInput(f"{folder}: no run; name the folder of one")
         self.folder = folder
+        self.take_off_ns = take_off_ns
         self.scenario = flown_keys(folder)
         self._path = folder / TIMESERIES
         try:

@@ -2,6 +2,7 @@
 
 import errno
 from collections import Counter
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from meanflock.groundstation.export.foxglove import write_mcap
 from meanflock.groundstation.export.rosbag import write_bag
 from meanflock.groundstation.results import flown as flown_flights
 from meanflock.groundstation.results.flown import Flight
-from meanflock.swarm.errors import EXIT_DONE, RunFailed
+from meanflock.groundstation.results.stored_run import began
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, RunFailed
 
 KILL = {"kind": "kill", "time_s": 3.0, "uavs": [2]}
 
@@ -71,6 +73,40 @@ def test_a_bag_has_every_state_with_its_bits(run, flown) -> None:
     assert np.concatenate([places, speeds], axis=-1).tobytes() == flown.states.tobytes()
     assert counts["/rosout"] == len(flown.events)
     assert counts["/diagnostics"] == 21  # one a second
+
+
+@pytest.mark.parametrize("text", ["2026-11-21T10:15:00.5+01:00", "run"])
+def test_both_formats_begin_at_the_time_of_take_off(run, flown, text: str) -> None:
+    at = began(flown.folder) if text == "run" else datetime(2026, 11, 21, 9, 15, 0, 500_000, tzinfo=UTC)
+    begin_ns = (at - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
+    end_ns = begin_ns + round(flown.summary["sim_time_s"] * 1e9)
+    folder = str(flown.folder)
+    assert run("export", folder, "--mcap", "r.mcap", "--rosbag", "bag", "--take-off", text, "--quiet")[0] == EXIT_DONE
+    with Path("r.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        stamped = [
+            (channel.topic, message.log_time, decoded)
+            for _, channel, message, decoded in reader.iter_decoded_messages()
+        ]
+    assert (stamped[0][1], stamped[-1][1]) == (begin_ns, end_ns)
+    events = [(log_ns, decoded.timestamp) for topic, log_ns, decoded in stamped if topic == "/events"]
+    assert all(stamp.seconds * 10**9 + stamp.nanos == log_ns for log_ns, stamp in events)
+    ((goals,),) = ([decoded for topic, _, decoded in stamped if topic == "/mission"],)
+    assert goals.entities[0].timestamp.seconds == begin_ns // 10**9
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader("bag") as bag:
+        assert (bag.start_time, bag.end_time - 1) == (begin_ns, end_ns)
+        for connection, log_ns, content in bag.messages():
+            message = store.deserialize_cdr(content, connection.msgtype)
+            stamp = message.stamp if connection.topic == "/rosout" else message.header.stamp
+            assert stamp.sec * 10**9 + stamp.nanosec == log_ns
+
+
+@pytest.mark.parametrize("text", ["2026-11-21T10:15:00", "noon", "1969-12-31T23:00:00Z", ""])
+def test_a_time_of_take_off_that_is_none_is_refused(run, flown, text: str) -> None:
+    code, _, err = run("export", str(flown.folder), "--mcap", "r.mcap", "--take-off", text)
+    assert (code, f"--take-off {text}: give a time with a time zone" in err) == (EXIT_BAD_INPUT, True)
+    assert not Path("r.mcap").exists()
 
 
 @pytest.mark.parametrize("write", [write_mcap, write_bag])

@@ -34,9 +34,24 @@ from tests.groundstation.recordings import flight, record
 from tests.polling import DEADLINE_S, until
 
 VERBS = (("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",), ("export", "--mcap", "r"))
+PLOTS = ("paths.png", "paths.svg", "curves.png", "curves.svg")
 pytestmark = pytest.mark.usefixtures("strict")
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+
+
+def test_a_run_that_cannot_be_written_is_plotted_elsewhere(run, undrawn) -> None:
+    assert run(*QUICK)[0] == EXIT_DONE
+    (folder,) = Path("runs").iterdir()
+    (folder / "plots").touch()  # so that no folder can be made there, as in a folder that is read-only
+    before = {path: path.stat().st_mtime_ns for path in (folder, *folder.iterdir())}
+    code, out, _ = run("plot", str(folder), "--out", "drawn")
+    assert (code, out.split()) == (EXIT_DONE, [f"drawn/{name}" for name in PLOTS])
+    assert {path: path.stat().st_mtime_ns for path in (folder, *folder.iterdir())} == before
+    code, _, err = run("plot", str(folder))
+    assert (code, "name a folder that can be written: --out DIR" in err) == (EXIT_BAD_INPUT, True)
+    code, _, err = run("plot", str(folder), "--out", "drawn", "--csv", "rows.csv")
+    assert (code, "leave one out" in err, Path("rows.csv").exists()) == (EXIT_BAD_INPUT, True, False)
 
 
 def test_a_run_that_still_flies_is_refused_and_not_completed(run, tmp_path) -> None:
