@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from meanflock.groundstation.launch.resume import back
+from meanflock.groundstation.results.rounds_table import ROUNDS
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.commands import printed
 from tests.faults.dying import dead, events, flight, resumed
@@ -105,4 +106,8 @@ def test_a_flight_that_was_killed_and_resumed_leaves_the_files_of_the_undisturbe
     joins = ("joined", "resumed", "leader", "rejoined")
     assert events(folder, *joins) == events(undisturbed, *joins)
     files = {"events.jsonl", "scenario.toml", "summary.json", "timeseries.parquet"}
+    if (undisturbed / ROUNDS).exists():
+        files.add(ROUNDS)
+        rounds = [pq.read_table(out / ROUNDS) for out in (folder, undisturbed)]
+        assert rounds[0].equals(rounds[1])
     assert {path.name for path in folder.iterdir()} == files
