@@ -1,6 +1,8 @@
 """The published pages of studies: their tables, flights flown again, and the numbers of their findings."""
 
+import math
 from collections import Counter
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -15,23 +17,32 @@ from meanflock.studies.frontier.page import page
 from meanflock.studies.frontier.search import Outcome
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
-from tests import results
+
+_, FEDERATED = published.read_rows(federation.RESULTS)
+QUIET = "neighbours, 0.03, int8"
+
+
+def column(name: str, *case: str) -> np.ndarray:
+    """A number of the flights of a table, mission and way of the page about federations."""
+    rows = [row for row in FEDERATED if (row["table"], row["where"], row["way"]) == case]
+    return np.array([row[name] for row in rows], dtype=np.float64)
 
 
 def test_every_case_has_its_flights() -> None:
-    flown = [(one["table"], one["where"], one["way"]) for one in results.flown() if one["table"] != "digits"]
+    flown = [(one["table"], one["where"], one["way"]) for one in FEDERATED if one["table"] != "digits"]
     assert flown == [case for case in federation.cases() for _ in federation.SEEDS]
 
 
 def test_the_findings_in_words_are_those_of_the_flights() -> None:
-    """Numbers in sentences: tests/test_prose.py."""
     for where in federation.CALM:
-        assert results.tracking("calm", where, results.QUIET).value < (0.6 if where == "lossy" else 1.045)
+        tracking = (np.log(column("tracking", "calm", where, way)) for way in (QUIET, "leader"))
+        assert statistics.difference(*tracking).value < math.log(0.6 if where == "lossy" else 1.045)
         for name in ("t_avg_censored_s", "energy_mean_J"):
-            assert results.share(name, where) == pytest.approx(1.0, abs=2e-3)
-    assert not results.column("uploads_late", "late", "unknown", "leader").any()
-    assert results.column("uploads_late", "late", "unknown", "leader, deadline 1.5 s").any()
-    assert not results.column("arrived", "trouble", "a fifth of the uploads has the wrong sign", "neighbours").any()
+            sums = [column(name, "calm", where, way).sum() for way in (QUIET, "leader")]
+            assert sums[0] == pytest.approx(sums[1], rel=2e-3)
+    assert not column("uploads_late", "late", "unknown", "leader").any()
+    assert column("uploads_late", "late", "unknown", "leader, deadline 1.5 s").any()
+    assert not column("arrived", "trouble", "a fifth of the uploads has the wrong sign", "neighbours").any()
 
 
 @pytest.mark.parametrize(
@@ -108,11 +119,11 @@ def test_every_case_has_a_flight_with_its_own_seed() -> None:
 
 
 def test_repeated_flights_have_the_published_numbers() -> None:
-    case, seed = ("calm", "lossy", results.QUIET), federation.SEEDS[3]
+    case, seed = ("calm", "lossy", QUIET), federation.SEEDS[3]
     shared = federation.flight_of(case, seed, summarised(federation.scenario(case, seed)))
     case = ("fed-lspi", 25, 0.1, 0.03, 9301)
     filtered = free_flights.row_of(case, summarised(free_flights.case_scenario(*case)))
-    for again, rows in ((shared, results.flown()), (filtered, ROWS)):
+    for again, rows in ((shared, FEDERATED), (filtered, ROWS)):
         names = [name for name in ("table", "where", "way", "method", "uavs", "sigma", "seed") if name in again]
         (row,) = (one for one in rows if all(one[name] == again[name] for name in names))
         assert again.pop("kbit_by_kind", None) == pytest.approx(row.get("kbit_by_kind"))
@@ -127,9 +138,18 @@ def test_the_page_has_the_distances_of_the_rounding_study() -> None:
     assert all(f"\n{row}\n" in communication.PAGE.read_text(encoding="utf-8") for row in rows)
 
 
+def rows_after(mark: str, text: str) -> Iterator[dict[str, str]]:
+    """Rows of the table that a study wrote after a mark."""
+    table = text.partition(f"<!-- {mark} -->")[2].partition("<!-- end")[0]
+    head, _, *lines = (line for line in table.splitlines() if line.startswith("|"))
+    names, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in (head, *lines))
+    for row in rows:
+        yield dict(zip(names, row, strict=True))
+
+
 def test_only_float64_changes_travel_time_or_energy() -> None:
     """Beside float32 of the same method, the intervals of all rows but one overlap."""
-    rows = list(results.rows_of("docs/communication.md", "flights"))
+    rows = list(rows_after("flights", communication.PAGE.read_text(encoding="utf-8")))
     usual = {row["method"]: row for row in rows if row["payload"] == "float32"}
     apart = []
     for row, name in product(rows, ("travel time, s", "energy until own arrival, J")):
