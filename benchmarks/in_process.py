@@ -17,8 +17,8 @@ from meanflock.swarm.scenario import Scenario
 
 TITLE = "The swarm in one process"
 ABOUT = (
-    "25 UAVs as rows of one agent on a memory bus: learning, radio, metering and codec as in the swarm of processes, "
-    "rounds included. Floors: the learner's step alone, without world, radio, codec and bus, compiled and in NumPy; "
+    "25 UAVs as rows of one agent in the world's process: learning, radio, metering and rounds as in the swarm of "
+    "processes, without codec and bus. Floors: the learner's step alone, compiled and in NumPy; "
     "the bare array operations of the latter on buffers made beforehand; and those on a single row, which is what so "
     "many NumPy calls cost."
 )
