@@ -92,6 +92,7 @@ def sweep(
     """
     load_plugins(plugin)
     keys, listed = ([key], [values]) if isinstance(key, str) else (list(key), list(values))
+    listed = [each if isinstance(each, str) or not np.iterable(each) else list(each) for each in listed]
     named = _several(methods)
     _check_grid(keys, listed, settings, named)
     points = {}
@@ -118,9 +119,9 @@ def _check_grid(
     for key, values in zip(keys, listed, strict=True):
         if key in settings or (key == "method" and methods):
             raise BadInput(f"{key} is what is swept; leave it out of the {'methods' if methods else 'settings'}")
-        if isinstance(values, str) or not np.iterable(values):
+        if not isinstance(values, list):
             raise BadInput(f"sweep: {key}: {values!r}; give a list of values")
-        if not list(values):
+        if not values:
             raise BadInput(f"sweep: give {key} a value or more")
 
 
