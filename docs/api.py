@@ -21,7 +21,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "A flight in this process; see [first flight](first-flight.md).",
         ("fly", "Stepped", "open", "Run", "Scenario"),
     ),
-    "Study": ("Many flights on many processes, and a table of their means.", ("compare", "sweep", "Comparison")),
+    "Study": (
+        "Many flights on many processes, and a table of their means; see [your study](your-study.md).",
+        ("compare", "sweep", "Comparison"),
+    ),
     "A controller": (
         "See [your controller](your-controller.md).",
         ("Controller", "Options", "Received", "Broadcast", "Step"),

@@ -31,6 +31,7 @@ EXECUTED = [
     "your-aggregation",
     "your-channel",
     "your-vehicle",
+    "your-study",
     "train-a-policy",
     "flower",
     "containers",
