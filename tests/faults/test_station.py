@@ -63,10 +63,10 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
 
 
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(monkeypatch, caplog) -> None:
-    monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 60_000)
+    monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 70_000)
     lab = Lab(scenario("duration=40"))
     deafen(lab)
-    assert max(lab.engine.outbox._bytes for _ in lab.engine.fly()) <= 60_000
+    assert max(lab.engine.outbox._bytes for _ in lab.engine.fly()) <= 70_000
     record = listen(lab, first_block=0)
     summary = lab.engine.finish()
     assert summary["telemetry_blocks_dropped"] > 0

@@ -18,6 +18,7 @@ from meanflock.groundstation.recording import blueprint as look
 from meanflock.groundstation.recording import plots
 from meanflock.groundstation.recording.recorder import Recorder
 from meanflock.groundstation.recording.replay import Continued, complete, recorded, verify
+from meanflock.groundstation.results.rounds_table import ROUNDS
 from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
 from meanflock.groundstation.results.spool import Spool, spooled
 from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
@@ -64,6 +65,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
         *(3 * [*rows, *durably(CHECKPOINT)]),
         *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
         *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled
+        *durably(ROUNDS),
     ]
 
 

@@ -84,7 +84,9 @@ def test_the_readme_has_the_published_counts() -> None:
     readme = words_of("README.md")
     assert f"Of 54 claims of the paper {counts[REPRODUCED]} are reproduced, {page.tally(counts)}" in readme
     slow, printed = (page.counted(RECORDS, name)[REPRODUCED] for name in page.CHOSEN)
-    assert f"{slow} claims are reproduced in `paper-slow`, where UAVs steer slowly, and {printed} in" in readme
+    assert (
+        f"{slow} claims are reproduced in `paper-slow`, where UAVs steer slowly, {printed} in `paper-printed`" in readme
+    )
 
 
 def test_the_page_has_the_findings_the_table_and_the_rule_of_the_code() -> None:
