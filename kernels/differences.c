@@ -3,18 +3,13 @@
 #include "native.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "pairwise.h"
 
-enum { FEW = 100, MANY = 3000 }; /* as in differences.py */
+enum { FEW = 100 }; /* as in differences.py */
 enum { BLOCK = 1024 }; /* columns of the sums that stay in the cache; any number gives the same bits */
-static const double WIDE = 3.0, LEAST = 1e-15, MOST = 1e15;
-static const double EXTENT = 124.0, CENTRE = 127.5; /* of the mesh, as in mesh.py */
 
-ptrdiff_t alignment_room(ptrdiff_t n) {
-    return 2 * n + (n <= FEW ? n * n : 2 * n + (n <= MANY ? 0 : 2 * n + mesh_room(n)));
-}
+ptrdiff_t alignment_room(ptrdiff_t n) { return 2 * n + (n <= FEW ? n * n : 2 * n); }
 
 /* Distances from a point to n points (x, y). */
 static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const double *__restrict x,
@@ -34,53 +29,19 @@ static TARGET void add_distances(ptrdiff_t n, float from_x, float from_y, const 
     }
 }
 
-/* Σ_{i < j} ‖u_j − u_i‖ over the first `count` i, in single precision; `room` for 2 n doubles. */
-static double one_by_one(ptrdiff_t n, ptrdiff_t count, const double *x, const double *y, double *room) {
+/* Σ_{i < j} ‖u_j − u_i‖ of velocities relative to their mean, in single precision; `room` for 2 n doubles. */
+static double sum_of_all(ptrdiff_t n, const double *x, const double *y, double *room) {
     double *sums = room;
     float *to_x = (float *)(room + n), *to_y = to_x + n;
     for (ptrdiff_t j = 0; j < n; j++) sums[j] = 0.0, to_x[j] = (float)x[j], to_y[j] = (float)y[j];
     for (ptrdiff_t start = 0; start < n; start += BLOCK) {
         const ptrdiff_t end = n - start < BLOCK ? n : start + BLOCK;
-        for (ptrdiff_t i = 0; i < count && i < end - 1; i++) {
+        for (ptrdiff_t i = 0; i < end - 1; i++) {
             const ptrdiff_t from = i < start ? start : i + 1;
             add_distances(end - from, to_x[i], to_y[i], to_x + from, to_y + from, sums + from);
         }
     }
     return sum_of(sums, n);
-}
-
-/* Moves the points that are off the mesh to the front, in their order; returns their number. */
-static ptrdiff_t parted(ptrdiff_t n, double width, double *x, double *y, double *room) {
-    ptrdiff_t outside = 0, inside = 0;
-    double *inside_x = room, *inside_y = room + n;
-    for (ptrdiff_t j = 0; j < n; j++) {
-        const int here = fabs(x[j]) < width && fabs(y[j]) < width;
-        if (here) inside_x[inside] = x[j], inside_y[inside++] = y[j];
-        else x[outside] = x[j], y[outside++] = y[j];
-    }
-    memcpy(x + outside, inside_x, inside * sizeof *x);
-    memcpy(y + outside, inside_y, inside * sizeof *y);
-    return outside;
-}
-
-/* Σ_{i < j} ‖u_j − u_i‖ of velocities relative to their mean. */
-static double sum_of_all(ptrdiff_t n, double *x, double *y, double *room) {
-    if (n > MANY) {
-        for (ptrdiff_t j = 0; j < n; j++) room[j] = sqrt(x[j] * x[j] + y[j] * y[j]);
-        const double distance = sum_of(room, n) / (double)n;
-        if (LEAST < distance && distance < MOST) {
-            const double width = WIDE * distance, scale = EXTENT / width;
-            const ptrdiff_t outside = parted(n, width, x, y, room), inside = n - outside;
-            double *to_x = room + 2 * n, *to_y = to_x + n;
-            for (ptrdiff_t j = 0; j < inside; j++) {
-                to_x[j] = x[outside + j] * scale + CENTRE;
-                to_y[j] = y[outside + j] * scale + CENTRE;
-            }
-            const double among = mesh_distances(inside, to_x, to_y, room + 4 * n);
-            if (among >= 0.0) return one_by_one(n, outside, x, y, room) + among / scale;
-        }
-    }
-    return one_by_one(n, n - 1, x, y, room);
 }
 
 double alignment(ptrdiff_t n, double *room) {

@@ -1,4 +1,4 @@
-/* Functions of differences.c, mesh.c, all_pairs.c and halfplanes.c that others call. */
+/* Functions of differences.c, all_pairs.c and halfplanes.c that others call. */
 #ifndef MEANFLOCK_NATIVE_H
 #define MEANFLOCK_NATIVE_H
 
@@ -10,12 +10,6 @@ ptrdiff_t alignment_room(ptrdiff_t n);
 
 /* Mean of ‖v_j − v_i‖ over all N² pairs of n UAVs, whose columns vx and vy are at the begin of `room`. */
 double alignment(ptrdiff_t n, double *room);
-
-/* Size of the working memory of mesh_distances, in doubles. */
-ptrdiff_t mesh_room(ptrdiff_t n);
-
-/* Sum of the distances of all pairs of n points of the mesh; negative if more than half of all pairs are near. */
-double mesh_distances(ptrdiff_t n, const double *x, const double *y, double *room);
 
 typedef struct {
     int64_t near, touching; /* pairs at most `hazard` apart at the end; and with a closest approach below `collision` */

@@ -15,6 +15,7 @@ STREAMS = (
     "byzantine",  # UAVs that send false uploads, and the noise in these
     "controller",  # of controllers, by an index of their own, such as tick × N + UAV
     "wind-field",  # modes of the wind field; drawn by the world only
+    "alignment",  # pairs whose velocities are compared, by tick; drawn by the world only
 )
 
 

@@ -15,6 +15,7 @@ from meanflock.swarm.events import Event, FlightEvent
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.messages import Status
+from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.vehicles.base import Physics
 
@@ -140,7 +141,7 @@ FLYING = np.uint8(Status.FLYING)
 ARRIVED = np.uint8(Status.ARRIVED)
 LOST = np.uint8(Status.LOST)
 
-_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "near_sum")
+_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "speed_difference_squared_error", "near_sum")
 _ARRAYS = {  # and their types in a snapshot
     "states": "<f8",
     "status": "u1",
@@ -169,6 +170,7 @@ class Flight:
         clipped: number of commands, one for each UAV and tick, that were longer than the vehicle's limit.
         launch_tick: (N,), tick in which a UAV leaves the ground.
         speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
+        speed_difference_squared_error: squared standard error of that sum, m²/s²; 0 if all pairs were measured.
         near_sum: sum over ticks of the number of pairs i < j within the hazard radius.
         last_arrival: tick of the last arrival so far; -1 for none.
         events: events of the last tick; the owner empties the list.
@@ -181,6 +183,7 @@ class Flight:
         self.steps = 0
         self.clipped = 0
         self.speed_difference_sum = 0.0
+        self.speed_difference_squared_error = 0.0
         self.near_sum = 0
         self.events: list[FlightEvent] = []
         self._physics = Physics(scenario)
@@ -208,6 +211,13 @@ class Flight:
     def phi_a(self) -> float:
         """φ_A(t): mean over time and all N² pairs of ‖v_j − v_i‖, m/s."""
         return self.speed_difference_sum / (self.tick + 1)
+
+    @property
+    def phi_a_standard_error(self) -> float | None:
+        """Standard error of φ_A(t) by the sampling of pairs, m/s; None of a swarm in which all pairs are measured."""
+        if self.scenario.uavs <= EXACT:
+            return None
+        return math.sqrt(self.speed_difference_squared_error) / (self.tick + 1)
 
     @property
     def phi_c(self) -> float:
@@ -401,7 +411,9 @@ class Flight:
         after = aloft = self.states
         if (waiting := self.waiting) is not None:
             after, aloft = np.where(waiting[:, None], np.nan, after), after[~waiting]
-        self.speed_difference_sum += kernels.alignment(aloft)
+        difference = speed_difference(aloft, self.scenario.seed, self.tick)
+        self.speed_difference_sum += difference.mean
+        self.speed_difference_squared_error += difference.squared_error
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
         for first, second in self.encounters.meet(seen, on_way, after):

@@ -41,6 +41,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "energy_end_mean_J": float(flight.energy.mean()),
         "energy_end_std_J": float(flight.energy.std()),
         "phi_A": flight.phi_a,
+        "phi_A_standard_error": flight.phi_a_standard_error,
         "phi_C": flight.phi_c,
         "phi_C_distinct": flight.phi_c_distinct,
         "collisions": flight.collisions,

@@ -170,7 +170,15 @@ SUMMARY = (
     Field("energy_end_std_J", ENERGY, "the same energy: standard deviation"),
     *_OF_BOTH,
     Field(
-        "collisions_all", COLLISIONS, "the same for all UAVs in the air, including those that had arrived or were lost"
+        "phi_A_standard_error",
+        "m/s",
+        "standard error of φ_A by the sampling of pairs; null up to 3,000 UAVs, of which all pairs are measured",
+        optional=True,
+    ),
+    Field(
+        "collisions_all",
+        COLLISIONS,
+        "`collisions` of all UAVs in the air, including those that had arrived or were lost",
     ),
     Field(
         "collisions_at_ticks",
