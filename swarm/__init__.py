@@ -1,3 +1,3 @@
 """Code that all processes of the swarm share: states, scenario, plug-ins, messages, bus."""
 
-__version__ = "1.0.0"
+__version__ = "2.0.0.dev0"
