@@ -20,6 +20,7 @@ from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.studies.markdown import replaced
 from meanflock.swarm import scenario, state
 from meanflock.swarm.wire import control
+from meanflock.worldsim.alignment import EXACT
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ RACES = ("scale", "scale_processes")
 TERMS = {  # what of a sample a coefficient multiplies; ms
     "a, a tick": lambda uavs, processes, links: 1.0,
     "c, a UAV": lambda uavs, processes, links: uavs,
-    "d, a pair (N²)": lambda uavs, processes, links: uavs**2,
+    "d, a pair of up to 3,000 UAVs (N²)": lambda uavs, processes, links: min(uavs, EXACT) ** 2,
     "e, a radio link": lambda uavs, processes, links: links,
     "n, the network": lambda uavs, processes, links: float(processes > 0),
     "b, a process": lambda uavs, processes, links: processes,
@@ -40,6 +41,8 @@ TERMS = {  # what of a sample a coefficient multiplies; ms
 @dataclass(frozen=True)
 class Fit:
     """t = a + c N + d N² + e L, and n + b P where P processes hold the UAVs; every coefficient ms, none negative.
+
+    N² is at most `EXACT`²: of more UAVs the alignment is of a sample of pairs.
 
     samples: (K, 4), [N, P, L, t in ms]. relative: (K,), model / measured − 1.
     """
@@ -116,7 +119,6 @@ def future_table(fitted: Fit) -> list[str]:
         "… and a tick without metrics (b P + c N)": lambda n: _seconds(
             (fitted.ms(n, n / 250) - fitted.ms(n) + fitted.coefficients[1] * n) / 1e3
         ),
-        "alignment over all pairs, a tick": lambda n: _seconds(fitted.coefficients[2] * n * n / 1e3),
         "uploads of a round, mfgfl-hf": lambda n: f"{uploads(n) * bits / 1e6:,.0f} Mbit",
         "… in one message to one leader": lambda n: f"{_bytes(uploads(n) * bits / 8)} of {control.MAX_BYTES >> 20} MiB",
         "… spectrum, a band each as in the paper": lambda n: f"{uploads(n) * radio.bandwidth_hz / 1e9:,.0f} GHz",
