@@ -28,11 +28,10 @@ def speed_difference(states: state.States, seed: int, tick: int) -> SpeedDiffere
     if n <= EXACT:
         return SpeedDifference(kernels.alignment(states), 0.0)
     first, second = generator(seed, "alignment", tick).integers(n, size=(2, SAMPLE), dtype=np.int32)
-    apart = states.take(first, axis=0)
-    apart -= states.take(second, axis=0)
-    apart *= apart
-    along, across = apart[:, state.VELOCITY].T
-    speeds = np.sqrt(along + across)
+    vx, vy = np.ascontiguousarray(states[:, state.VELOCITY].T)
+    along = vx.take(first) - vx.take(second)
+    across = vy.take(first) - vy.take(second)
+    speeds = np.sqrt(along * along + across * across)
     mean = float(np.add.reduce(speeds)) / SAMPLE
     speeds -= mean
     speeds *= speeds
