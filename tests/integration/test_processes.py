@@ -49,10 +49,10 @@ def test_a_golden_flight_is_the_same_in_processes(name, rows, endpoint, command,
     assert steady(summary) == json.loads(json.dumps(steady(row.fly())))
 
 
-def test_a_finished_run_leaves_all_five_files_and_reruns_bit_identically(command, processes) -> None:
+def test_a_finished_run_leaves_all_six_files_and_reruns_bit_identically(command, processes) -> None:
     first = json.loads(ends_by_itself(command.start("--json", "--quiet", *SHORT)))
     folder = command.folder
-    names = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
+    names = {"scenario.toml", "summary.json", "timeseries.parquet", "rounds.parquet", "events.jsonl", "recording.rrd"}
     assert {path.name for path in folder.iterdir()} == names
     assert json.loads((folder / "summary.json").read_text()) == first
     assert ticks_of(folder) == list(range(first["ticks"] + 1))
