@@ -23,7 +23,7 @@ Indices: TypeAlias = NDArray[np.intp]
 _COUNTS = ("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest")  # of a snapshot
 
 
-class Note(Protocol):
+class EventRecorder(Protocol):
     """Records an event of a kind, with a text and the UAVs concerned."""
 
     def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
@@ -198,7 +198,7 @@ class Post:
         links: NDArray[np.int32],
         awake: NDArray[np.bool_],
         has_leader: bool,
-        note: Note,
+        note: EventRecorder,
     ) -> list[RoundEnded]:
         """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
 

@@ -32,7 +32,7 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
     traffic = summary["radio"]["traffic"]
     assert traffic["broadcast"]["transmissions"] == 4 * summary["rounds"] > 0
     assert all(traffic[kind]["outages"] for kind in ("uplink", "broadcast"))
-    files = {"scenario.toml", "summary.json", "timeseries.parquet", "events.jsonl", "recording.rrd"}
+    files = {"scenario.toml", "summary.json", "timeseries.parquet", "rounds.parquet", "events.jsonl", "recording.rrd"}
     assert {path.name for path in compose.folder.iterdir()} == files
 
 
