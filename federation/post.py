@@ -244,15 +244,7 @@ class Post:
     def snapshot(self) -> dict[str, Any]:
         """All of it, for `restore`."""
         return {
-            "counts": [
-                self.rounds,
-                self.rounds_void,
-                self.late,
-                self.silent,
-                self.isolated,
-                self._averaged,
-                self.newest,
-            ],
+            "counts": [getattr(self, name) for name in _COUNTS],
             "rule": self.rule_record,
             "transmissions": [one.snapshot() for one in self._transmissions],
             "reception": self._reception.snapshot(),

@@ -1,7 +1,7 @@
 """Crews: who answers for the UAVs of a world. A flight is a world, a crew and sinks."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -14,6 +14,7 @@ from meanflock.federation.mailbox import links_of, mail_for, only
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm import state
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -61,17 +62,35 @@ def move(world: World, answer: tuple[Acts, Mask], sinks: Sequence[Sink]) -> Row:
     return row
 
 
-def heard_by(heard: Iterable[Frames], uavs: NDArray[np.intp], everyone: int) -> tuple[Frames, ...]:
-    """The part for some UAVs, ascending, of the frames that all UAVs of a swarm of `everyone` heard."""
+def joined(nodes: int, uavs: int, resumed_at: int | None) -> Note:
+    """The news that all nodes of a swarm have joined; `resumed_at`: tick from which a flight continues."""
+    text = f"{nodes} nodes hold {uavs} UAVs"
+    if resumed_at is None:
+        return Note("joined", text)
+    return Note("resumed", f"{text} and continue from tick {resumed_at}")
+
+
+def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames, ...]:
+    """What an agent with some UAVs, ascending, is told by radio: the frames that they heard, and their mail.
+
+    `after`: number of the last letter that the agent has read.
+    """
     own = []
-    for batch in heard:
+    for batch in senses.heard:
         links = links_of(batch)
-        if len(uavs) < everyone:
+        if len(uavs) < len(senses.states):
             targets = links[:, 1]
             links = links[targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)]
         if len(links):
             own.append(only(batch, links))
+    if senses.newest > after:
+        own += mail_for(senses.letters, "agent", uavs, after)
     return tuple(own)
+
+
+def no_models(scenario: Scenario) -> Floats:
+    """Learned weights (N, W) of a swarm of which no UAV has answered yet: NaN."""
+    return np.full((scenario.uavs, scenario.declared.weights), np.nan)
 
 
 def place_of(uavs: NDArray[np.intp]) -> Place:
@@ -128,9 +147,8 @@ class LocalCrew:
         self._nothing = np.zeros((uavs, state.AXES + len(scenario.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
         self._standbys = scenario.leaders(tick) if leaders is None else leaders
-        nodes = f"{len(self.agents) + self._standbys} nodes hold {uavs} UAVs"
-        joined = Note("joined", nodes) if resume is None else Note("resumed", f"{nodes} and continue from tick {tick}")
-        self._news: list[News] = [joined]
+        nodes = len(self.agents) + self._standbys
+        self._news: list[News] = [joined(nodes, uavs, None if resume is None else tick)]
         self._senses: list[tuple[int, Sense]] = []  # of the tick that was heard, by the number of the agent
         self.received: list[tuple[Received, ...]] = []
         self._led = 0  # number of the last leader
@@ -152,10 +170,8 @@ class LocalCrew:
         for number, (agent, place) in enumerate(zip(self.agents, self._places, strict=True)):
             if not senses.awake[place].any():
                 continue
-            inbox = heard_by(senses.heard, agent.uavs, self._scenario.uavs) if senses.heard else ()
-            if senses.newest > self._read[number]:
-                inbox += mail_for(senses.letters, "agent", agent.uavs, self._read[number])
-                self._read[number] = senses.newest
+            inbox = inbox_of(senses, agent.uavs, self._read[number])
+            self._read[number] = senses.newest
             states = senses.states[place].copy()  # a controller may write to its own
             sense = Sense(0, senses.tick, states, senses.report, senses.checkpoint, inbox)
             self._senses.append((number, sense))
@@ -199,9 +215,8 @@ class LocalCrew:
 
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""
-        uavs, weights = self._scenario.uavs, self._scenario.declared.weights
-        acts.commands, absent = self._nothing.copy(), np.ones(uavs, dtype=bool)
-        acts.models = np.full((uavs, weights), np.nan) if senses.report and weights else None
+        acts.commands, absent = self._nothing.copy(), np.ones(self._scenario.uavs, dtype=bool)
+        acts.models = no_models(self._scenario) if senses.report and self._scenario.declared.weights else None
         for number, reply in replies:
             place = self._places[number]
             acts.commands[place], absent[place] = reply.commands, False
@@ -244,8 +259,7 @@ class LocalCrew:
         if self._standbys:
             self._standbys -= 1
             self._led += 1
-            names: tuple[int, ...] = ()
-            self._leader = Leader(Welcome(0, _name(self._led), names, 0, self._encoded, self._plan))
+            self._leader = Leader(Welcome(0, _name(self._led), (), 0, self._encoded, self._plan))
 
 
 def _name(leader: int) -> str:

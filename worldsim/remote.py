@@ -18,7 +18,7 @@ from meanflock.worldsim.admission import Admission
 from meanflock.worldsim.barrier import Barrier, Replies
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import Durations, Schedule
-from meanflock.worldsim.crew import heard_by
+from meanflock.worldsim.crew import inbox_of, joined, no_models
 from meanflock.worldsim.limits import Limits
 from meanflock.worldsim.members import LEADER, Member, Members
 from meanflock.worldsim.pace import Pace
@@ -131,11 +131,8 @@ class RemoteCrew:
             self._admission.check(timeout_s if self._clock() > end else None, self._cancelled())
             self._admission.expire(timeout_s / 2)  # leaves as much time for a node in the place of one that died
             self._receive(0.1)
-        nodes = f"{len(self.members.present)} nodes hold {self._world.scenario.uavs} UAVs"
-        if self._is_resumed:
-            self._news.append(Note("resumed", f"{nodes} and continue from tick {self._world.tick}"))
-        else:
-            self._news.append(Note("joined", nodes))
+        resumed_at = self._world.tick if self._is_resumed else None
+        self._news.append(joined(len(self.members.present), self._world.scenario.uavs, resumed_at))
         self._admission.flying = True
         self._leading = leader.name if (leader := self.members.lead()) is not None else None
 
@@ -207,11 +204,9 @@ class RemoteCrew:
         if not senses.awake.all():
             asked = [member for member in asked if senses.awake[member.uavs].any()]
         for member in asked:
-            received = heard_by(senses.heard, member.uavs, len(senses.states)) if senses.heard else ()
-            if senses.newest > member.read:
-                received += mail_for(senses.letters, "agent", member.uavs, member.read)
-                member.read = senses.newest
-            self._barrier.ask(member, senses.states[member.place], received, senses.checkpoint)
+            inbox = inbox_of(senses, member.uavs, member.read)
+            member.read = senses.newest
+            self._barrier.ask(member, senses.states[member.place], inbox, senses.checkpoint)
 
     def _ask_leader(self, senses: Senses) -> None:
         """Ask the elected leader if a round needs it, and it was not asked yet; the next one if it is lost at once."""
@@ -304,10 +299,9 @@ class RemoteCrew:
 
     def _models(self, found: list[tuple[Member, Act]]) -> Floats | None:
         """The learned weights of all UAVs, (N, W), NaN for those without a reply; None if none are reported."""
-        scenario = self._world.scenario
-        if not scenario.declared.weights:
+        if not self._world.scenario.declared.weights:
             return None
-        models = np.full((scenario.uavs, scenario.declared.weights), np.nan)
+        models = no_models(self._world.scenario)
         for member, reply in found:
             if reply.models is not None:
                 models[member.place] = reply.models
