@@ -128,6 +128,13 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
 FlightEvent: TypeAlias = Event | RoundEnded
 
 
+def uavs_of(event: FlightEvent) -> tuple[int, ...]:
+    """All UAVs that an event names; some may be named twice."""
+    if isinstance(event, RoundEnded):
+        return (*event.sent, *event.received, *event.late, *event.refused)
+    return event.uavs
+
+
 def fields_of(ended: RoundEnded) -> dict[str, Any]:
     """All fields of a round, by name, as JSON has them."""
     fields = {name: getattr(ended, name) for name in RoundEnded.__struct_fields__}

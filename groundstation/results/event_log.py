@@ -9,7 +9,7 @@ from typing import IO, Any
 
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput, printable
-from meanflock.swarm.events import Event, FlightEvent, RoundEnded, fields_of, round_of
+from meanflock.swarm.events import Event, FlightEvent, RoundEnded, fields_of, round_of, uavs_of
 
 FIELDS = {  # of a line
     "tick": "number of the tick",
@@ -145,6 +145,7 @@ def _event(row: Any, uavs: int) -> FlightEvent:
         event = round_of(row["round"])
     else:
         event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
-    if event.tick < 0 or any(not 0 <= uav < uavs for uav in event.uavs):
-        raise ValueError(f"an event of tick {event.tick} and UAVs {event.uavs}")
+    named = uavs_of(event)
+    if event.tick < 0 or any(not 0 <= uav < uavs for uav in named):
+        raise ValueError(f"an event of tick {event.tick} and UAVs {named}")
     return event

@@ -10,7 +10,7 @@ from meanflock.groundstation.results.quantities import RESERVED
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_DIAGNOSTICS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.events import RoundEnded, uavs_of
 from meanflock.swarm.wire.control import expect
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 
@@ -53,11 +53,11 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     if ((ends < 0) | (ends >= n)).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
         raise MessageRejected("wrong-shape", "links of UAVs or frames that are not there")
     for event in block.events:
-        named = event.uavs
-        if isinstance(event, RoundEnded):
-            named = (*named, *event.received, *event.late, *event.refused)
-            if not all(map(math.isfinite, (event.airtime_s, *event.diagnostics.values(), *event.metrics.values()))):
-                raise MessageRejected("non-finite", f"round {event.number}: a number that is not finite")
+        if isinstance(event, RoundEnded) and not all(
+            map(math.isfinite, (event.airtime_s, *event.diagnostics.values(), *event.metrics.values()))
+        ):
+            raise MessageRejected("non-finite", f"round {event.number}: a number that is not finite")
+        named = uavs_of(event)
         if not 0 <= event.tick <= _LAST_TICK or any(not 0 <= uav < n for uav in named):
             raise MessageRejected("wrong-shape", f"an event of tick {event.tick} and UAVs {named}")
     return block

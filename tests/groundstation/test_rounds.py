@@ -10,8 +10,9 @@ import pytest
 import meanflock as mf
 from meanflock.groundstation.cli.command import main
 from meanflock.groundstation.results import inbound
+from meanflock.groundstation.results.event_log import past_events, row_of
 from meanflock.groundstation.results.rounds_table import COLUMNS, OVER, ROUNDS
-from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import RoundEnded
 from tests.telemetry import fly
 
@@ -92,3 +93,14 @@ def test_a_false_round_is_refused_by_the_station(fields: dict, reason: str) -> N
     with pytest.raises(MessageRejected) as rejected:
         inbound.check(false, 6)
     assert rejected.value.reason == reason
+
+
+@pytest.mark.parametrize("field", ["sent", "received", "late", "refused"])
+def test_no_flight_continues_after_a_round_of_uavs_that_are_not_there(field: str, tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    ended = RoundEnded(1, 1, 0, "averaged", **{field: (0, 5)})
+    path.write_text(json.dumps(row_of(ended, 0.1)) + "\n")
+    size = path.stat().st_size
+    assert [event.text for event in past_events(path, size, 6, "")] == [ended.text]
+    with pytest.raises(BadInput, match=r"damaged .*UAVs \(0, 5\)"):
+        past_events(path, size, 5, "")
