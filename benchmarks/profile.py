@@ -70,7 +70,6 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.books:Books.settle", "flight: books"),
     ("meanflock.worldsim.flight:pairs", "flight: close pairs"),
 ]
-MEMORY_BUS: list[Part] = [("meanflock.swarm.net.bus:MemoryBus.put", "bus: put")]
 ZENOH_BUS: list[Part] = [("meanflock.swarm.net.session:ZenohBus.put", "bus: put")]
 
 
@@ -179,7 +178,7 @@ def _in_process(effort: Effort) -> dict[str, Any]:
     ticks = effort.choose(1000, 200)
     plain_us = 1e3 * per_tick_ms(flight("mfgfl-hf", UAVS).fly(), ticks)
     with Stopwatch() as watch:
-        watch.wrap([*LEARNER, *CODEC, *WORLD, *MEMORY_BUS])
+        watch.wrap([*LEARNER, *WORLD])
         flown = flight("mfgfl-hf", UAVS).fly()
         next(flown)
         watch.clear()

@@ -102,7 +102,9 @@ def prepared(
     check_diagnostics(flown.method, flown.declared.diagnostics)
     memory.check([flown])
     warn_of_lost_models([flown])
-    outputs, run_id, kept = None, f"{flown.method}-s{flown.seed}", Kept()
+    outputs = None
+    run_id = f"{flown.method}-s{flown.seed}"
+    kept = Kept()
     sinks: list[BlockSink] = [kept]
     if out is not None:
         from meanflock.groundstation import disk

@@ -160,7 +160,7 @@ class Run:
         return plot_paths(self._shown()) if what == "paths" else plot_curves(self._shown())
 
     def _shown(self) -> "Shown":
-        """What pictures show of the run."""
+        """The run for its pictures."""
         from meanflock.groundstation.plots.run import Shown
 
         return Shown(self._rows(), self.scenario, self.events)

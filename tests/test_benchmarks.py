@@ -91,5 +91,5 @@ def test_the_measurements_on_the_page_are_those_of_the_record() -> None:
 
 def test_what_a_tick_is_taken_apart_into_is_there() -> None:
     with profile.Stopwatch() as watch:
-        watch.wrap([*profile.LEARNER, *profile.CODEC, *profile.WORLD, *profile.MEMORY_BUS, *profile.ZENOH_BUS])
+        watch.wrap([*profile.LEARNER, *profile.CODEC, *profile.WORLD, *profile.ZENOH_BUS])
         assert watch.absent == []

@@ -116,11 +116,11 @@ def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]
         figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, (line, flown) in enumerate(lines.items()):
-                beside = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
+                offset = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
                 estimates = [
                     statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
                 ]
-                plotstyle.dots(ax, looks[line], places + beside, estimates)
+                plotstyle.dots(ax, looks[line], places + offset, estimates)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)

@@ -38,7 +38,7 @@ _MAX_SEGMENTS = 60_000  # of all paths
 
 
 class Shown(NamedTuple):
-    """What is drawn of a run: its time series, its scenario, and its events as rows of events.jsonl."""
+    """A run for its pictures: its time series, its scenario, and its events as rows of events.jsonl."""
 
     table: pa.Table
     scenario: Flown | Scenario

@@ -210,7 +210,7 @@ class RunFolder:
 
     @property
     def is_owner(self) -> bool:
-        """Whether this is the process that began the run, and no fork of it."""
+        """This process began the run, and is no fork of the process that did."""
         return os.getpid() == self._owner
 
     def _failed(self, error: OSError) -> RunFailed:
@@ -220,8 +220,8 @@ class RunFolder:
         return RunFailed(f"{self.path}: {reason(error)}; it holds {contents}: {remedy(error)}, then {self._go_on()}")
 
     def _go_on(self) -> str:
-        known = flown_plugins.sources(self._flown) is not None  # else no command knows what flies
-        return go_on(self.path) if known else "begin another flight"
+        has_sources = flown_plugins.sources(self._flown) is not None  # else no command knows what flies
+        return go_on(self.path) if has_sources else "begin another flight"
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json` atomically, and delete the checkpoint. A failed run has no summary.
@@ -364,8 +364,8 @@ def flown_rows(folder: Path, columns: list[str] | None = None) -> pa.Table:
 
 def unreadable(path: Path, error: OSError) -> BadInput:
     """The error of a time series that cannot be read, with advice."""
-    known = (path.parent / SCENARIO).is_file()
-    advice = f"bring the file back, or {fly_again(path.parent)}" if known else "name the folder of a run"
+    is_run = (path.parent / SCENARIO).is_file()
+    advice = f"bring the file back, or {fly_again(path.parent)}" if is_run else "name the folder of a run"
     return BadInput(f"{path}: {error.strerror or error}; {advice}")
 
 

@@ -169,9 +169,9 @@ def _opened(path: Path) -> pq.ParquetFile:
     found = file.schema_arrow
     if lacking := [name for name in _NEEDED if name not in found.names]:
         raise OSError(f"damaged: it has no column {', '.join(lacking)}")
-    known = schema(diagnostics_in(found))
+    expected = schema(diagnostics_in(found))
     if odd := [
-        field.name for field in known if field.name in found.names and found.field(field.name).type != field.type
+        field.name for field in expected if field.name in found.names and found.field(field.name).type != field.type
     ]:
         raise OSError(f"damaged: columns of a wrong type: {', '.join(odd)}")
     return file
