@@ -9,6 +9,7 @@ import numpy as np
 import meanflock as mf
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.processes import Children
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.scenario import Scenario
@@ -117,7 +118,7 @@ def _flying(topology: str) -> Iterator[Iterator[int]]:
         bus = ZenohBus.router(swarm.endpoint)
         try:
             world = NetworkedRun(flown, bus, swarm.run)
-            if flown.leaders():
+            if plan_of(flown).leaders():
                 swarm.start("meanflock.leader")
             swarm.start("meanflock.agent", "--count", str(UAVS))
             world.gather(60.0)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import scenario, state
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.net.keys import fingerprint
@@ -19,7 +20,7 @@ TICK = 1000
 @cache
 def declared(method: str) -> Declared:
     """Declarations of a method's controller."""
-    return scenario.load(None, method=method).declared
+    return plan_of(scenario.load(None, method=method)).declared
 
 
 def sense(inbox: tuple[Frames, ...] = ()) -> Sense:

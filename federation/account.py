@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.scenario import Scenario
+from meanflock.federation.plan import Plan
 from meanflock.swarm.wire.messages import Frames
 
 
@@ -65,8 +65,8 @@ class ModelsHash:
     Where no global model goes by radio, as with the topology `neighbours`, the uploads count in their place.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        by_radio = [hop.label for hop in scenario.hops if not hop.is_local]
+    def __init__(self, plan: Plan) -> None:
+        by_radio = [hop.label for hop in plan.hops if not hop.is_local]
         self._label = by_radio[-1] if by_radio else None
         self.digest = b""  # after the models so far; empty before the first
 

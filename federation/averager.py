@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.fragments import share_delivered
 from meanflock.federation.mail import Collector, Joined
+from meanflock.federation.plan import Plan
 from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
@@ -17,7 +18,6 @@ from meanflock.swarm import plugins
 from meanflock.swarm.declared import MAX_STATE_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form, check_values
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import encode_record
 
@@ -29,11 +29,11 @@ class RuleFailed(Exception):
 class Averager(Collector):
     """The mail of the UAVs that average for one hop, and the state of the aggregation rule there."""
 
-    def __init__(self, hop: Hop, schedule: Schedule, scenario: Scenario, uavs: NDArray[np.intp]) -> None:
+    def __init__(self, hop: Hop, schedule: Schedule, plan: Plan, uavs: NDArray[np.intp]) -> None:
         """Raises BadInput where the aggregation rule cannot begin."""
-        super().__init__(hop, scenario, uavs)
+        super().__init__(hop, plan.scenario, uavs)
         self._schedule = schedule
-        self._rule = Rule(scenario) if hop.ruled else None
+        self._rule = Rule(plan) if hop.ruled else None
         self._state: State = {} if self._rule is None else self._rule.begin()
 
     @property
@@ -77,10 +77,11 @@ class Averager(Collector):
 class Rule:
     """An aggregation rule. A plug-in: what it returns is validated here."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, plan: Plan) -> None:
         """Raises BadInput where the rule is not installed, its options do not fit or its `step` is of another form."""
-        self._name, self._parameters = scenario.federation.aggregation, scenario.declared.parameters
-        self._rule: Aggregator = plugins.create("aggregator", self._name, scenario.federation.options, scenario)
+        federation, self._parameters = plan.scenario.federation, plan.declared.parameters
+        self._name = federation.aggregation
+        self._rule: Aggregator = plugins.create("aggregator", self._name, federation.options, plan.scenario)
         takes = inspect.signature(self._rule.step)
         try:
             takes.bind("state", "uploads")
@@ -90,17 +91,17 @@ class Rule:
                 "uploads.models, uploads.uavs and uploads.round"
             ) from None
 
-    def check_radio(self, scenario: Scenario) -> None:
+    def check_radio(self, plan: Plan) -> None:
         """Validates that the radio delivers as many whole models in a round as the rule needs.
 
         Raises:
             BadInput: it does not, and the text says what to change.
         """
-        upload = next((hop.coding for hop in scenario.hops if hop.mail is None), None)
+        upload = next((hop.coding for hop in plan.hops if hop.mail is None), None)
         if upload is None or upload.fragments is None or not self._rule.complete:
             return
-        share = share_delivered(scenario, 8 * upload.fragments.width)
-        expected = scenario.participants * share**upload.count
+        share = share_delivered(plan.scenario, 8 * upload.fragments.width)
+        expected = plan.scenario.participants * share**upload.count
         if expected < self._rule.complete:
             raise BadInput(
                 f"`federation.aggregation` {self._name} needs {self._rule.complete} whole models in a round; of models "

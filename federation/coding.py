@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.fragments import Cut, Form, Fragments, Pieces, cut_of, pieces_of
+from meanflock.swarm.declared import Declared
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Payload, Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
@@ -278,20 +279,19 @@ class Counted(Coding):
 _coding = cache(Coding)
 
 
-def of_uploads(scenario: Scenario, cut: Cut | None) -> Coding:
+def of_uploads(scenario: Scenario, declared: Declared, cut: Cut | None) -> Coding:
     """The coding of a scenario's uploads."""
-    return _coding(scenario.upload_payload, scenario.declared.parts, cut, weighted=scenario.declared.weighted)
+    return _coding(scenario.upload_payload, declared.parts, cut, weighted=declared.weighted)
 
 
-def of_relays(scenario: Scenario, most: NDArray[np.intp], cut: Cut | None) -> Coding:
+def of_relays(scenario: Scenario, declared: Declared, most: NDArray[np.intp], cut: Cut | None) -> Coding:
     """The coding of averages of `most` (N,) models at the most, which heads of clusters send."""
-    declared = scenario.declared
     return Counted(scenario.radio_payload, declared.parameters, most, cut, weighted=declared.weighted)
 
 
-def of_broadcasts(scenario: Scenario, cut: Cut | None) -> Coding:
+def of_broadcasts(scenario: Scenario, declared: Declared, cut: Cut | None) -> Coding:
     """The coding of a scenario's global models."""
-    return _coding(scenario.broadcast_payload, scenario.declared.parts, cut)
+    return _coding(scenario.broadcast_payload, declared.parts, cut)
 
 
 def bound_of_models(scenario: Scenario) -> float:
@@ -299,16 +299,16 @@ def bound_of_models(scenario: Scenario) -> float:
     return min(BEYOND_SENSE, math.nextafter(_largest(scenario.upload_payload), math.inf))
 
 
-def cut_of_models(scenario: Scenario) -> Cut | None:
+def cut_of_models(scenario: Scenario, declared: Declared) -> Cut | None:
     """The cut of a scenario's models, by the longest of them; None: they go whole. It may ask the channel, so ask once.
 
     Raises:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails, or a fragment has no room for a weight.
     """
-    parts, weighted = scenario.declared.parts, scenario.declared.weighted
+    parts, weighted = declared.parts, declared.weighted
     upload = _coding(scenario.upload_payload, parts, weighted=weighted)
     broadcast = _coding(scenario.broadcast_payload, parts)
     relay = Counted(scenario.radio_payload, sum(parts), np.ones(0, dtype=np.intp), weighted=weighted)
     sent = [upload, broadcast, relay] if scenario.federation.clusters > 1 else [upload, broadcast]
-    return cut_of(scenario, max(coding.bits for coding in sent), [coding.form for coding in sent])
+    return cut_of(scenario, parts, max(coding.bits for coding in sent), [coding.form for coding in sent])

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from meanflock.federation.averager import Rule, RuleFailed
 from meanflock.federation.mail import Collector, Joined, Own
+from meanflock.federation.plan import Plan
 from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
 
 _COPIES, _COPIED, _SAMPLES = "meanflock.copies", "meanflock.copied", "meanflock.samples"  # in a checkpoint
@@ -24,15 +24,15 @@ class Exchange(Collector):
     Sums go by ascending UAV, the own model last: neither the order of arrival nor the other rows leave a trace.
     """
 
-    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices, problems: list[str]) -> None:
+    def __init__(self, hop: Hop, plan: Plan, uavs: Indices, problems: list[str]) -> None:
         """`uavs`: (M,) ascending. `problems`: texts about a rule that fails are appended.
 
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
-        super().__init__(hop, scenario, uavs)
+        super().__init__(hop, plan.scenario, uavs)
         self._problems = problems
-        self._rule = Rule(scenario)
+        self._rule = Rule(plan)
         self._states = {name: np.repeat(array[None], len(uavs), axis=0) for name, array in self._rule.begin().items()}
         self._copies = np.zeros((len(uavs), self._coding.floats))  # (M, L) own models, as the coding leaves them
         self._samples = np.ones(len(uavs))  # (M,) what they count

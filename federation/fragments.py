@@ -14,7 +14,6 @@ All of it is transmitted, paid for, and lost or delivered as one message.
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -206,7 +205,7 @@ def pieces_of(parts: tuple[int, ...], size: int) -> tuple[int, ...]:
     return tuple(np.diff(_starts(parts, size), append=sum(parts)).tolist())
 
 
-def cut_of(scenario: Scenario, bits: int, forms: Iterable[Form]) -> Cut | None:
+def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[Form]) -> Cut | None:
     """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
 
     Args:
@@ -221,19 +220,12 @@ def cut_of(scenario: Scenario, bits: int, forms: Iterable[Form]) -> Cut | None:
         slots = WHOLE if _fits(scenario, bits) else longest(scenario)
     if slots == WHOLE:
         return None
-    radio, parts = scenario.radio, scenario.declared.parts
+    radio = scenario.radio
     size = min(form.weights(int(slots * radio.bits_per_slot / 8), parts) for form in forms)
     if size < 1:
         raise ValueError(f"a fragment of {slots} slots has no room for a weight; set a larger `federation.fragment`")
     busy = radio.latency_threshold_slots * radio.coherence_time_s
     return None if size >= sum(parts) else Cut(slots, size, max(1, int(scenario.dt / busy * (1.0 + 1e-9))))
-
-
-def resolved(scenario: Scenario) -> Scenario:
-    """The same scenario with the size of fragments written out, so that its nodes need no channel to know it."""
-    cuts = [hop.coding.cut for hop in scenario.hops]
-    slots = max((cut.slots for cut in cuts if cut is not None), default=WHOLE)
-    return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, fragment=slots))
 
 
 def longest(scenario: Scenario) -> int:

@@ -10,10 +10,10 @@ from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.mail import RECEIPT, Collector
 from meanflock.federation.memory import Feedback, GlobalModels, Learner, Trigger
+from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, contains
 from meanflock.swarm.wire.control import decode_record, expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
@@ -31,7 +31,7 @@ class Party:
 
     def __init__(
         self,
-        scenario: Scenario,
+        plan: Plan,
         role: Role,
         uavs: NDArray[np.intp],
         problems: list[str],
@@ -45,27 +45,27 @@ class Party:
         self._uavs = uavs
         self._learner = learner
         self.problems = problems
-        self._schedule = schedule = Schedule(scenario, uavs)
+        self._schedule = schedule = Schedule(plan, uavs)
         schedule.draw_ahead()
         self.rule_record = b""
         hops = schedule.hops
         self._own = [hop for hop in hops if hop.role == role]
         self._averagers = [
-            Averager(hop, schedule, scenario, here)
+            Averager(hop, schedule, plan, here)
             for hop in self._own
             if hop.mail is not None and not hop.is_local and len(here := self._here(hop))
         ]
         local = next((hop for hop in self._own if hop.is_local), None)
-        self._exchange = None if local is None else Exchange(local, scenario, uavs, problems)
+        self._exchange = None if local is None else Exchange(local, plan, uavs, problems)
         self._collectors: list[Collector] = [*self._averagers, *([self._exchange] if self._exchange else [])]
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._globals: GlobalModels | None = None
         if self._last is not None and self._last.coding.fragments is not None and not self._last.is_local:
             self._globals = GlobalModels(self._last.coding, len(uavs))
-        self._byzantine = Byzantine(scenario)
+        self._byzantine = Byzantine(plan.scenario)
         first = next((hop for hop in self._own if hop.mail is None), None)
-        self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=scenario.keeps_residuals)
-        threshold, parameters = scenario.federation.upload_threshold, scenario.declared.parameters
+        self._feedback = None if first is None else Feedback(first.coding, len(uavs), active=plan.keeps_residuals)
+        threshold, parameters = plan.scenario.federation.upload_threshold, plan.declared.parameters
         self._trigger = Trigger(threshold, len(uavs), parameters) if first is not None and threshold else None
 
     def check(self, frames: Frames) -> None:

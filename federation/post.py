@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
 from meanflock.federation.mailbox import Letter, Mailbox, links_of
+from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import RoundEnded
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -42,9 +42,9 @@ class Post:
         newest: number of the last letter that came.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
-        self._schedule = Schedule(scenario)
+    def __init__(self, plan: Plan) -> None:
+        self._scenario = scenario = plan.scenario
+        self._schedule = Schedule(plan)
         self._schedule.draw_ahead()
         self._hops = self._schedule.hops
         self.rounds = 0

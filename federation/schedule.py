@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import Plan
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
@@ -16,19 +17,19 @@ _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: som
 
 
 class Schedule:
-    """The rounds k = 1, 2 … of a scenario; none for methods that share no model.
+    """The rounds k = 1, 2 … of a flight; none for methods that share no model.
 
     Attributes:
         hops: of every round, in order.
         period: ticks between two rounds, n0; 0 without rounds.
     """
 
-    def __init__(self, scenario: Scenario, uavs: NDArray[np.intp] | None = None) -> None:
+    def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
         """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
-        self._scenario = scenario
+        self._scenario = scenario = plan.scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
-        self.hops: tuple[Hop, ...] = scenario.hops
-        self.period = scenario.period_ticks if self.hops else 0
+        self.hops: tuple[Hop, ...] = plan.hops
+        self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}
         self._over = 0  # ticks from the opening of a round to the last arrival of its last fragment; 0 for whole models
         if self.hops and self.hops[-1].coding.fragments is not None and not self.hops[-1].is_local:

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 from typing import NamedTuple
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -34,7 +35,7 @@ def needed_mb(scenario: Scenario, record: bool, flown: int = 0) -> int:
 
     `flown`: number of ticks whose series the folder has already.
     """
-    uavs, declared = scenario.uavs, scenario.declared
+    uavs, declared = scenario.uavs, plan_of(scenario).declared
     series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))) * (scenario.max_ticks - flown)
     recording = _RECORDED_TICK + uavs * (_RECORDED_ROW_OF_MANY if uavs > LARGE_SWARM else _RECORDED_ROW)
     recording *= scenario.max_ticks if record else 0

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import forks
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
@@ -30,9 +31,10 @@ _V1_NO_LIMIT = 2**60  # cgroup v1 means no limit by a huge number
 
 def pair_bytes(scenario: Scenario) -> int:
     """Bytes that a flight needs for each pair of UAVs, if memory grows with N²; else 0."""
-    if scenario.declared.pairwise:
+    plan = plan_of(scenario)
+    if plan.declared.pairwise:
         return PAIR_BYTES
-    to_all = [hop for hop in scenario.hops if hop.targets is None and not hop.is_local]
+    to_all = [hop for hop in plan.hops if hop.targets is None and not hop.is_local]
     if all(len(hop.senders) < scenario.uavs for hop in to_all):
         return 0
     places = starts(scenario)[:, POSITION]

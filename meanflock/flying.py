@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meanflock.channel.outlook import warn_of_lost_models
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation import memory
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
@@ -99,7 +100,7 @@ def prepared(
     """
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
-    check_diagnostics(flown.method, flown.declared.diagnostics)
+    check_diagnostics(flown.method, plan_of(flown).declared.diagnostics)
     memory.check([flown])
     warn_of_lost_models([flown])
     outputs = None

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from meanflock.federation.plan import plan_of
 from meanflock.studies import runner
 from meanflock.studies.job_file import StoredRun, encode
 from meanflock.studies.runner import WorkerDied, terminable, workers
@@ -173,7 +174,7 @@ def _rows(
             "experiment": run.point.experiment,
             "method": str(flown.method),
             "uavs": flown.uavs,
-            "period": flown.period_ticks if flown.declared.is_federated else None,
+            "period": flown.period_ticks if plan_of(flown).declared.is_federated else None,
             "sigma": flown.wind.sigma,
             "setting": run.point.setting,
             "seed": run.seed,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field import interaction, layout
 from meanflock.studies import job_file
@@ -312,7 +313,7 @@ def _look(flight: Flight, diagnostics: Floats, models: Floats) -> Snapshot:
         arrived=flight.arrival_tick >= 0,
         arrival_energy=flight.arrival_energy.copy(),
         distance=flight.distance.copy(),
-        diagnostics=_by_name(scenario.declared.diagnostics, diagnostics),
+        diagnostics=_by_name(plan_of(scenario).declared.diagnostics, diagnostics),
         leader_value=value[scenario.federation.leader].copy(),
         weight_spread=weight_spread(models[alive]) if alive.any() else np.nan,
         value_spread=weight_spread(value[alive]) if alive.any() else np.nan,

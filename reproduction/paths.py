@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.plots import plotstyle
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import state
@@ -122,7 +123,7 @@ def _weights(ax: Axes, view: View, method: str) -> None:
     block = models[:, layout.VALUE.start + layout.VALUE_FEATURES : layout.VALUE.stop]
     ax.plot(times, block, linewidth=0.6, color=plotstyle.colour(method), alpha=0.8)
     scenario = load(None, method=method)
-    if scenario.declared.is_federated:
+    if plan_of(scenario).declared.is_federated:
         rounds = np.arange(1, int(times.max() / scenario.dt) // scenario.period_ticks + 1) * scenario.period_ticks
         ax.plot(
             rounds * scenario.dt,

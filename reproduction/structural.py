@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.link import outage, slot_success, slots_needed
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation import statistics
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
@@ -210,7 +211,7 @@ def cost_share(scenario: Scenario) -> float:
         for name in ("accelerations", "diagnostics")
     )
     states, on_way = blocks[0][:-1], blocks[1][:-1] == Status.FLYING
-    phi_g = diagnostics[..., scenario.declared.diagnostics.index("phi_G")]
+    phi_g = diagnostics[..., plan_of(scenario).declared.diagnostics.index("phi_G")]
     position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
     towards = np.abs(state.dot(position, velocity)) / np.sqrt(state.dot(position, position))
     cost = scenario.cost

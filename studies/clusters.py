@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.launch.engine import Engine
@@ -70,7 +71,7 @@ def measure(flown: Scenario) -> dict[str, float]:
         "queue": np.bincount(sent[:, 2], np.abs(sent[:, 4])).max() * slot_ms / rounds,
         "lost": 100 * sum(bill["outages"] for bill in up) / sum(bill["sent"] for bill in up),
         "share": float(np.mean([_share(flown, sent, number) for number in range(1, rounds + 1)])),
-        "ticks": next(tick for tick in range(flown.period_ticks, 10**6) if Schedule(flown).closes(tick))
+        "ticks": next(tick for tick in range(flown.period_ticks, 10**6) if Schedule(plan_of(flown)).closes(tick))
         - flown.period_ticks
         + 1,
     }
@@ -83,7 +84,7 @@ def _share(flown: Scenario, sent: np.ndarray, number: int) -> float:
     in_round = sent[(sent[:, 0] >= number * period) & (sent[:, 0] < (number + 1) * period)]
     failed = in_round[in_round[:, 4] < 0]
     uploads, relays = (failed[failed[:, 3] == kind, 1] for kind in (FrameKind.UPLOAD, FrameKind.RELAY))
-    source = Schedule(flown).participants(number)
+    source = Schedule(plan_of(flown)).participants(number)
     lost = np.isin(source, uploads) | np.isin(Division(flown).head_of[source], relays)
     return float(100 * (1 - lost.mean()))
 

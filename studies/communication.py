@@ -13,6 +13,7 @@ from meanflock.channel.link import slots_needed
 from meanflock.federation import coding as codings
 from meanflock.federation.coding import FINEST, STEPS, Coding
 from meanflock.federation.memory import Feedback
+from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation import statistics
@@ -81,10 +82,11 @@ def transmissions() -> list[str]:
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
             written = scenario.load(None, WRITTEN[name], method=method)
-            coding = codings.of_uploads(written, codings.cut_of_models(written))
+            declared = plan_of(written).declared
+            coding = codings.of_uploads(written, declared, codings.cut_of_models(written, declared))
             coded = coding.encode(np.full((1, coding.floats), 1.5))
             sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
-            bare = Act(2**31, 1000, np.ones((1, 2 + len(written.declared.diagnostics))))
+            bare = Act(2**31, 1000, np.ones((1, 2 + len(declared.diagnostics))))
             wire = len(write_act(structs.replace(bare, outbox=(sent,)))) - len(write_act(bare))
             slots = slots_needed(written.radio, coding.bits)
             rows.append((f"`{method}`", name, f"{coding.bits:,}", f"{slots}", f"{wire / coded.nbytes:.3f}"))
@@ -143,7 +145,7 @@ def _case(name: str, active: bool) -> str:
 
 def uploads(flown: Scenario) -> list[Frames]:
     """The uploads of every round of one flight: the participants' models when the round opens, in double precision."""
-    schedule = Schedule(flown)
+    schedule = Schedule(plan_of(flown))
     shared = controller(flown).shared  # the weights that the method shares
     sent: list[Frames] = []
 
@@ -161,7 +163,7 @@ class Coded:
     """Uploads in one of our codings, as the leader receives them."""
 
     def __init__(self, flown: Scenario, name: Payload, active: bool) -> None:
-        self._coding = Coding(name, flown.declared.parts)
+        self._coding = Coding(name, plan_of(flown).declared.parts)
         self._feedback = Feedback(self._coding, flown.uavs, active=active)
 
     def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
@@ -173,7 +175,7 @@ class Stochastic:
     """Steps of `int8`, without feedback, each rounded up or down at random so that its expectation is the weight."""
 
     def __init__(self, flown: Scenario) -> None:
-        self._sizes = flown.declared.parts
+        self._sizes = plan_of(flown).declared.parts
         self._draw = np.random.default_rng(flown.seed)
 
     def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
@@ -187,7 +189,7 @@ class LargestQuarter:
     """The largest quarter of the weights, each in half precision with its place, and feedback."""
 
     def __init__(self, flown: Scenario) -> None:
-        self._residuals = np.zeros((flown.uavs, flown.declared.parameters))
+        self._residuals = np.zeros((flown.uavs, plan_of(flown).declared.parameters))
 
     def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
         """See `Coded`."""
@@ -203,7 +205,7 @@ class Differences:
 
     def __init__(self, flown: Scenario, coded: Transmit) -> None:
         self._coded = coded
-        self._last: Floats = np.zeros(flown.declared.parameters)
+        self._last: Floats = np.zeros(plan_of(flown).declared.parameters)
 
     def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
         """See `Coded`."""
@@ -224,7 +226,7 @@ def rejected(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
     """Errors of the codings that meanflock does not have, and the bits of an upload."""
     rows = []
     for method, measured in runs.items():
-        declared = scenario.load(None, (), method=method).declared
+        declared = plan_of(scenario.load(None, (), method=method)).declared
         bits = dict.fromkeys(REJECTED, Coding("int8", declared.parts).bits)
         bits[LARGEST] = declared.parameters // 4 * (16 + math.ceil(math.log2(declared.parameters)))
         for name in REJECTED:

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from meanflock.federation.plan import plugins_of
 from meanflock.groundstation import memory
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies import runner
@@ -106,12 +107,12 @@ def _kept(done: int, total: int, store: Store | None) -> str:
 
 def _is_of_this_process(flown: Scenario) -> bool:
     """Returns whether a plug-in of a scenario was registered in this process, so that no other process has it."""
-    return any(plugins.find(kind, name).source == plugins.HERE for kind, name, _ in flown.plugins())
+    return any(plugins.find(kind, name).source == plugins.HERE for kind, name, _ in plugins_of(flown))
 
 
 def key_of(flown: Scenario, study: str = STUDY) -> str:
     """Key of a run in the store. It changes with the files of plug-ins and the versions of their packages."""
-    found = (plugins.find(kind, name) for kind, name, _ in flown.plugins())
+    found = (plugins.find(kind, name) for kind, name, _ in plugins_of(flown))
     theirs = (
         plugin for plugin in found if not plugin.reference.startswith("meanflock.")
     )  # the store knows our version

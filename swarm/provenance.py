@@ -2,26 +2,27 @@
 
 import json
 import platform
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from meanflock.swarm.scenario import Scenario
-
 _ROOT = Path(__file__).resolve().parents[1]  # of the checkout, if it is one
 
 
-def provenance(flown: Scenario) -> dict[str, Any]:
-    """What flies a scenario in this process. Of a plug-in: its name, and the version of its package or the hash of its
-    file.
+def provenance(plugins: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+    """What flies in this process.
+
+    Args:
+        plugins: kind, name, and version of the package or hash of the file, of each plug-in.
     """
     return {
         "commit": commit(),
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "plugins": {kind: f"{name}, {fingerprint}" for kind, name, fingerprint in flown.plugins()},
+        "plugins": {kind: f"{name}, {fingerprint}" for kind, name, fingerprint in plugins},
     }
 
 

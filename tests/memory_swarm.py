@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from meanflock.agent.node import Agent
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.launch import engine
 from meanflock.groundstation.launch.station import Station
 from meanflock.leader.node import Leader
@@ -48,7 +49,7 @@ class MemorySwarm(NetworkedRun):
         sizes = [size] * -(-scenario.uavs // size) if isinstance(size, int) else size
         for rows in sizes:
             self.join(Join("agent", rows), Agent)
-        for _ in range(scenario.leaders(self.world.tick) if leaders is None else leaders):
+        for _ in range(plan_of(scenario).leaders(self.world.tick) if leaders is None else leaders):
             self.join(Join("leader", 0), Leader)
         self.gather(10.0)
 

@@ -130,6 +130,8 @@ HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "promet
 SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
 DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
 FLYING = [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh"]
+PURE = """from meanflock.swarm.scenario import Scenario
+Scenario(method="orca", uavs=9, **{"federation.topology": "clusters", "filter.kind": "ecbf"}).replace(seed=2)"""
 DRAW_NOTHING = "import random; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
 
 
@@ -148,6 +150,7 @@ def completed(line: str) -> str:
     ("code", "forbidden"),
     [
         ("import meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
+        (PURE, [*SCIENCE, "meanflock.agent", "meanflock.federation"]),
         ("import meanflock.worldsim.__main__", HEAVY),
         (  # statistics take a second of the start of each worker and command
             "import meanflock.studies.study, reproduction.experiments, meanflock.studies.means",

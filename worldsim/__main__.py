@@ -11,6 +11,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the world", "world"):
+    from meanflock.federation.plan import plan_of
     from meanflock.swarm import logs, scenario, threads
     from meanflock.swarm.errors import BadInput, RunFailed
     from meanflock.swarm.net import access, keys
@@ -81,7 +82,7 @@ def run() -> None:
     interrupted = Interrupted()
     end_with_launcher()
     logs.divert()  # standard output carries the summary only
-    limits = Limits(flown)
+    limits = Limits(plan_of(flown))
     quotas = Quotas(keys.check_run(given.run), flown, limits, rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from meanflock.federation.fragments import resolved
+from meanflock.federation.plan import plugins_of
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.net import keys
@@ -83,8 +83,9 @@ class Admission:
         self._fingerprint = keys.fingerprint(run)
         self._received = keys.received(run)
         self._scenario = scenario
-        self._plan = world.flight.states.astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
-        self._plugins = scenario.plugins()
+        self._known = world.plan.known
+        self._starts = world.flight.states.astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self._plugins = plugins_of(scenario)
         self._world = world
         self._barrier = barrier
         self._outbox = outbox
@@ -296,8 +297,8 @@ class Admission:
                     node=name,
                     uavs=tuple(uavs.tolist()),
                     tick=self._world.tick,
-                    scenario=scenario.encode(self._scenario if listens else resolved(self._scenario.known())),
-                    initial_states=self._plan,
+                    scenario=scenario.encode(self._scenario if listens else self._known),
+                    initial_states=self._starts,
                     memory=b"" if past is None else past.memory(uavs),
                     plugins=self._plugins,
                 )

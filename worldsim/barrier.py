@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import Plan
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.net import keys
 from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States, contains
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -27,9 +27,9 @@ _NOBODY = np.zeros(0, dtype=np.intp)
 class Replies:
     """Reader of the Acts of a run. Nothing behind it checks a reply's size, shape or sender again."""
 
-    def __init__(self, scenario: Scenario, run: int, post: Post, longest: Callable[[int], int]) -> None:
+    def __init__(self, plan: Plan, run: int, post: Post, longest: Callable[[int], int]) -> None:
         """`run`: the run's fingerprint. `longest`: most bytes of the Act of a node with so many UAVs."""
-        declared = scenario.declared
+        declared, scenario = plan.declared, plan.scenario
         self._scenario = scenario
         self._run = run
         self._post = post

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from meanflock.federation.averager import Rule
+from meanflock.federation.plan import Plan
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
@@ -24,27 +25,27 @@ _MOST_BYTES = 512 * 2**20  # of an Act, whatever the scenario
 
 
 class Limits:
-    """Longest Acts of a scenario. The memory of a controller is measured on one UAV, because all UAVs have arrays
+    """Longest Acts of a flight. The memory of a controller is measured on one UAV, because all UAVs have arrays
     alike.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, plan: Plan) -> None:
         """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
         whole models for the rule."""
-        declared, uavs = scenario.declared, scenario.uavs
-        memory = _initial_memory(scenario)
-        rule = Rule(scenario)
-        rule.check_radio(scenario)
+        declared, uavs = plan.declared, plan.scenario.uavs
+        memory = _initial_memory(plan)
+        rule = Rule(plan)
+        rule.check_radio(plan)
         state_of_rule = control.encode_record(rule.begin())
         numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
-        numbers += sum(hop.coding.width for hop in scenario.hops if hop.role == "agent" and not hop.is_local)
+        numbers += sum(hop.coding.width for hop in plan.hops if hop.role == "agent" and not hop.is_local)
         self._row = _NUMBER_BYTES * numbers + len(memory)
-        if scenario.federation.upload_threshold:
+        if plan.scenario.federation.upload_threshold:
             self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
-        if any(hop.is_local for hop in scenario.hops):  # a UAV that averages stores its model and a state of the rule
+        if any(hop.is_local for hop in plan.hops):  # a UAV that averages stores its model and a state of the rule
             self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
-        last = scenario.hops[-1].coding if scenario.hops else None
+        last = plan.hops[-1].coding if plan.hops else None
         if last is not None and last.fragments is not None:  # the global model, and its fragments that were received
             self._row += (_NUMBER_BYTES * last.fragments.cut.size + 1) * last.count + _FRAME_BYTES
         self._fixed = (
@@ -57,17 +58,17 @@ class Limits:
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
-def _initial_memory(scenario: Scenario) -> bytes:
+def _initial_memory(plan: Plan) -> bytes:
     """Initial memory of the controller for UAV 0, as a record.
 
     Raises:
         BadInput: `init` fails, the model has another size than declared, or a checkpoint cannot store the memory.
     """
+    scenario, wanted = plan.scenario, (1, plan.declared.parameters)
     flyer = controller(scenario)
-    plan = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
-    wanted = (1, scenario.declared.parameters)
+    starts = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
     try:
-        memory = flyer.init(np.arange(1), plan.astype(np.float64))  # as agents receive it
+        memory = flyer.init(np.arange(1), starts.astype(np.float64))  # as agents receive it
         # The agent reports a memory of another form.
         one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
         if wanted[1] and one_row:

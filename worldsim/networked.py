@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.scenario import Scenario
@@ -74,7 +75,8 @@ class NetworkedRun:
         if steer is not None and realtime is None:
             raise BadInput(LOCKSTEP)
         self.run = run
-        self.world = World(scenario, resume, checkpoint_every=checkpoint_every)
+        plan = plan_of(scenario)
+        self.world = World(plan, resume, checkpoint_every=checkpoint_every)
         self.outbox = Outbox(bus, run)
         self.watch = Stopwatch(self.world.counters.wall_s, clock)
         self.sinks: list[Sink] = []
@@ -88,7 +90,7 @@ class NetworkedRun:
             bus,
             run,
             resume,
-            limits=limits or Limits(scenario),
+            limits=limits or Limits(plan),
             outbox=self.outbox,
             stations=stations,
             barrier_s=barrier_s,

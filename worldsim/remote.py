@@ -75,10 +75,10 @@ class RemoteCrew:
             cancelled: whether nobody waits for the flight any more; asked while all agents are missing.
             clock: seconds, monotonic.
         """
-        scenario = world.scenario
-        federated = scenario.declared.is_federated
-        leaders = scenario.leaders(world.tick) if federated else 0
-        leaderless = federated and not any(hop.role == LEADER for hop in scenario.hops)
+        plan, scenario = world.plan, world.scenario
+        federated = plan.declared.is_federated
+        leaders = plan.leaders(world.tick) if federated else 0
+        leaderless = federated and not any(hop.role == LEADER for hop in plan.hops)
         self.members = Members(
             scenario.uavs, leaders, standbys=federated, leaderless=leaderless, rows_at_most=rows_at_most
         )
@@ -93,7 +93,7 @@ class RemoteCrew:
         self._clock = clock
         self._is_resumed = resume is not None
         self._news: list[News] = []
-        self._barrier = Barrier(bus, run, Replies(scenario, keys.fingerprint(run), world.post, limits.act), clock)
+        self._barrier = Barrier(bus, run, Replies(plan, keys.fingerprint(run), world.post, limits.act), clock)
         self._admission = Admission(
             bus,
             run,
@@ -299,9 +299,9 @@ class RemoteCrew:
 
     def _models(self, found: list[tuple[Member, Act]]) -> Floats | None:
         """The learned weights of all UAVs, (N, W), NaN for those without a reply; None if none are reported."""
-        if not self._world.scenario.declared.weights:
+        if not self._world.plan.declared.weights:
             return None
-        models = no_models(self._world.scenario)
+        models = no_models(self._world.plan)
         for member, reply in found:
             if reply.models is not None:
                 models[member.place] = reply.models

@@ -172,7 +172,7 @@ class Blocks:
             block_rows: most rows of a block; None in real time.
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
-        uavs, self._declared = world.scenario.uavs, world.scenario.declared
+        uavs, self._declared = world.scenario.uavs, world.plan.declared
         self._world = world
         self._mailer = mailer
         self._watch = watch

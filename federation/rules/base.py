@@ -106,6 +106,8 @@ class Aggregator:
     name: ClassVar[str] = ""  # value of `federation.aggregation`
     Options: ClassVar[type[msgspec.Struct]] = Options
     complete: ClassVar[int] = 0  # uploads without a lost fragment that a round needs
+    bears_silence: ClassVar[bool] = True  # false: it relies on a majority, so settled UAVs must upload, too
+    bears_means: ClassVar[bool] = False  # true: in clusters the mean of the heads' means takes its place
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`."""

@@ -10,6 +10,7 @@ class FedAvg(Aggregator):
     """
 
     name = "fedavg"
+    bears_means = True
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         if (uploads.samples == 1.0).all():

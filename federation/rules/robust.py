@@ -14,6 +14,7 @@ class Median(Aggregator):
     """
 
     name = "median"
+    bears_silence = False
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         ordered, count = _ordered(uploads)
@@ -28,6 +29,7 @@ class TrimmedMean(Aggregator):
     """
 
     name = "trimmed-mean"
+    bears_silence = False
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats]:
         ordered, count = _ordered(uploads)
@@ -49,6 +51,7 @@ class Krum(Aggregator):
     """
 
     name = "krum"
+    bears_silence = False
     complete = 3
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.coding import Coding
+from meanflock.swarm.declared import Declared
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind
 
@@ -61,11 +62,17 @@ class Topology:
 
     plugin_kind: ClassVar[Literal["topology"]] = "topology"
     name: ClassVar[str] = ""  # value of `federation.topology`
+    bears_clusters: ClassVar[bool] = True  # false: with `federation.clusters` > 1 it is refused
     Options: ClassVar[type[msgspec.Struct]] = Options
 
-    def __init__(self, options: Any, scenario: Scenario) -> None:
-        """`options`: of the type `Options`."""
-        self.options, self.scenario = options, scenario
+    def __init__(self, options: Any, scenario: Scenario, declared: Declared) -> None:
+        """
+        Args:
+            options: of the type `Options`.
+            scenario: what is flown, resolved.
+            declared: the declarations of the controller.
+        """
+        self.options, self.scenario, self.declared = options, scenario, declared
 
     @abstractmethod
     def hops(self) -> tuple[Hop, ...]:

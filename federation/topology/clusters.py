@@ -4,6 +4,7 @@ import numpy as np
 
 from meanflock.federation import coding
 from meanflock.federation.topology.base import Hop, Topology
+from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import FrameKind
@@ -36,9 +37,12 @@ class Clusters(Topology):
         leader = scenario.federation.leader
         self._check()
         division = Division(scenario)
-        cut = coding.cut_of_models(scenario)
-        uploads, broadcasts = coding.of_uploads(scenario, cut), coding.of_broadcasts(scenario, cut)
-        averages = coding.of_relays(scenario, division.sizes[division.cluster], cut)
+        cut = coding.cut_of_models(scenario, self.declared)
+        uploads, broadcasts = (
+            coding.of_uploads(scenario, self.declared, cut),
+            coding.of_broadcasts(scenario, self.declared, cut),
+        )
+        averages = coding.of_relays(scenario, self.declared, division.sizes[division.cluster], cut)
         relays = uploads.ticks - 1 + scenario.deadline_ticks
         after = relays + averages.ticks - 1 + scenario.hop_ticks
         least = after + 1 if broadcasts.fragments is None else after + broadcasts.ticks - 1 + scenario.hop_ticks
@@ -83,11 +87,11 @@ class Clusters(Topology):
         asked = f"`federation.clusters` is {count}, but"
         if count > scenario.uavs:
             raise ValueError(f"{asked} `uavs` is {scenario.uavs}; a cluster holds at least one")
-        if not scenario.declared.is_federated:
+        if not self.declared.is_federated:
             raise ValueError(
                 f"{asked} `method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
-        if federation.aggregation != "fedavg":
+        if not getattr(plugins.load("aggregator", federation.aggregation), "bears_means", False):
             raise ValueError(
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
                 "means; take fedavg, or one cluster"

@@ -11,12 +11,16 @@ class Leader(Topology):
     """Participants upload to the leader's UAV, which broadcasts the average to all."""
 
     name = "leader"
+    bears_clusters = False
 
     def hops(self) -> tuple[Hop, ...]:
         scenario, leader = self.scenario, self.scenario.federation.leader
         everyone = np.arange(scenario.uavs)
-        cut = coding.cut_of_models(scenario)
-        uploads, broadcasts = coding.of_uploads(scenario, cut), coding.of_broadcasts(scenario, cut)
+        cut = coding.cut_of_models(scenario, self.declared)
+        uploads, broadcasts = (
+            coding.of_uploads(scenario, self.declared, cut),
+            coding.of_broadcasts(scenario, self.declared, cut),
+        )
         after = uploads.ticks - 1 + scenario.deadline_ticks
         ticks = after + broadcasts.ticks - 1 + scenario.hop_ticks
         if uploads.fragments is not None and scenario.period_ticks < ticks:

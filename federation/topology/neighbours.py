@@ -14,15 +14,16 @@ class Neighbours(Topology):
     """
 
     name = "neighbours"
+    bears_clusters = False
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
-        if not scenario.declared.is_federated:
+        if not self.declared.is_federated:
             raise ValueError(
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
         everyone = np.arange(scenario.uavs)
-        uploads = coding.of_uploads(scenario, coding.cut_of_models(scenario))
+        uploads = coding.of_uploads(scenario, self.declared, coding.cut_of_models(scenario, self.declared))
         ticks = uploads.ticks - 1 + scenario.deadline_ticks
         if scenario.period_ticks <= ticks:
             raise ValueError(

@@ -133,15 +133,18 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     """Load the scenario of these arguments.
 
     Raises:
-        BadInput: an invalid scenario, or a key that is set both by a flag and by `--set`.
+        BadInput: a scenario that cannot be flown here, or a key that is set both by a flag and by `--set`.
     """
+    from meanflock.federation.plan import plan_of
     from meanflock.studies.swept import refuse_setting
     from meanflock.swarm import scenario
 
     for key, value in options.items():
         if value is not None:
             refuse_setting(key, settings, f"is what --{key} says")
-    return scenario.load(file, settings, **options)
+    flown = scenario.load(file, settings, **options)
+    plan_of(flown)  # whoever cannot fly it hears of it now
+    return flown
 
 
 def warn_before_take_off(flights: "Iterable[Scenario]") -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -74,8 +75,9 @@ class Engine:
         if steer is not None and realtime is None:
             raise BadInput(LOCKSTEP)
         every = _checkpoint_every(scenario, realtime) if sinks and is_resumable else 0
-        self.world = World(scenario, resume, checkpoint_every=every)
-        Limits(scenario)  # refuses plug-ins that cannot begin
+        plan = plan_of(scenario)
+        self.world = World(plan, resume, checkpoint_every=every)
+        Limits(plan)  # refuses plug-ins that cannot begin
         self.crew = LocalCrew(self.world, resume, rows_at_most=uavs_per_node, leaders=leaders, memory=memory)
         self.watch = Stopwatch(self.world.counters.wall_s)
         self._run = run

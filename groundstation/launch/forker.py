@@ -20,7 +20,7 @@ with needed("a swarm", "world"):
 
     from meanflock.agent import __main__ as agent  # isort: skip
     from meanflock.agent.node import Agent
-    from meanflock.federation.fragments import resolved
+    from meanflock.federation.plan import plan_of, plugins_of
     from meanflock.groundstation.launch import orders
     from meanflock.groundstation.launch.orders import Ended, Loaded, Prepare, Report, Signal, Start
     from meanflock.leader import __main__ as leader
@@ -93,10 +93,10 @@ def prepare(path: Path) -> None:
     """
     with suppress(BadInput, *FAILURES):  # the room that needs it says so
         flown = scenario.load(path)
-        needed_plugins = [plugins.find(door, name) for door, name, _ in flown.plugins()]
+        needed_plugins = [plugins.find(door, name) for door, name, _ in plugins_of(flown)]
         if all(plugin.reference.startswith("meanflock.") for plugin in needed_plugins):
             plan = mission.starts(flown).astype(FLOAT_OF_BITS[flown.radio.bits_per_float])
-            Agent(Welcome(0, "agent-0", (0,), 0, scenario.encode(resolved(flown.known())), plan))
+            Agent(Welcome(0, "agent-0", (0,), 0, scenario.encode(plan_of(flown).known), plan))
 
 
 def _become(order: Start, given: list[int]) -> None:

@@ -8,6 +8,7 @@ from logging import WARNING
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation import doctor
 from meanflock.groundstation.launch.options import Options
 from meanflock.swarm import durable, logs
@@ -172,7 +173,7 @@ def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption 
     swarm = Swarm(run_id, options.endpoint, options.tls, options.log_format, options.forker)
     try:
         swarm.start_world(
-            scenarios.toml_text(scenario.resolved()),
+            scenarios.toml_text(plan_of(scenario).scenario),
             wait_s=_JOIN_S,
             realtime=options.realtime,
             rows=options.uavs_per_process,
@@ -203,8 +204,8 @@ def _processes(
         logs.show(f"metrics at http://{options.metrics}/metrics")
     if swarm.forks:  # they start at once, and would look in vain for a world that still loads
         _await_world(swarm, interrupted, outputs)
-    if scenario.declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
-        swarm.start_leaders(scenario.leaders(0 if start is None else start.tick), _JOIN_S)
+    if plan_of(scenario).declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
+        swarm.start_leaders(plan_of(scenario).leaders(0 if start is None else start.tick), _JOIN_S)
     swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
     _await_world(swarm, interrupted, outputs)
     bus = _connect(swarm, interrupted, outputs)

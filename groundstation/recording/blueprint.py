@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import plan_of
 from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.clusters import Division
 from meanflock.groundstation.disk import LARGE_SWARM
@@ -103,7 +104,7 @@ def centre(scenario: Scenario) -> int | None:
 
 def _hops(scenario: Scenario) -> tuple[Hop, ...]:
     try:
-        return scenario.hops
+        return plan_of(scenario).hops
     except BadInput:  # a plug-in of the recorded flight is not installed here
         return ()
 

@@ -17,6 +17,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.disk import LARGE_SWARM, LARGE_SWARM_STRIDE
 from meanflock.groundstation.recording import blueprint, mission_map
 from meanflock.groundstation.recording.disturbances import Disturbances
@@ -66,7 +67,7 @@ class Writer:
         patience_s: float = FILE_WALL_S,
         maps: int = 1,
     ) -> None:
-        self._reported = reported if reported is not None else Reported.by(scenario.declared)
+        self._reported = reported if reported is not None else Reported.by(plan_of(scenario).declared)
         self._scenario = scenario
         self._part = f"{part}/" if part else ""
         self._maps = maps
@@ -165,7 +166,7 @@ class Recorder(Writer):
         serve: tuple[str, int] | None = None,
         reported: Reported | None = None,
     ) -> None:
-        reported = reported if reported is not None else Reported.by(scenario.declared)
+        reported = reported if reported is not None else Reported.by(plan_of(scenario).declared)
         sinks: list[Sink] = []
         self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
         if serve is not None:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from meanflock.federation.plan import plugins_of
 from meanflock.swarm import durable, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -18,7 +19,7 @@ def files(flown: Scenario) -> dict[str, bytes]:
         BadInput: a file has changed since it was loaded, or cannot be read; or a plug-in is not installed here.
     """
     found: dict[str, bytes] = {}
-    for kind, name, fingerprint in flown.plugins():
+    for kind, name, fingerprint in plugins_of(flown):
         plugin = plugins.find(kind, name)
         if not plugins.is_file(plugin) or plugin.source == plugins.HERE:
             continue
@@ -41,7 +42,7 @@ def sources(flown: Scenario) -> list[str] | None:
     Raises:
         BadInput: a plug-in is not installed here.
     """
-    found = [plugins.find(kind, name) for kind, name, _ in flown.plugins()]
+    found = [plugins.find(kind, name) for kind, name, _ in plugins_of(flown)]
     named = list(dict.fromkeys(plugin.source for plugin in found if plugins.is_file(plugin)))
     return None if plugins.HERE in named else named
 
@@ -61,7 +62,7 @@ def check(folder: Path, flown: Scenario) -> None:
         BadInput: one is missing; the message names the copies in the folder.
     """
     try:
-        flown.plugins()
+        plugins_of(flown)
     except BadInput as error:
         if not (copies := _copies(folder)):
             raise
@@ -77,7 +78,7 @@ def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]])
     Raises:
         BadInput: one has changed; the message names the copies in the folder.
     """
-    for before, now in zip(was, flown.plugins(), strict=False):
+    for before, now in zip(was, plugins_of(flown), strict=False):
         if tuple(before) != now:
             copies = _copies(folder)
             remedy = f"read the copy of what flew and name that: {copies}" if copies else "install that version again"

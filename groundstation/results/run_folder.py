@@ -13,6 +13,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.results import flown_plugins, inbound
 from meanflock.groundstation.results.event_log import EventLog, lock, past_events, stored_lines
 from meanflock.groundstation.results.quantities import check_diagnostics
@@ -87,14 +88,14 @@ class RunFolder:
         advice = f"bring the file back, or {fly_again(self.path)}"
         if past is not None:
             past_events(self.path / EVENTS, past.events_bytes, flown.uavs, advice)
-        check_diagnostics(flown.method, flown.declared.diagnostics)
+        check_diagnostics(flown.method, plan_of(flown).declared.diagnostics)
         self._flown, self._resumed = flown, past is not None
         self._over = False
         self._full: OSError | None = None  # why nothing more can be written
         self.last_tick = -1
         self._new = False  # whether this object may delete the folder
         self._owner = os.getpid()
-        self._has_rounds = flown.declared.is_federated
+        self._has_rounds = plan_of(flown).declared.is_federated
         self.files = [SCENARIO, EVENTS, TIMESERIES]  # that must be there at the end
         sources = flown_plugins.files(flown) if past is None else {}
         try:

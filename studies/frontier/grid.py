@@ -10,9 +10,9 @@ from meanflock.groundstation import statistics
 from meanflock.studies import study
 from meanflock.studies.frontier import policies
 from meanflock.studies.frontier.outage import Outages
-from meanflock.studies.frontier.plan import Plan, chance_of_error, shortest
 from meanflock.studies.frontier.policies import Policy
 from meanflock.studies.frontier.record import SCHEMA, Cell, Flight, Outcomes, Reached, Record, Target
+from meanflock.studies.frontier.sampling import SamplingPlan, chance_of_error, shortest
 from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search, Stage, Wanted
 from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights
@@ -214,7 +214,7 @@ def _outcomes(flown: Sequence[Outcome]) -> Outcomes:
     )
 
 
-def _reached(plan: Plan, name: str | None, search: Search) -> Reached | None:
+def _reached(plan: SamplingPlan, name: str | None, search: Search) -> Reached | None:
     if name is None:
         return None
     flown = search.flown[name].confirmation[: plan.flights]

@@ -8,9 +8,9 @@ from pathlib import Path
 from meanflock.groundstation import statistics
 from meanflock.studies import equal_bits
 from meanflock.studies.frontier import terminal
-from meanflock.studies.frontier.plan import Plan
 from meanflock.studies.frontier.policies import SILENT
 from meanflock.studies.frontier.record import Cell, Flight, Reached, Record
+from meanflock.studies.frontier.sampling import SamplingPlan
 from meanflock.studies.frontier.search import ARRIVES, PILOT
 from meanflock.studies.markdown import table
 
@@ -188,7 +188,7 @@ def negative(record: Record) -> list[str]:
     """Policies that did not help, and the limits of the method."""
     sharing = [cell for cell in record.cells if not _is_silent(cell)]
     last = record.targets[-1]
-    longest = Plan(last.share, last.failures, last.flights)
+    longest = SamplingPlan(last.share, last.failures, last.flights)
     named = Counter(one.policy for cell in sharing for one in cell.reached if one is not None)
     flown = dict.fromkeys(policy.name for cell in sharing for policy in cell.policies)
     unnamed = [f"`{name}`" for name in flown if not named[name]]

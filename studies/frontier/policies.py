@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from meanflock.federation.plan import plan_of
 from meanflock.studies.leaderboard.rows import Row
 from meanflock.swarm.errors import BadInput, meant
 
@@ -56,7 +57,7 @@ def of_row(row: Row, table: dict[str, Any], where: str, names: Sequence[str] = (
     Raises:
         BadInput: the row does not fit the mission.
     """
-    declared = row.scenario(table, 1, where).declared
+    declared = plan_of(row.scenario(table, 1, where)).declared
     kinds = [kind for kind, sends in (("states", declared.shares), ("models", declared.is_federated)) if sends]
     parts = [_of_kind(kind, row, names) for kind in kinds]
     if not parts:

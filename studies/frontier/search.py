@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from meanflock.studies.frontier.plan import Plan
+from meanflock.studies.frontier.sampling import SamplingPlan
 
 PILOT, SURVEY, CHUNK = 2, 10, 10
 ARRIVES = 0.99  # least share of the UAVs that must arrive under a policy: UAVs that stay behind send less
@@ -63,7 +63,7 @@ class Search:
     """
 
     policies: Sequence[str]
-    plans: Sequence[Plan]
+    plans: Sequence[SamplingPlan]
     most: int
     flown: Mapping[str, Flown]
 
@@ -91,11 +91,11 @@ class Search:
         """The policies by the mean payload of their first flights, from cheap to dear."""
         return sorted(self.policies, key=lambda name: _kbit(self.flown[name].search[:PILOT]))
 
-    def reached(self, plan: Plan) -> str | None:
+    def reached(self, plan: SamplingPlan) -> str | None:
         """The cheapest policy that reached a target; None if none has, so far."""
         return next((name for name in self.order() if self._is_reached(plan, name)), None)
 
-    def verdict(self, plan: Plan, name: str) -> Verdict:
+    def verdict(self, plan: SamplingPlan, name: str) -> Verdict:
         """The result of a policy for a target."""
         flown = self.flown[name]
         reached = self.reached(plan)
@@ -123,7 +123,7 @@ class Search:
         longest = max((plan.flights for plan in self.plans if plan.flights <= self.most), default=0)
         return 2 * longest + sum(max(0, survey - len(self.flown[name].search)) for name in self.policies)
 
-    def _missing(self, before: str) -> list[Plan]:
+    def _missing(self, before: str) -> list[SamplingPlan]:
         """The plans within `most` that no policy cheaper than this one has satisfied."""
         order = self.order()
         cheaper = order[: order.index(before)]
@@ -133,7 +133,7 @@ class Search:
             if plan.flights <= self.most and not any(self._is_reached(plan, name) for name in cheaper)
         ]
 
-    def _next(self, plan: Plan, name: str, stage: Stage) -> int:
+    def _next(self, plan: SamplingPlan, name: str, stage: Stage) -> int:
         """Number of flights to which a stage of a plan has to go on; 0 if it needs none."""
         flown = self.flown[name]
         if stage == "confirmation" and not _accepts(plan, flown.search):
@@ -142,16 +142,16 @@ class Search:
             return 0
         return min(len(flown.outcomes(stage)) + CHUNK, plan.flights)
 
-    def _is_reached(self, plan: Plan, name: str) -> bool:
+    def _is_reached(self, plan: SamplingPlan, name: str) -> bool:
         flown = self.flown[name]
         return _accepts(plan, flown.search) and _accepts(plan, flown.confirmation)
 
 
-def _accepts(plan: Plan, flights: Sequence[Outcome]) -> bool:
+def _accepts(plan: SamplingPlan, flights: Sequence[Outcome]) -> bool:
     return plan.answer(_free(flights)) == "accepted" and _arrives(plan, flights)
 
 
-def _arrives(plan: Plan, flights: Sequence[Outcome]) -> bool:
+def _arrives(plan: SamplingPlan, flights: Sequence[Outcome]) -> bool:
     """Returns whether enough UAVs arrived in the flights of a plan."""
     within = flights[: plan.flights]
     return sum(flight.arrived for flight in within) >= ARRIVES * len(within)

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins, toml
 from meanflock.swarm.errors import BadInput, meant
 from meanflock.swarm.scenario import Scenario, validated
@@ -41,7 +42,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         A row whose UAVs share no states is returned once, unchanged, and so is one that sets `sharing` itself.
         """
         own = any(key.partition(".")[0] == "sharing" for key in self.settings)
-        if not policies or own or not self.scenario(table, 1, where).declared.shares:
+        if not policies or own or not plan_of(self.scenario(table, 1, where)).declared.shares:
             return [self]
         return [
             msgspec.structs.replace(
@@ -67,7 +68,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for key, value in self.settings.items():
             toml.put(table, key, value, where)
         flown = validated({**table, "method": self.controller, "seed": seed}, Scenario, where)
-        flown.declared  # noqa: B018  # who cannot fly it says so now
+        plan_of(flown)  # who cannot fly it says so now
         return flown
 
 

@@ -1,6 +1,15 @@
 """A scenario: every number a run depends on, with its unit, its bounds and the paper's value as default."""
 
-from meanflock.swarm.scenario.scenario import LATER, Scenario, decode, encode, load, read_faults, schema  # noqa: F401
+from meanflock.swarm.scenario.scenario import (  # noqa: F401
+    LATER,
+    Scenario,
+    decode,
+    encode,
+    load,
+    read_faults,
+    schema,
+    with_payloads,
+)
 from meanflock.swarm.scenario.tables import (  # noqa: F401
     Destination,
     Energy,

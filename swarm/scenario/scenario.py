@@ -1,7 +1,7 @@
 """A scenario: its tables, checks of their combinations, quantities derived from them, and its forms (TOML, JSON)."""
 
+import importlib
 from collections.abc import Iterable
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
@@ -11,17 +11,12 @@ from msgspec import Meta, field
 from numpy.typing import NDArray
 
 from meanflock.swarm import mission, paths, toml
-from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
-from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.faults import Fault, LeaderLoss
-from meanflock.swarm.plugins import PluginKind, create, find
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.faults import Fault
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, with_keys
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
-
-LEADER = "leader"  # the default topology
-ROBUST = ("median", "trimmed-mean", "krum")  # rules that rely on a majority of honest uploads
 
 # Keys that enter the hash only if they differ from their default, so that older scenarios keep their hash.
 LATER = (
@@ -178,25 +173,12 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
-        if self.federation.clusters > 1 and self.topology in (LEADER, "neighbours"):
-            raise ValueError(
-                f"`federation.clusters` is {self.federation.clusters}, but `federation.topology` is {self.topology}; "
-                "set only one of them"
-            )
         longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
         if (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
             raise ValueError(
                 f"`federation.deadline` {deadline} s is later than an upload can arrive, {longest:g} s: "
                 "`radio.latency_threshold_slots` times `radio.coherence_time_s`; take less, or leave it out"
             )
-        rule, threshold = self.federation.aggregation, self.federation.upload_threshold
-        if threshold and rule in ROBUST:
-            raise ValueError(
-                f"`federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models have "
-                "settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
-            )
-        if self.topology != LEADER:
-            self.hops  # noqa: B018  # raises if the topology does not fit this scenario
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -208,48 +190,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
 
-    @cached_property
-    def declared(self) -> Declared:
-        """Declarations of the controller.
-
-        Raises:
-            BadInput: the controller is not installed here, or its options do not fit; or `[sharing]` is set, and
-                neither the controller nor its filter shares states.
-        """
-        declared = declarations_of(controller(self), self.method)
-        if self.sharing != tables.Sharing() and not declared.shares:
-            raise BadInput(
-                f"`[sharing]` is set, but controller {self.method!r} shares no states; remove that table, or set a "
-                "filter, which shares them: filter.kind=ecbf"
-            )
-        return declared
-
-    @property
-    def topology(self) -> str:
-        """Name of the topology of its rounds."""
-        return self.federation.topology or ("clusters" if self.federation.clusters > 1 else LEADER)
-
-    @cached_property
-    def hops(self) -> tuple[Any, ...]:
-        """The hops of every round, see `federation.topology.base.Hop`; none for methods without rounds.
-
-        Raises:
-            BadInput: the topology is not installed here, or does not fit this scenario.
-        """
-        if self.topology == LEADER and not self.declared.is_federated:
-            return ()
-        topology = create("topology", self.topology, {}, self)
-        try:
-            return tuple(topology.hops())
-        except BadInput:
-            raise
-        except FAILURES as error:
-            raise BadInput(f"topology {self.topology!r}: {last_line(error)}") from error
-
     @property
     def period_ticks(self) -> int:
-        """Ticks between rounds, n0: by the scenario, else by the controller."""
-        return self.federation.period or self.declared.period_ticks
+        """Ticks between rounds, n0: by the scenario, else by the controller, which is then made.
+
+        Raises:
+            BadInput: the controller is asked for, and the scenario cannot be flown here.
+        """
+        return self.federation.period or int(_plan_of(self).period_ticks)
 
     @property
     def participants(self) -> int:
@@ -267,10 +215,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return self.federation.broadcast_payload or self.radio_payload
 
     @property
-    def keeps_residuals(self) -> bool:
-        """Returns whether UAVs store rounding errors of uploads, which are then narrower than the radio's floats."""
-        narrower = _bits(self.upload_payload) < self.radio.bits_per_float
-        return self.declared.is_federated and self.federation.error_feedback and narrower
+    def rounds_uploads(self) -> bool:
+        """Returns whether the floats of uploads are narrower than the radio's floats."""
+        return _bits(self.upload_payload) < self.radio.bits_per_float
 
     @property
     def radio_payload(self) -> tables.Payload:
@@ -302,35 +249,6 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             return self.hop_ticks
         return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
 
-    def plugins(self) -> tuple[tuple[PluginKind, str, str], ...]:
-        """Kind, name and fingerprint of every plug-in that the scenario needs.
-
-        Raises:
-            BadInput: a plug-in is not installed here.
-        """
-        wanted: tuple[tuple[PluginKind, str], ...] = (
-            ("controller", self.method),
-            ("aggregator", self.federation.aggregation),
-            ("channel", self.radio.model),
-            ("vehicle", self.vehicle.model),
-            ("topology", self.topology),
-        )
-        if self.filter.kind != NO_FILTER:
-            wanted += (("filter", self.filter.kind),)
-        return tuple((kind, name, find(kind, name).fingerprint) for kind, name in wanted)
-
-    def leaders(self, tick: int = 0) -> int:
-        """Number of leader nodes in a tick: one, plus a standby for each loss with `standby`, minus the losses before.
-
-        0 or 1 without rounds.
-        """
-        losses = [fault for fault in self.faults if isinstance(fault, LeaderLoss)]
-        started = 1 + sum(fault.standby for fault in losses)
-        left = max(0, started - sum(fault.begins(self.dt) < tick for fault in losses))
-        if not self.declared.is_federated:
-            return min(left, 1)
-        return left if any(hop.role == "leader" for hop in self.hops) else 0
-
     def known(self) -> "Scenario":
         """The scenario that agents and leader get: without `[truth]` and `[energy]`, which no controller may use."""
         if self.truth == tables.Truth() and self.energy == tables.Energy():
@@ -345,24 +263,24 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return msgspec.structs.replace(self, wind=msgspec.structs.replace(wind, drag=drag, mean=mean))
 
     def resolved(self) -> "Scenario":
-        """The same scenario, with the defaults that depend on the method filled in."""
-        federation = msgspec.structs.replace(
-            self.federation,
-            period=self.period_ticks,
-            payload=self.upload_payload,
-            broadcast_payload=self.broadcast_payload,
-        )
+        """The same scenario, with the defaults that depend on plug-ins filled in; these are then made.
+
+        Raises:
+            BadInput: it cannot be flown here, and was not resolved where it was flown.
+        """
         try:
-            recorded = dict(self.declared.recorded)
-        except BadInput:  # of a run whose plug-in or file is not here; it was resolved when it was flown
-            recorded = {}
-        return msgspec.structs.replace(self, federation=federation, controller=self.controller | recorded)
+            whole: Scenario = _plan_of(self).scenario
+        except BadInput:
+            if self.federation.period is None:
+                raise
+            whole = with_payloads(self)  # of a run whose plug-in or file is not here
+        return whole
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
         # The default payloads depend on the radio's floats.
-        plain = Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float))
-        table, default = (msgspec.to_builtins(one.resolved()) for one in (self, plain))
+        plain = with_payloads(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
+        table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(plain)
         for path in LATER:
             *parents, key = path.split(".")
             part, standard = table, default
@@ -373,6 +291,17 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         import hashlib  # only here: it loads OpenSSL, which agents do not need
 
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
+
+
+def with_payloads(scenario: Scenario) -> Scenario:
+    """The same scenario, with the number formats of models written out."""
+    payloads = {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
+    return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, **payloads))
+
+
+def _plan_of(scenario: Scenario) -> Any:
+    """The plan of a scenario. Its module is loaded by name, as a plug-in is: only a scenario that is flown needs it."""
+    return importlib.import_module("meanflock.federation.plan").plan_of(scenario)
 
 
 def _bits(payload: tables.Payload) -> int:

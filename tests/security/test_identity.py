@@ -10,6 +10,7 @@ import numpy as np
 import psutil
 import pytest
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.bridge.observer import Observer
 from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.groundstation.launch.station import Kept
@@ -193,7 +194,7 @@ def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(fli
 
 
 FLOWN = scenario.load(None, SETTINGS)
-LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
+LONGEST = Quotas(RUN, FLOWN, Limits(plan_of(FLOWN)), rows_at_most=1).largest  # bytes of a message of anyone
 PROCESSES, SESSIONS, MEGABYTES = 5, 2, 60
 MOST_MB = 200
 

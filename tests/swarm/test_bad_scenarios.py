@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from meanflock.channel import link
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario
@@ -152,7 +153,7 @@ def test_a_number_too_large_or_small_to_compute_with_is_bad_input_before_the_fli
             raise
         return
     # An accepted scenario can be flown: every number that the radio and the calendar derive from it exists.
-    Schedule(loaded)
+    Schedule(plan_of(loaded))
     assert loaded.max_ticks >= 1
     assert link.slots_needed(loaded.radio, 128) >= 1
     assert np.isfinite(link.slot_success(loaded.radio, np.array([100.0]))).all()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.net import keys
@@ -77,7 +78,7 @@ class Flight:
             realtime=realtime,
             make_bus=make_bus,
             clock=lambda: self.bus.now,
-            leaders=None if flown.declared.is_federated else 0,
+            leaders=None if plan_of(flown).declared.is_federated else 0,
         )
         self.swarm.sinks.append(self)
         self.world = self.swarm.world

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.federation.fragments import resolved
+from meanflock.federation.plan import plan_of
 from meanflock.groundstation.launch.engine import Engine
 from meanflock.groundstation.launch.station import Kept
 from meanflock.swarm import plugins, state
@@ -157,7 +157,7 @@ def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.
     MemorySwarm(flown, "truth", uavs_per_node=1)
     assert len(sent) == 4
     for raw in sent:
-        assert decode(raw) == resolved(load(None, ["uavs=3"]))
+        assert decode(raw) == plan_of(load(None, ["uavs=3"])).known
     assert flown.known().truth.wind is None
     assert load(None).known() == load(None)
 

@@ -22,7 +22,7 @@ Answer = Literal["accepted", "rejected", "open"]
 
 
 @dataclass(frozen=True)
-class Plan:
+class SamplingPlan:
     """target: share of free flights to show. failures: number c of flights that may fail. flights: their number n."""
 
     target: float
@@ -41,10 +41,10 @@ class Plan:
         return float(special.bdtr(self.failures, self.flights, 1.0 - share))
 
 
-def shortest(target: float, failures: int = 0) -> Plan:
+def shortest(target: float, failures: int = 0) -> SamplingPlan:
     """The plan with the fewest flights that shows the target with so many failures."""
     flights = next(n for n in count(failures + 1) if special.bdtr(failures, n, 1.0 - target) <= ALPHA)
-    return Plan(target, failures, flights)
+    return SamplingPlan(target, failures, flights)
 
 
 def chance_of_error(policies: int) -> float:
