@@ -4,19 +4,19 @@ from functools import partial
 from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
-from meanflock.agent import blocklist  # noqa: F401  # first: keeps NumPy and msgspec from loading some libraries
+from meanflock.launch import blocklist  # noqa: F401  # first: keeps NumPy and msgspec from loading some libraries
 from meanflock.swarm.errors import needed
 
 with needed("an agent"):
     from meanflock.agent.node import Agent
-    from meanflock.agent.prefork import fork
+    from meanflock.launch.prefork import fork
+    from meanflock.net import keys
+    from meanflock.net.access import only_agent
+    from meanflock.net.client import take_part
+    from meanflock.net.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
+    from meanflock.net.session import ZenohBus
     from meanflock.swarm import logs
     from meanflock.swarm.errors import BadInput
-    from meanflock.swarm.net import keys
-    from meanflock.swarm.net.access import only_agent
-    from meanflock.swarm.net.client import take_part
-    from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join
 
 

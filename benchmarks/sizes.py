@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 
 from meanflock.federation.plan import plan_of
+from meanflock.net.keys import fingerprint
 from meanflock.swarm import scenario, state
 from meanflock.swarm.declared import Declared
-from meanflock.swarm.net.keys import fingerprint
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.control import FLOAT_OF_BITS

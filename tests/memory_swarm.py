@@ -3,17 +3,18 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from meanflock.launch.station import Station
+
 from meanflock.agent.node import Agent
 from meanflock.federation.plan import plan_of
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.station import Station
+from meanflock.launch import engine
 from meanflock.leader.node import Leader
-from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.net.bus import Bus, MemoryNetwork
+from meanflock.net.client import Node, NodeClient
+from meanflock.net.networked import NetworkedRun
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.networked import NetworkedRun
 from meanflock.worldsim.reporting import BlockSink
 
 

@@ -42,13 +42,13 @@ for method, inbox in ((b"mfgfl-hf", ()), (b"hjb", (heard,))):
 FINDING = "import importlib.metadata"
 FORKED = """
 import meanflock.agent.__main__
-from meanflock.agent import prefork
+from meanflock.launch import prefork
 
 prefork._preload()
 """
 PREPARED = """
 from pathlib import Path
-from meanflock.groundstation.launch import forker
+from meanflock.launch import forker
 
 forker.prepare(Path("scenarios/paper.toml"))
 """
@@ -78,9 +78,9 @@ class Linked(mf.Controller):
 """
 LOADS = """
 import meanflock.agent.__main__
-from meanflock.agent import prefork
+from meanflock.launch import prefork
 from meanflock.swarm import plugins
-from meanflock.swarm.process import parser
+from meanflock.net.process import parser
 
 parser("agent", "", "").parse_args()
 prefork._preload()

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock.channel.base import Channel, Message
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Links, Meter
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames

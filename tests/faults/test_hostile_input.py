@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from meanflock.launch.station import Kept
 
 from meanflock.federation.plan import plan_of
-from meanflock.groundstation.launch.station import Kept
+from meanflock.net import keys
+from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop

@@ -14,16 +14,16 @@ from pathlib import Path
 
 import psutil
 import pytest
+from meanflock.launch.forking import Forker
+from meanflock.launch.processes import Swarm
+from meanflock.launch.resume import back
+from meanflock.results.run_folder import CHECKPOINT
 
-from meanflock.groundstation import certs
-from meanflock.groundstation.launch.forking import Forker
-from meanflock.groundstation.launch.processes import Swarm
-from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording.replay import recorded, verify
-from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.launch import certs
+from meanflock.net.session import LEASE
+from meanflock.recording.replay import recorded, verify
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
-from meanflock.swarm.net.session import LEASE
 from tests.controller_files import controller_file
 from tests.faults.by_hand import ENDLESS, Flight, Processes, ends_by_itself, ticks_of
 from tests.faults.conftest import honest

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.agent.node import Agent
@@ -20,7 +21,6 @@ from meanflock.federation.memory import Feedback, GlobalModels
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.federation import coding
@@ -14,8 +15,7 @@ from meanflock.federation.memory import Trigger
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording.plots import percentages
+from meanflock.recording.plots import percentages
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded, fields_of, round_of
 from meanflock.swarm.scenario import Scenario, load
@@ -91,7 +91,7 @@ STEADY += ("weight_spread_final", "dropped_messages")
 
 @pytest.mark.parametrize("name", ROWS)
 def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(name: str, monkeypatch) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
     method, settings = ROWS[name]
     case = scenario(*settings, method=method)
     whole, record = fly(case)

@@ -9,19 +9,19 @@ from typing import Any
 import msgspec
 import pyarrow.parquet as pq
 import pytest
+from meanflock.launch.options import Options
+from meanflock.launch.outputs import Outputs
+from meanflock.launch.station import Kept
+from meanflock.results.rounds_table import ROUNDS
+from meanflock.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from meanflock.results.spool import Spool, spooled
+from meanflock.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
 
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.options import Options
-from meanflock.groundstation.launch.outputs import Outputs
-from meanflock.groundstation.launch.station import Kept
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import plots
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import Continued, complete, recorded, verify
-from meanflock.groundstation.results.rounds_table import ROUNDS
-from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from meanflock.groundstation.results.spool import Spool, spooled
-from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
+from meanflock.launch import engine
+from meanflock.recording import blueprint as look
+from meanflock.recording import plots
+from meanflock.recording.recorder import Recorder
+from meanflock.recording.replay import Continued, complete, recorded, verify
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
@@ -52,7 +52,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
     dying.flight(tmp_path, scenarios.load(None, SETTINGS))
 
     def durably(name: str) -> list[str]:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from meanflock.results.flown import Flight
+from meanflock.results.stored_run import began
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 import meanflock as mf
-from meanflock.groundstation.export.foxglove import write_mcap
-from meanflock.groundstation.export.rosbag import write_bag
-from meanflock.groundstation.results import flown as flown_flights
-from meanflock.groundstation.results.flown import Flight
-from meanflock.groundstation.results.stored_run import began
+from meanflock.export.foxglove import write_mcap
+from meanflock.export.rosbag import write_bag
+from meanflock.results import flown as flown_flights
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, RunFailed
 
 KILL = {"kind": "kill", "time_s": 3.0, "uavs": [2]}

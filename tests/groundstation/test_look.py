@@ -15,16 +15,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.image import imread
+from meanflock.launch.engine import Engine
+from meanflock.results.run_folder import CHECKPOINT, RunFolder
 
-from meanflock.groundstation import doctor
-from meanflock.groundstation.cli import display
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording import viewer
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import recorded, repair, verify
-from meanflock.groundstation.recording.viewer import MISSING_GRAPHICS, screenshot
-from meanflock.groundstation.recording.web import WebPage
-from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
+from meanflock.cli import display
+from meanflock.launch import doctor
+from meanflock.recording import viewer
+from meanflock.recording.recorder import Recorder
+from meanflock.recording.replay import recorded, repair, verify
+from meanflock.recording.viewer import MISSING_GRAPHICS, screenshot
+from meanflock.recording.web import WebPage
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario

@@ -9,24 +9,25 @@ from meanflock.channel.meter import Meter
 from meanflock.federation import coding as codings
 from meanflock.federation.plan import plan_of
 from meanflock.federation.post import Post
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
+from meanflock.net import keys
+from meanflock.net.barrier import Barrier, Replies
+from meanflock.net.bus import MemoryNetwork
+from meanflock.net.members import Member
+from meanflock.net.outbox import MAX_WAITING_BYTES
 from meanflock.swarm.declared import MAX_BROADCASTS, MAX_MEMORY_BYTES
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim import checkpoint
-from meanflock.worldsim.barrier import Barrier, Replies
 from meanflock.worldsim.checkpoint import Assembly, Memories, split
 from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.members import Member
 from meanflock.worldsim.merger import FrameMerger
-from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
+from meanflock.worldsim.reporting import STATE_LINKS_EVERY_TICKS
 from tests.faults.dying import dead, resumed
 from tests.swarm.examples import same
 from tests.telemetry import fly

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meanflock.groundstation import statistics
+from meanflock.results import statistics
 from meanflock.studies.frontier.sampling import ALPHA, SamplingPlan, chance_of_error, shortest
 from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search
 
