@@ -65,10 +65,7 @@ GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
         (("prometheus_client",), ("worldsim/exporter.py",)),
         (("rerun", "rerun_sdk"), ("groundstation/recording/",)),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
-        (
-            ("foxglove_schemas_protobuf", "google", "mcap", "mcap_protobuf", "rosbags"),
-            tuple(f"groundstation/export/{name}.py" for name in ("columns", "foxglove", "rosbag")),
-        ),
+        (("mcap", "rosbags"), ("groundstation/export/bag.py", "groundstation/export/messages.py")),
         (("pymavlink",), ("swarm/wire/mavlink.py",)),
         (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
         (("scipy",), GROUND),
