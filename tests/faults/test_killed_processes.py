@@ -7,6 +7,7 @@ tests/soak/mishaps.py.
 import json
 import os
 import re
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -19,8 +20,9 @@ from meanflock.groundstation import certs
 from meanflock.groundstation.launch.forking import Forker
 from meanflock.groundstation.launch.processes import Swarm
 from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording.replay import recorded, verify
+from meanflock.groundstation.recording.replay import complete, recorded, verify
 from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.groundstation.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
 from meanflock.swarm.net.session import LEASE
@@ -223,6 +225,11 @@ def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(v
         until(lambda: not any(map(alive, family)), "all processes gone")
     assert 101 <= back(folder).start.tick < TICKS
     assert not (folder / "summary.json").exists()
+    if record:
+        looked_at = Path(shutil.copytree(folder, tmp_path / "looked at"))
+        complete(looked_at)  # as `view` and `picture` do
+        assert verify(looked_at / "recording.rrd") is None
+        assert recorded([looked_at / "recording.rrd"]).ticks.tolist() == past(looked_at).rows["tick"].to_pylist()
     summary = resumed(folder, record=record)
     expected = honest(scenarios.load(None, FLOWN))
     assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (expected, 0, 0)
