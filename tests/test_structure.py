@@ -98,10 +98,7 @@ GROUND = (  # where a person stands
         (("prometheus_client",), ("meanflock/net/exporter.py",)),
         (("rerun", "rerun_sdk"), ("meanflock/recording/",)),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
-        (
-            ("foxglove_schemas_protobuf", "google", "mcap", "mcap_protobuf", "rosbags"),
-            tuple(f"meanflock/export/{name}.py" for name in ("columns", "foxglove", "rosbag")),
-        ),
+        (("mcap", "rosbags"), ("meanflock/export/bag.py", "meanflock/export/messages.py")),
         (("pymavlink",), ("meanflock/bridge/mavlink.py",)),
         (("tomli_w",), (*GROUND, "meanflock/swarm/scenario/values.py")),
         (("scipy",), GROUND),

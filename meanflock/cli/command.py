@@ -43,7 +43,7 @@ _COMMANDS = {  # in the order of their use
     "list": _Listed("runs", "list_runs", "List the runs in a folder, the latest first."),
     "show": _Listed("runs", "show", "Show a run: what was flown, what came of it, and its files."),
     "diff": _Listed("runs", "diff", "Compare two runs: which keys and which figures differ."),
-    "export": _Listed("export", "export", "Write a run as an MCAP file for Foxglove, or as a bag of ROS 2."),
+    "export": _Listed("export", "export", "Write a run as a file or a bag for Foxglove and ROS 2."),
     "bridge": _Listed("bridge", "bridge", "Show a flight to other software, live or from a run folder."),
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
     "sweep": _Listed("study", "sweep", "Compare several values of one scenario key, or of several."),

@@ -9,14 +9,11 @@ from meanflock.cli.study_arguments import progress_of
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
 
-_NEED = "`meanflock export`"
-_EXTRA = "export"
-
 
 @click.command()
 @run_argument
-@click.option("--mcap", type=PATH, metavar="FILE.mcap", help="Write an MCAP file for Foxglove.")
-@click.option("--rosbag", type=PATH, metavar="DIR", help="Write a bag of ROS 2, which is a new folder.")
+@click.option("--mcap", type=PATH, metavar="FILE.mcap", help="Write an MCAP file, which Foxglove and ROS 2 open.")
+@click.option("--rosbag", type=PATH, metavar="DIR", help="Write the same as a bag of ROS 2, which is a new folder.")
 @click.option(
     "--take-off",
     metavar="TIME",
@@ -24,7 +21,7 @@ _EXTRA = "export"
 )
 @quiet_option
 def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str | None, quiet: bool) -> None:
-    """Write a run as an MCAP file for Foxglove, or as a bag of ROS 2.
+    """Write a run as a file or a bag for Foxglove and ROS 2.
 
     RUN is its folder, or `latest`. Needs the extra `export`.
 
@@ -36,17 +33,12 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str |
     from meanflock.results.flown import Flight
     from meanflock.results.run_folder import alone, completed
 
-    writers = []
-    if mcap is not None:
-        with needed(_NEED, _EXTRA):
-            from meanflock.export.foxglove import write_mcap
-        writers.append(("--mcap", mcap, write_mcap))
-    if rosbag is not None:
-        with needed(_NEED, _EXTRA):
-            from meanflock.export.rosbag import write_bag
-        writers.append(("--rosbag", rosbag, write_bag))
-    if not writers:
+    if mcap is None and rosbag is None:
         raise BadInput("export: name what to write: --mcap FILE.mcap, --rosbag DIR, or both")
+    with needed("`meanflock export`", "export"):
+        from meanflock.export.bag import write_bag, write_mcap
+    wanted = (("--mcap", mcap, write_mcap), ("--rosbag", rosbag, write_bag))
+    writers = [(flag, path, write) for flag, path, write in wanted if path is not None]
     for flag, path, _ in writers:
         if path.exists():
             raise BadInput(f"{flag} {path}: there is something already; remove it, or give another name")

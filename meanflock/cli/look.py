@@ -136,8 +136,12 @@ def _recording(folder: Path) -> Path:
 
 
 def _complete(folder: Path, path: Path) -> None:
-    """Complete the recording of a killed run from its time series, or repair it without one."""
-    from meanflock.recording.replay import complete, repair, verify
+    """Complete the recording of a killed run from its time series.
+
+    Raises:
+        BadInput: the run lacks a file for that, or `path` is a recording alone that was cut off or is damaged.
+    """
+    from meanflock.recording.replay import complete, verify
     from meanflock.results.run_folder import alone, completed
 
     if folder.is_dir():
@@ -145,4 +149,4 @@ def _complete(folder: Path, path: Path) -> None:
             completed(folder)
             complete(folder)
     elif verify(path) is not None:
-        repair(path)
+        raise BadInput(f"{path}: cut off or damaged; name the folder of its run, from whose rows it is completed")

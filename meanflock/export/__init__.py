@@ -1,1 +1,1 @@
-"""A flown flight in the files of other tools: MCAP for Foxglove, and bags of ROS 2."""
+"""A flown flight in a file that Foxglove and ROS 2 open."""

@@ -1,4 +1,4 @@
-"""The instants of a flight, as every format of an export needs them."""
+"""The instants of a flight, as an export needs them."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -12,11 +12,10 @@ from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.wire.messages import Status
 
-MAP = "map"  # the frame of all positions: goal at the origin, x and y as in the scenario, z up
 NANOSECONDS = 1_000_000_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST = datetime(2038, 1, 1, tzinfo=UTC)  # messages of ROS 2 count seconds in 32 bits
 
 
 class Instant(NamedTuple):
@@ -43,14 +42,16 @@ def take_off(text: str, folder: Path) -> int:
     """A time of take-off, ns since 1970: a text in ISO 8601 with a time zone, or `run`: when the run in `folder` began.
 
     Raises:
-        BadInput: it is none, or before 1970.
+        BadInput: it is none, before 1970, or after 2037.
     """
-    expected = "give a time with a time zone as in 2026-11-21T10:15:00Z, or `run`: when the run began"
+    expected = (
+        "give a time with a time zone as in 2026-11-21T10:15:00Z, from 1970 to 2037, or `run`: when the run began"
+    )
     try:
         at = began(folder) if text == "run" else datetime.fromisoformat(text)
     except ValueError:
         at = None
-    if at is None or at.tzinfo is None or at < _EPOCH:
+    if at is None or at.tzinfo is None or not _EPOCH <= at < _LAST:
         raise BadInput(f"--take-off {text}: {expected}")
     return (at - _EPOCH) // timedelta(microseconds=1) * 1000
 
@@ -68,16 +69,6 @@ def instants(flight: Flight, piece: Piece) -> Iterator[Instant]:
         now = [event for event in events if event.tick <= tick] if row + 1 < len(ticks) else events
         events = events[len(now) :]
         yield Instant(times[row], row, states[row].tolist(), headings[row].tolist(), status[row].tolist(), now)
-
-
-def name(uav: int) -> str:
-    """The name of a UAV, and of the frame that moves with it."""
-    return f"uav_{uav}"
-
-
-def label(uav: int, status: int) -> str:
-    """The label of a UAV: its number, and its status when it does not fly."""
-    return str(uav) if status == Status.FLYING else f"{uav} {Status(status).name.lower()}"
 
 
 def about(flown: Flown, finished: bool) -> dict[str, str]:

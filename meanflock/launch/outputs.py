@@ -36,10 +36,10 @@ class Outputs:
                 from meanflock.recording.recorder import Recorder
                 from meanflock.recording.replay import Continued, missing, recorded
 
-                before = opening.enter_context(Continued(self.folder.path / RECORDING))
+                before = opening.enter_context(Continued(self.folder.path / RECORDING, run_id))
                 if not options.quiet and (coarse := coarseness(scenario)) is not None:
                     logs.show(coarse)
-                recorder = Recorder(scenario, run_id, self.folder.path / RECORDING, options.serve)
+                recorder = Recorder(scenario, before.run_id, self.folder.path / RECORDING, options.serve)
                 opening.enter_context(recorder)
                 if past is not None:
                     for block in missing(self.folder.path, past, recorded(before.earlier), scenario.uavs):

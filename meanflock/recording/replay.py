@@ -1,4 +1,4 @@
-"""Recording files: check, repair and read them, continue one, and complete one from its run folder.
+"""Recording files: check and read them, continue one, and complete one from its run folder.
 
 A recorder gathers some hundred ticks before it sends them, while the time series is written block by block. So a
 recorder that is killed leaves a time series that is longer than its recording.
@@ -26,7 +26,7 @@ from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO
 from meanflock.results.series import Reported, block_of, unbroken
 from meanflock.results.timeseries_file import Past, past
 from meanflock.swarm import scenario
-from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.wire.messages import Telemetry
 
@@ -45,26 +45,6 @@ def verify(path: Path) -> str | None:
     return None if _holds_a_run(path) else "there is no recording in it"
 
 
-def repair(path: Path) -> None:
-    """Rewrites a recording that was cut off, in place, with all of it that can be read.
-
-    Raises:
-        RunFailed: nothing of it can be read; the file is left as it was.
-    """
-    if not path.is_file():
-        raise RunFailed(f"{path}: not a regular file; the recording cannot be repaired")
-    repaired = path.with_name(f".{path.name}.mended")
-    try:
-        done = run_program("rrd", "optimize", path, "-o", repaired)
-        if done.returncode != 0 or not repaired.exists():
-            raise RunFailed(f"{path}: the recording cannot be repaired: {reason(done)}")
-        if not _holds_a_run(repaired):
-            raise RunFailed(f"{path}: nothing of a flight can be read of the recording; it is left as it was")
-        repaired.replace(path)
-    finally:
-        repaired.unlink(missing_ok=True)
-
-
 def _holds_a_run(path: Path) -> bool:
     """Returns whether a recording has more than a blueprint; Rerun's program accepts a file that was cut after that."""
     try:
@@ -74,11 +54,33 @@ def _holds_a_run(path: Path) -> bool:
     return True
 
 
-class Continued:
-    """Moves an older recording of a run aside while a new one is written, and joins them at the end."""
+def _join(parts: Iterable[Path], path: Path) -> bool:
+    """Write all that can be read of recordings, which may be cut off, to `path`.
 
-    def __init__(self, path: Path) -> None:
+    Returns:
+        Whether there is a run in it; if not, nothing is written.
+    """
+    joined = path.with_name(f".joined.{path.name}")
+    try:
+        done = run_program("rrd", "merge", *parts, "-o", joined)
+        if done.returncode != 0 or not joined.exists() or not _holds_a_run(joined):
+            return False
+        joined.replace(path)
+        return True
+    finally:
+        joined.unlink(missing_ok=True)
+
+
+class Continued:
+    """Moves an older recording of a run aside while a new one is written, and joins them at the end.
+
+    Only a recording has the radio links, so of one that was cut off all is kept that can be read.
+    """
+
+    def __init__(self, path: Path, run_id: str) -> None:
+        """`run_id`: name of the new recording if there is no older one."""
         self._path = path
+        self.run_id = run_id  # the folder may have been renamed, and recordings of two names would not be joined
         self.earlier: list[Path] = []  # the older recordings that can be read
 
     def __enter__(self) -> "Continued":
@@ -87,26 +89,19 @@ class Continued:
         if self._path.exists():
             aside.append(self._path.replace(self._path.with_name(f".earlier-{len(aside):03}.{self._path.name}")))
         for part in aside:
-            try:
-                if verify(part) is not None:
-                    repair(part)
+            if verify(part) is None or (part.is_file() and _join([part], part)):
                 self.earlier.append(part)
-            except RunFailed as error:
-                log.warning("%s", error)
+            else:
+                log.warning("%s: nothing of a flight can be read of this recording; it is left as it was", part)
+        if self.earlier:
+            self.run_id = RrdReader(self.earlier[-1].absolute()).recordings()[0].recording_id
         return self
 
     def __exit__(self, *_: object) -> None:
         """Joins all recordings that can be read; if that fails, they stay as separate files."""
-        if not self.earlier or not self._path.exists():
-            return
-        joined = self._path.with_name(f".joined.{self._path.name}")
-        try:
-            if run_program("rrd", "merge", *self.earlier, self._path, "-o", joined).returncode == 0 and joined.exists():
-                joined.replace(self._path)
-                for part in self.earlier:
-                    part.unlink()
-        finally:
-            joined.unlink(missing_ok=True)
+        if self.earlier and self._path.exists() and _join([*self.earlier, self._path], self._path):
+            for part in self.earlier:
+                part.unlink()
 
 
 @dataclass(frozen=True)
@@ -136,23 +131,21 @@ def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, Any]]:
 
 
 def complete(folder: Path) -> None:
-    """Repairs the recording of a run that was killed and fills it up from the time series.
+    """Completes the recording of a run that was killed: what it lacks is drawn from the time series.
 
     Raises:
-        BadInput: time series or events are damaged.
-        RunFailed: nothing of the recording can be read, and there is no time series; the file is left as it was.
+        BadInput: scenario, time series or events are missing or damaged; the recording is left as it was.
     """
     path = folder / RECORDING
     if verify(path) is None:
         return
     try:
         flown, series = scenario.load(folder / SCENARIO), past(folder)
-    except BadInput:  # a recording alone
-        repair(path)
-        return
+    except BadInput as error:
+        raise BadInput(f"{path}: cut off or damaged; to complete it, bring back what is missing: {error}") from error
     _events(folder, series, flown.uavs)  # before any file is moved
     reported = Reported.within(series.rows)
-    with Continued(path) as before, Recorder(flown, folder.name, path, reported=reported) as recorder:
+    with Continued(path, folder.name) as before, Recorder(flown, before.run_id, path, reported=reported) as recorder:
         for block in missing(folder, series, recorded(before.earlier), flown.uavs):
             recorder.write(block)
 
@@ -180,6 +173,4 @@ def missing(folder: Path, series: Past, present: Recorded, uavs: int) -> Iterato
 
 def _events(folder: Path, series: Past, uavs: int) -> list[FlightEvent]:
     """Read the events; raises BadInput if some are missing or damaged."""
-    view = f", or look at what there is: `meanflock view {folder / RECORDING}`"
-    remedy = f"bring the file back{view if (folder / RECORDING).exists() else ''}"
-    return past_events(folder / EVENTS, series.events_bytes, uavs, remedy)
+    return past_events(folder / EVENTS, series.events_bytes, uavs, "bring the file back")

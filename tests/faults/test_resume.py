@@ -182,13 +182,19 @@ def test_a_recording_cut_off_early_is_made_anew_if_the_folder_has_its_events(flo
     (folder / EVENTS).rename(tmp_path / EVENTS)
     before = contents(folder)
     assert main(["view", str(folder)]) == 2
-    assert f"meanflock view {path}" in verdict(capsys)
+    assert f"{folder / EVENTS}: No such file or directory; bring the file back" in verdict(capsys)
+    assert main(["view", str(path)]) == 2
+    assert f"{path}: cut off or damaged; name the folder of its run" in verdict(capsys)
     assert contents(folder) == before
-    assert main(["view", str(path)]) == 0  # as it says
     (tmp_path / EVENTS).rename(folder / EVENTS)
+    for name in ("scenario.toml", "timeseries.parquet"):
+        (folder / name).rename(tmp_path / name)
+        assert main(["view", str(folder)]) == 2
+        assert f"{path}: cut off or damaged; to complete it, bring back what is missing: {folder}" in verdict(capsys)
+        (tmp_path / name).rename(folder / name)
     path.write_bytes(before[RECORDING][:1000])
     assert main(["view", str(folder)]) == 0
-    assert shown == [path, path]
+    assert shown == [path]
     assert verify(path) is None
     assert recorded([path]).ticks.tolist() == list(range(151))
 
