@@ -5,11 +5,11 @@ from contextlib import contextmanager
 from types import ModuleType
 
 import numpy as np
-from meanflock.launch.engine import Engine
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from meanflock import kernels
 from meanflock.kernels import reference
+from meanflock.launch.engine import Engine
 from meanflock.swarm import declared, mission, scenario, state
 from meanflock.swarm.scenario import Scenario
 

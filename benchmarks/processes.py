@@ -9,10 +9,9 @@ import tempfile
 import time
 from typing import Any
 
+from benchmarks.machine import ROOT
 from meanflock.launch.children import Family
 from meanflock.launch.processes import free_endpoint
-
-from benchmarks.machine import ROOT
 from meanflock.net.process import end_all
 
 COMMAND = (sys.executable, "-m", "meanflock.cli")

@@ -5,16 +5,15 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from meanflock.launch.engine import Engine
-from meanflock.results.run_folder import RECORDING, RunFolder
-from meanflock.results.timeseries_file import TIMESERIES
-
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.processes import Children
+from meanflock.launch.engine import Engine
 from meanflock.net import keys
 from meanflock.net.networked import NetworkedRun
 from meanflock.net.session import ZenohBus
 from meanflock.recording.recorder import Recorder
+from meanflock.results.run_folder import RECORDING, RunFolder
+from meanflock.results.timeseries_file import TIMESERIES
 from meanflock.swarm import scenario
 
 TITLE = "The recorder"

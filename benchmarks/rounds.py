@@ -5,12 +5,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.processes import Children
 from meanflock.federation.plan import plan_of
+from meanflock.launch.engine import Engine
 from meanflock.net.networked import NetworkedRun
 from meanflock.net.session import ZenohBus
 from meanflock.swarm.scenario import Scenario

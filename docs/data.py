@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from meanflock.results.quantities import Field
-
 from meanflock.results import event_log, quantities, rounds_table, series
+from meanflock.results.quantities import Field
 from meanflock.studies.frontier import record
 from meanflock.studies.leaderboard import board
 from meanflock.studies.leaderboard.measures import MEASURES, Measure

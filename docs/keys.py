@@ -1,4 +1,4 @@
-"""Writes keys.md, the reference of scenario keys, from the schema and the reasons below, and keys.csv for shells."""
+"""Writes keys.md, the reference of scenario keys, from the types of a scenario, and keys.csv for shells."""
 
 import csv
 import io
@@ -6,177 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from meanflock.cli.completion import KEYS as COMPLETED
-from meanflock.results.quantities import KEY_UNITS
-
 from meanflock.cli import catalogue
+from meanflock.cli.completion import KEYS as COMPLETED
 from meanflock.swarm import plugins, scenario
+from meanflock.swarm.scenario import OURS, PRINTED, SILENT
 
 PAGE = Path(__file__).with_suffix(".md")
-PRINTED = "printed"
-SILENT = "no number"
-OURS = "–"
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-
-# For each key: whether the paper prints its value, and the reason for our default.
-KEYS: dict[str, tuple[str, str]] = {
-    "method": (PRINTED, "the paper's own proposal, MfgFL-HF"),
-    "controller": (OURS, "a controller declares its own"),
-    "uavs": (PRINTED, "S0, the scenario of its first figures"),
-    "seed": (OURS, "any number will do; equal seeds give equal flights"),
-    "dt": (PRINTED, "Euler–Maruyama: velocity first, then position with the new velocity"),
-    "duration": (OURS, "in comparisons a UAV that never arrives counts with this travel time"),
-    "stop": (OURS, "little of interest follows the last arrival; `duration` continues the flight"),
-    "faults": (OURS, "none"),
-    "obstacles": (OURS, "none"),
-    "start.formation": (
-        PRINTED,
-        "a square whose rows are filled in order; other missions use circle, streams and waves",
-    ),
-    "start.centre": (PRINTED, ""),
-    "start.spacing": (PRINTED, "√2 m; the paper leaves the initial velocity open, ours is 0"),
-    "start.radius": (OURS, "position swaps of this size are common in work on collision avoidance"),
-    "start.positions": (OURS, "for a mission of your own"),
-    "start.group": (OURS, "no effect if all leave at once, except in the formation `waves`"),
-    "start.interval": (PRINTED, "all UAVs leave at once"),
-    "start.height": (PRINTED, "constant; it does not affect the model"),
-    "destination.radius": (SILENT, "the norm is as printed, although it adds m and m/s"),
-    "destination.goals": (PRINTED, "all UAVs have one destination"),
-    "destination.positions": (OURS, "for a mission of your own"),
-    "wind.sigma": (PRINTED, "it multiplies dW, so it is a standard deviation; the paper calls it a covariance"),
-    "wind.mean": (PRINTED, ""),
-    "wind.drag": (PRINTED, ""),
-    "wind.common": (SILENT, "the noise of each UAV is independent of that of all others"),
-    "wind.field_rms": (PRINTED, "the wind is the same everywhere"),
-    "wind.field_length": (OURS, "no effect without a field"),
-    "wind.field_modes": (OURS, "so many that no single wave is visible"),
-    "truth.drag": (PRINTED, "the UAVs are told the truth"),
-    "truth.wind": (PRINTED, "likewise"),
-    "cost.c1": (PRINTED, ""),
-    "cost.c2": (PRINTED, ""),
-    "cost.c3": (PRINTED, ""),
-    "cost.epsilon": (SILENT, "one metre, which is the order of the spacing"),
-    "cost.beta": (SILENT, "the simplest exponent"),
-    "cost.separation": (OURS, "the paper's cost aligns velocities and does not separate UAVs"),
-    "cost.separation_range": (OURS, "five times the distance of a collision"),
-    "learner.mu_h": (PRINTED, ""),
-    "learner.mu_f": (PRINTED, ""),
-    "learner.c_h": (PRINTED, ""),
-    "learner.kappa": (
-        SILENT,
-        "of four values, the one whose trips last as long as in the paper; 0 only damps, 0.1 ends trips in 25 s",
-    ),
-    "learner.position_scale": (SILENT, "the learner diverges at once on raw metres"),
-    "learner.velocity_scale": (SILENT, "the learner diverges at once on raw m/s"),
-    "learner.multinomial": (
-        OURS,
-        "the paper prints these factors, for states in raw metres; `scenarios/paper-printed.toml` uses them",
-    ),
-    "learner.exchanged_rounds": (
-        OURS,
-        "the paper's list of parameters has 200 ticks for both models, its text 100; `paper-exchanged` exchanges them",
-    ),
-    "learner.act_after_s": (OURS, "UAVs act from take-off on; with 10 they drift with the wind first, as in figure 2"),
-    "density.position_bandwidth": (SILENT, "the paper starts from zero weights, but nothing is learned from them"),
-    "density.velocity_bandwidth": (SILENT, "likewise"),
-    "density.near_samples": (SILENT, "likewise"),
-    "density.box_samples": (SILENT, "likewise; the fit must also hold far from the swarm"),
-    "density.ridge": (SILENT, "likewise; it keeps the fit well-conditioned"),
-    "density.node_position_std": (
-        SILENT,
-        "a polynomial has no finite integral over all states, so φ_G is a quadrature",
-    ),
-    "density.node_velocity_std": (SILENT, "likewise"),
-    "offline.speed_max": (SILENT, "the paper's offline path has no limits, but a vehicle has"),
-    "offline.acceleration_max": (SILENT, "likewise"),
-    "filter.kind": (OURS, "the paper has no collision avoidance"),
-    "filter.options": (OURS, "a filter declares its own"),
-    "sharing.policy": (
-        OURS,
-        "collision-free also if a third of the messages is lost, with a tenth of the bits sent by `tick`",
-    ),
-    "sharing.broadcast": (OURS, ""),
-    "sharing.delta_m": (OURS, "below half of the distance that a filter maintains"),
-    "sharing.velocity_delta_m_s": (OURS, ""),
-    "sharing.repeats": (OURS, "enough if a third of the messages is lost"),
-    "sharing.forget_s": (OURS, "longer than a series of losses, shorter than a flight across the formation"),
-    "federation.period": (PRINTED, "100 for H and F, 200 for HF; one sentence of the paper has 100 for all"),
-    "federation.fraction": (PRINTED, ""),
-    "federation.leader": (SILENT, "any UAV will do"),
-    "federation.state_period": (
-        SILENT,
-        "the paper does not say how often `mfg` shares states; 0 shares the initial ones only",
-    ),
-    "federation.aggregation": (PRINTED, "FedAvg"),
-    "federation.options": (OURS, "a rule declares its own"),
-    "federation.tolerance": (OURS, "a quarter of the uploads may be false"),
-    "federation.byzantine_fraction": (OURS, "all uploads are true"),
-    "federation.byzantine_kind": (OURS, "no effect if all uploads are true"),
-    "federation.payload": (OURS, "the paper's floats; narrower ones are measured in [communication](communication.md)"),
-    "federation.broadcast_payload": (OURS, "likewise"),
-    "federation.error_feedback": (OURS, "without it rounding errors add up; see [communication](communication.md)"),
-    "federation.fragment": (
-        OURS,
-        "the paper's models fit into one message; [federation](federation.md) says what longer ones do",
-    ),
-    "federation.deadline": (OURS, "on the paper's radio an upload takes 0.4 ms at most, so none is late"),
-    "federation.upload_threshold": (OURS, "the paper's UAVs upload in every round"),
-    "federation.clusters": (OURS, "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save"),
-    "federation.topology": (OURS, "one leader averages all models"),
-    "federation.range_m": (PRINTED, "the paper's uploads and global models reach any distance"),
-    "radio.tx_power_dbm": (PRINTED, ""),
-    "radio.bandwidth_hz": (PRINTED, ""),
-    "radio.noise_psd_dbm_hz": (PRINTED, ""),
-    "radio.path_loss_exponent": (
-        PRINTED,
-        "with α = 0 all links are alike, whatever their length. The paper's equations ask for α ≥ 2, its list of "
-        "parameters has 0",
-    ),
-    "radio.rice_xi": (PRINTED, ""),
-    "radio.rice_chi": (PRINTED, ""),
-    "radio.fading": (PRINTED, "the paper multiplies the SNR by an amplitude; `power` squares it"),
-    "radio.target_snr_db": (
-        SILENT,
-        "printed power, noise and fading give a median SNR of 75.3 dB at every distance, because α = 0; with a target "
-        "near this median the radio loses long models sometimes and short ones rarely",
-    ),
-    "radio.coherence_time_s": (SILENT, "chosen together with `radio.target_snr_db`"),
-    "radio.latency_threshold_slots": (SILENT, "likewise"),
-    "radio.bits_per_float": (SILENT, "b in the paper's formula of the payload"),
-    "radio.range_m": (PRINTED, "the reach of the states that `hjb` sends"),
-    "radio.plausible_speed": (
-        OURS,
-        "far above the speeds flown here; [robustness](robustness.md#false-states) measures false states below it",
-    ),
-    "radio.model": (PRINTED, ""),
-    "radio.options": (OURS, "a channel declares its own"),
-    "vehicle.model": (PRINTED, "double integrator in wind, power of a rotary wing"),
-    "vehicle.options": (OURS, "a vehicle declares its own"),
-    "vehicle.acceleration_max": (PRINTED, "the paper's vehicle has no limit; the leaderboard flies at 6 m/s²"),
-    "vehicle.blade_power": (PRINTED, "a vehicle of about five grams, which hovers with 0.094 W"),
-    "vehicle.induced_power": (PRINTED, "likewise"),
-    "vehicle.power_speed": (
-        PRINTED,
-        "with `ground`, as printed, drifting with the wind is free; with `air` it costs power",
-    ),
-    "vehicle.parasite_drag": (PRINTED, "likewise"),
-    "vehicle.tip_speed": (PRINTED, "likewise"),
-    "vehicle.induced_velocity": (PRINTED, "likewise"),
-    "energy.radio_W": (OURS, "the paper counts the energy of motion only"),
-    "energy.step_J": (OURS, "likewise"),
-    "metrics.collision_radius": (PRINTED, "a pair counts once, while both are on the way"),
-    "metrics.hazard_radius": (PRINTED, "√2/2 m"),
-    "pace.slow_s": (OURS, "far above what a healthy node takes"),
-    "pace.slow_factor": (OURS, "if all nodes are slow, no node is to blame"),
-    "pace.slow_ticks": (OURS, "spares a node that is slow now and then"),
-    "pace.wait_share": (
-        OURS,
-        "one agent slows a flight by a quarter at most; an agent may always cost its share of the UAVs",
-    ),
-    "pace.wait_window_s": (OURS, "longer than any pause of a healthy machine"),
-    "pace.rejoins": (OURS, "as often as `meanflock run` restarts a process"),
-    "pace.rejoin_ticks": (OURS, "a minute of flight"),
-}
 
 
 def page() -> str:
@@ -293,15 +129,12 @@ def _faults(schema: dict[str, Any]) -> Iterator[str]:
 def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:
     yield "| key | what | unit | bounds | default | the paper | why |"
     yield "|---|---|---|---|---|---|---|"
+    described = scenario.keys_of(scenario.Scenario)
     for name, key in schema[table]["properties"].items():
         if "$ref" in key:
             continue
         path = prefix + name
-        paper, reason = KEYS[path]
-        about = _description(key)
-        unit = KEY_UNITS.get(path, "")
-        for suffix in (f", {unit}", f", {unit.replace(', ', ' and ')}"):
-            about = about.removesuffix(suffix) if unit else about
+        about, paper, reason, unit, _ = described[path]
         cells = (f"`{path}`", about, unit, _bounds(_typed(key)), _default(key), paper, reason)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 

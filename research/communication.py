@@ -6,7 +6,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from meanflock.launch.engine import Engine
 from msgspec import structs
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from meanflock.federation.memory import Feedback
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
+from meanflock.launch.engine import Engine
 from meanflock.net import process
 from meanflock.results import statistics
 from meanflock.studies import published

@@ -9,11 +9,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from meanflock.launch.engine import Engine
 from msgspec import structs
 from rich.console import Console
 from rich.progress import track
 
+from meanflock.launch.engine import Engine
 from meanflock.net import process
 from meanflock.results import statistics
 from meanflock.studies import published

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from meanflock.launch.options import Options
 from meanflock.launch.run import fly
-from meanflock.results.run_folder import RECORDING
-
 from meanflock.net import process
 from meanflock.recording.viewer import screenshot
+from meanflock.results.run_folder import RECORDING
 from meanflock.studies import published, side_by_side
 from meanflock.swarm import scenario
 

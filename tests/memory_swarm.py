@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from meanflock.launch.station import Station
-
 from meanflock.agent.node import Agent
 from meanflock.federation.plan import plan_of
 from meanflock.launch import engine
+from meanflock.launch.station import Station
 from meanflock.leader.node import Leader
 from meanflock.net.bus import Bus, MemoryNetwork
 from meanflock.net.client import Node, NodeClient

@@ -12,10 +12,9 @@ import tomllib
 from pathlib import Path
 from types import TracebackType
 
-from meanflock.launch.children import sweep
-
 from benchmarks.machine import ROOT
 from benchmarks.processes import BenchmarkFailed
+from meanflock.launch.children import sweep
 from meanflock.net.process import end_all
 
 FOLDER = ROOT / ".bench"

@@ -14,7 +14,7 @@ from click.shell_completion import BashComplete, CompletionItem, ZshComplete, ad
 from meanflock import swarm
 
 VARIABLE = "_MEANFLOCK_COMPLETE"  # set by the shell's function while it asks
-KEYS = Path(__file__).with_name("keys.csv")  # rows as `_Key`; written by docs/keys.py
+KEYS = Path(__file__).with_name("keys.csv")  # rows as `_CompletedKey`; written by docs/keys.py
 _GROUP = "meanflock."  # begins the name of each group of entry points
 RUNS = Path("runs")  # the default folder of runs
 LATEST = "latest"  # in place of a run: the one in that folder that began last
@@ -22,7 +22,7 @@ _OF_A_RUN = ("scenario.toml", "summary.json")
 Items = list[CompletionItem]
 
 
-class _Key(NamedTuple):
+class _CompletedKey(NamedTuple):
     """A key of a scenario.
 
     needs: `KEY=NAME…`, the plug-ins of which it is an option; else empty. values: those that it can have, and groups of
@@ -130,20 +130,20 @@ def _shipped() -> list[str]:
     return sorted(path.stem for path in Path(swarm.__file__).with_name("scenarios").glob("*.toml"))
 
 
-def _keys() -> Iterable[_Key]:
+def _keys() -> Iterable[_CompletedKey]:
     import csv
 
     with KEYS.open(encoding="utf-8", newline="") as file:
-        yield from map(_Key._make, csv.reader(file))
+        yield from map(_CompletedKey._make, csv.reader(file))
 
 
-def _applies(row: _Key, chosen: dict[str, str]) -> bool:
+def _applies(row: _CompletedKey, chosen: dict[str, str]) -> bool:
     """Returns whether a key is an option of no plug-in, or of a chosen one, or none of its kind is chosen."""
     key, _, names = row.needs.partition("=")
     return key not in chosen or chosen[key] in names.split()
 
 
-def _values(row: _Key) -> list[str]:
+def _values(row: _CompletedKey) -> list[str]:
     words = row.values.split()
     return [name for word in words for name in (_plugins(word) if word.startswith(_GROUP) else [word])]
 

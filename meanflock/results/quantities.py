@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, keys_of
 from meanflock.swarm.wire.messages import SWARM_COLUMNS
 
 
@@ -406,73 +407,7 @@ def number(summary: Mapping[str, Any], key: str) -> float:
     return float(value)
 
 
-KEY_UNITS = {  # of the keys of a scenario
-    "uavs": "UAVs",
-    "dt": "s",
-    "duration": "s",
-    "start.centre": "m",
-    "start.spacing": "m",
-    "start.radius": "m",
-    "start.positions": "m",
-    "start.group": "UAVs",
-    "start.interval": "s",
-    "start.height": "m",
-    "destination.radius": "m, m/s",
-    "destination.positions": "m",
-    "wind.sigma": "m/s/√s",
-    "wind.mean": "m/s",
-    "wind.drag": "1/s",
-    "wind.field_rms": "m/s",
-    "wind.field_length": "m",
-    "truth.drag": "1/s",
-    "truth.wind": "m/s",
-    "cost.c1": "s²/m²",
-    "cost.c3": "s⁴/m²",
-    "cost.epsilon": "m²",
-    "cost.separation": "1/s²",
-    "cost.separation_range": "m",
-    "learner.kappa": "1/s",
-    "learner.position_scale": "m",
-    "learner.velocity_scale": "m/s",
-    "learner.act_after_s": "s",
-    "density.position_bandwidth": "m",
-    "density.velocity_bandwidth": "m/s",
-    "density.node_position_std": "m",
-    "density.node_velocity_std": "m/s",
-    "offline.speed_max": "m/s",
-    "offline.acceleration_max": "m/s²",
-    "sharing.delta_m": "m",
-    "sharing.velocity_delta_m_s": "m/s",
-    "sharing.repeats": "ticks",
-    "sharing.forget_s": "s",
-    "federation.period": "ticks",
-    "federation.state_period": "ticks",
-    "federation.range_m": "m",
-    "radio.tx_power_dbm": "dBm",
-    "radio.bandwidth_hz": "Hz",
-    "radio.noise_psd_dbm_hz": "dBm/Hz",
-    "radio.target_snr_db": "dB",
-    "radio.coherence_time_s": "s",
-    "radio.latency_threshold_slots": "slots",
-    "radio.bits_per_float": "bit",
-    "radio.range_m": "m",
-    "radio.plausible_speed": "m/s",
-    "vehicle.acceleration_max": "m/s²",
-    "vehicle.blade_power": "W",
-    "vehicle.induced_power": "W",
-    "vehicle.parasite_drag": "W s³/m³",
-    "vehicle.tip_speed": "m/s",
-    "vehicle.induced_velocity": "m/s",
-    "energy.radio_W": "W",
-    "energy.step_J": "J",
-    "metrics.collision_radius": "m",
-    "metrics.hazard_radius": "m",
-    "pace.slow_s": "s",
-    "pace.wait_window_s": "s",
-    "pace.rejoin_ticks": "ticks",
-}
-
-
 def with_unit(key: str) -> str:
     """A key of a scenario with its unit in brackets, if it has one: `wind.drag (1/s)`."""
-    return f"{key} ({KEY_UNITS[key]})" if key in KEY_UNITS else key
+    described = keys_of(Scenario).get(key)
+    return f"{key} ({described.unit})" if described and described.unit else key

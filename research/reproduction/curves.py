@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from meanflock.results.quantities import FIELDS
 from numpy.typing import NDArray
 from scipy import special
 
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
+from meanflock.results.quantities import FIELDS
 from research.reproduction.tables import COORDINATE, Frame, View
 
 # -- along a grid ------------------------------------------------------------------------------------------------------

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from meanflock.launch.engine import Engine
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.mean_field.learner import tables
 from meanflock.kernels.mean_field import features, fpk, hjb
 from meanflock.kernels.mean_field.layout import DENSITY, VALUE
+from meanflock.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status

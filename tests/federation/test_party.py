@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.agent.node import Agent
@@ -17,6 +16,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
+from meanflock.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load

@@ -14,9 +14,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+
 from meanflock.launch.resume import back
 from meanflock.results.rounds_table import ROUNDS
-
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.commands import printed
 from tests.faults.dying import dead, events, flight, resumed

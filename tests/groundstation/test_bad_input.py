@@ -5,8 +5,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from meanflock.cli.command import main
 
+from meanflock.cli.command import main
 from meanflock.launch import processes
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from meanflock.launch.engine import Engine
-from meanflock.results.flown_plugins import FOLDER
-from meanflock.results.run_folder import RunFolder
 
 import meanflock as mf
 from meanflock.cli import scaffold
+from meanflock.launch.engine import Engine
+from meanflock.results.flown_plugins import FOLDER
+from meanflock.results.run_folder import RunFolder
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.plugins import Plugin, registry

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+import meanflock as mf
 from meanflock.cli.command import main
 from meanflock.launch.engine import Engine
 from meanflock.launch.options import Options
 from meanflock.launch.outputs import Outputs
 from meanflock.results.run_folder import CHECKPOINT, RunFolder, completed, go_on
-
-import meanflock as mf
 from meanflock.swarm import durable
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.plugins import load_file

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
-from meanflock.cli.command import main
 
 import meanflock as mf
 from meanflock import kernels
+from meanflock.cli.command import main
 from meanflock.kernels import sources
 from meanflock.launch import certs, doctor, memory
 from meanflock.launch.memory import MEGABYTE, PAIR_BYTES, available_mb, needed_mb

@@ -8,7 +8,6 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 import pytest
-from meanflock.results.series import Reported
 from rerun.chunk import RrdReader
 
 import meanflock as mf
@@ -17,6 +16,7 @@ from meanflock.recording import drawing, mission_map, plots
 from meanflock.recording.recorder import Recorder
 from meanflock.recording.replay import verify
 from meanflock.results.plots.run import plot_run
+from meanflock.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded

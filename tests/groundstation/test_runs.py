@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+import meanflock as mf
 from meanflock.cli.command import main
 from meanflock.results.quantities import SUMMARY
 from meanflock.results.run_folder import CHECKPOINT
 from meanflock.results.stored_run import runs_in
-
-import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK
 

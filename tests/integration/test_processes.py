@@ -10,8 +10,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from meanflock.launch.engine import Engine
 
+from meanflock.launch.engine import Engine
 from meanflock.recording.replay import verify
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load

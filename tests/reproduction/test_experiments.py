@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
+from meanflock.launch.engine import Engine
 from meanflock.studies import job_file, runner
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load

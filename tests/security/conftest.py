@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
-from meanflock.launch.processes import free_endpoint
 
 from meanflock.agent.node import Agent
 from meanflock.launch.certs import HOSTS, Authority, names
+from meanflock.launch.engine import Engine
+from meanflock.launch.processes import free_endpoint
 from meanflock.leader.node import Leader
 from meanflock.net import keys
 from meanflock.net.access import LEADER, OBSERVER, WORLD, Identity

@@ -8,8 +8,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from meanflock.cli.command import main
 
+from meanflock.cli.command import main
 from meanflock.launch import certs
 from meanflock.launch.doctor import certificates
 from meanflock.net.access import Identity, only_agent, secured

@@ -15,12 +15,12 @@ from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
-from meanflock.results.series import states_of
 
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch import certs
 from meanflock.recording.replay import verify
+from meanflock.results.series import states_of
 from meanflock.swarm.scenario import load
 from tests.faults.by_hand import Flight, Processes, events_in
 from tests.polling import DEADLINE_S

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 import meanflock as mf
+from meanflock.launch.engine import Engine
 from research import left_out
 
 FOUR = mf.Scenario(uavs=4)

@@ -5,10 +5,10 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 import pytest
-from meanflock.launch.processes import free_endpoint
 
 from meanflock import kernels
 from meanflock.kernels import reference, wire
+from meanflock.launch.processes import free_endpoint
 from meanflock.net.bus import Bus, MemoryNetwork
 from meanflock.net.session import ZenohBus
 

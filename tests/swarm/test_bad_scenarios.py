@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 from meanflock.channel import link
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
+from meanflock.launch.engine import Engine
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.scenario import Scenario, Wind, load

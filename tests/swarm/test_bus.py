@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from meanflock.launch.processes import free_endpoint
 
+from meanflock.launch.processes import free_endpoint
 from meanflock.net.bus import Bus, Delivery, Quota
 from meanflock.net.session import LEASE, Backlog, ZenohBus, _config
 from meanflock.swarm.errors import BadInput, BusError

@@ -99,7 +99,7 @@ def test_a_payload_of_the_radio_s_width_leaves_no_trace_in_the_hash(bits: int) -
     federation = left_out.resolved().federation
     assert (federation.payload, federation.broadcast_payload) == (f"float{bits}", f"float{bits}")
     table = msgspec.to_builtins(left_out.resolved())  # as the first version wrote it
-    for later in scenario.LATER:
+    for later in (key for key, described in scenario.keys_of(Scenario).items() if described.later):
         part, _, key = later.rpartition(".")
         if part in ("", *table):  # else the table is gone as a whole
             del (table[part] if part else table)[key]

@@ -1,7 +1,7 @@
 """A scenario: every number a run depends on, with its unit, its bounds and the paper's value as default."""
 
+from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, Key, keys_of  # noqa: F401
 from meanflock.swarm.scenario.scenario import (  # noqa: F401
-    LATER,
     Scenario,
     decode,
     encode,

@@ -2,8 +2,7 @@
 
 from typing import Annotated, ClassVar
 
-from msgspec import Meta
-
+from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
 from meanflock.swarm.toml import Table
 
 
@@ -16,56 +15,147 @@ class _MeanFieldTable(Table, frozen=True):
 class Cost(_MeanFieldTable, frozen=True):
     """The running cost φ_L + c2 φ_G + c3 ‖a‖²."""
 
-    c1: Annotated[float, Meta(ge=0, description="weight of ‖v‖², s²/m²")] = 0.015
-    c2: Annotated[float, Meta(ge=0, description="weight of φ_G")] = 0.015
-    c3: Annotated[float, Meta(gt=0, description="weight of ‖a‖², s⁴/m²")] = 0.005
-    epsilon: Annotated[float, Meta(gt=0, description="ε of the interaction kernel, m²")] = 1.0
-    beta: Annotated[float, Meta(ge=0, description="β, exponent of the interaction kernel")] = 1.0
+    c1: Annotated[float, key("weight of ‖v‖²", PRINTED, "", unit="s²/m²", ge=0)] = 0.015
+    c2: Annotated[float, key("weight of φ_G", PRINTED, "", ge=0)] = 0.015
+    c3: Annotated[float, key("weight of ‖a‖²", PRINTED, "", unit="s⁴/m²", gt=0)] = 0.005
+    epsilon: Annotated[
+        float,
+        key("ε of the interaction kernel", SILENT, "one metre, which is the order of the spacing", unit="m²", gt=0),
+    ] = 1.0
+    beta: Annotated[float, key("β, exponent of the interaction kernel", SILENT, "the simplest exponent", ge=0)] = 1.0
     separation: Annotated[
         float,
-        Meta(ge=0, description="weight of a repulsion from near UAVs, which then broadcast every tick; 0: none, 1/s²"),
+        key(
+            "weight of a repulsion from near UAVs, which then broadcast every tick; 0: none",
+            OURS,
+            "the paper's cost aligns velocities and does not separate UAVs",
+            unit="1/s²",
+            later=True,
+            ge=0,
+        ),
     ] = 0.0
-    separation_range: Annotated[float, Meta(ge=0.001, description="how far it reaches, std of its Gaussian, m")] = 0.5
+    separation_range: Annotated[
+        float,
+        key(
+            "how far it reaches, std of its Gaussian",
+            OURS,
+            "five times the distance of a collision",
+            unit="m",
+            later=True,
+            ge=0.001,
+        ),
+    ] = 0.5
 
 
 class LearnerTable(_MeanFieldTable, frozen=True):
     """The two networks."""
 
-    mu_h: Annotated[float, Meta(gt=0, description="μ_H, step size of the value learner")] = 0.01
-    mu_f: Annotated[float, Meta(gt=0, description="μ_F, step size of the density learner")] = 0.01
-    c_h: Annotated[float, Meta(ge=0, description="c_H, weight of the regulariser")] = 0.5
-    kappa: Annotated[float, Meta(gt=-1, lt=1, description="κ, position–velocity term of L_s, 1/s")] = 0.01
-    position_scale: Annotated[float, Meta(gt=0, description="L_r, features see x / L_r, m")] = 200.0
-    velocity_scale: Annotated[float, Meta(gt=0, description="L_v, features see v / L_v, m/s")] = 20.0
+    mu_h: Annotated[float, key("μ_H, step size of the value learner", PRINTED, "", gt=0)] = 0.01
+    mu_f: Annotated[float, key("μ_F, step size of the density learner", PRINTED, "", gt=0)] = 0.01
+    c_h: Annotated[float, key("c_H, weight of the regulariser", PRINTED, "", ge=0)] = 0.5
+    kappa: Annotated[
+        float,
+        key(
+            "κ, position–velocity term of L_s",
+            SILENT,
+            "of four values, the one whose trips last as long as in the paper; 0 only damps, 0.1 ends trips in 25 s",
+            unit="1/s",
+            gt=-1,
+            lt=1,
+        ),
+    ] = 0.01
+    position_scale: Annotated[
+        float, key("L_r, features see x / L_r", SILENT, "the learner diverges at once on raw metres", unit="m", gt=0)
+    ] = 200.0
+    velocity_scale: Annotated[
+        float, key("L_v, features see v / L_v", SILENT, "the learner diverges at once on raw m/s", unit="m/s", gt=0)
+    ] = 20.0
     multinomial: Annotated[
-        bool, Meta(description="features keep the coefficients of the powers they are terms of; else all are one")
+        bool,
+        key(
+            "features keep the coefficients of the powers they are terms of; else all are one",
+            OURS,
+            "the paper prints these factors, for states in raw metres; `scenarios/paper-printed.toml` uses them",
+            later=True,
+        ),
     ] = False
     exchanged_rounds: Annotated[
         bool,
-        Meta(
-            description="ticks of a round if `federation.period` is unset: true: 100 for both models and 200 for one; "
-            "false: 200 for both and 100 for one"
+        key(
+            "ticks of a round if `federation.period` is unset: true: 100 for both models and 200 for one; false: 200 "
+            "for both and 100 for one",
+            OURS,
+            "the paper's list of parameters has 200 ticks for both models, its text 100; `paper-exchanged` exchanges "
+            "them",
+            later=True,
         ),
     ] = False
     act_after_s: Annotated[
-        float, Meta(ge=0, le=1e6, description="time after take-off before which commands are zero; UAVs learn then, s")
+        float,
+        key(
+            "time after take-off before which commands are zero; UAVs learn then",
+            OURS,
+            "UAVs act from take-off on; with 10 they drift with the wind first, as in figure 2",
+            unit="s",
+            later=True,
+            ge=0,
+            le=1000000.0,
+        ),
     ] = 0.0
 
 
 class Density(_MeanFieldTable, frozen=True):
     """The fit of m̂ at t = 0 and the quadrature of φ_G."""
 
-    position_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m")] = 3.0
-    velocity_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m/s")] = 0.7
-    near_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples near the swarm")] = 1000
-    box_samples: Annotated[int, Meta(ge=1, le=100_000, description="fit samples in the whole box ±L")] = 1000
-    ridge: Annotated[float, Meta(gt=0, description="ridge of the fit, relative to the sample count")] = 1e-6
-    node_position_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m")] = 5.0
-    node_velocity_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m/s")] = 1.5
+    position_bandwidth: Annotated[
+        float,
+        key(
+            "std of a mixture component",
+            SILENT,
+            "the paper starts from zero weights, but nothing is learned from them",
+            unit="m",
+            gt=0,
+        ),
+    ] = 3.0
+    velocity_bandwidth: Annotated[float, key("std of a mixture component", SILENT, "likewise", unit="m/s", gt=0)] = 0.7
+    near_samples: Annotated[int, key("fit samples near the swarm", SILENT, "likewise", ge=1, le=100000)] = 1000
+    box_samples: Annotated[
+        int,
+        key(
+            "fit samples in the whole box ±L",
+            SILENT,
+            "likewise; the fit must also hold far from the swarm",
+            ge=1,
+            le=100000,
+        ),
+    ] = 1000
+    ridge: Annotated[
+        float,
+        key(
+            "ridge of the fit, relative to the sample count",
+            SILENT,
+            "likewise; it keeps the fit well-conditioned",
+            gt=0,
+        ),
+    ] = 1e-6
+    node_position_std: Annotated[
+        float,
+        key(
+            "spread of quadrature nodes",
+            SILENT,
+            "a polynomial has no finite integral over all states, so φ_G is a quadrature",
+            unit="m",
+            gt=0,
+        ),
+    ] = 5.0
+    node_velocity_std: Annotated[float, key("spread of quadrature nodes", SILENT, "likewise", unit="m/s", gt=0)] = 1.5
 
 
 class OfflineTable(_MeanFieldTable, frozen=True):
     """Limits of the open-loop plan of the offline method, over ground."""
 
-    speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0
-    acceleration_max: Annotated[float, Meta(ge=0.01, description="limit on ‖dv/dt‖, m/s²")] = 3.0
+    speed_max: Annotated[
+        float,
+        key("limit on ‖v‖", SILENT, "the paper's offline path has no limits, but a vehicle has", unit="m/s", ge=0.1),
+    ] = 15.0
+    acceleration_max: Annotated[float, key("limit on ‖dv/dt‖", SILENT, "likewise", unit="m/s²", ge=0.01)] = 3.0

@@ -7,46 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import msgspec
 import numpy as np
-from msgspec import Meta, field
+from msgspec import field
 from numpy.typing import NDArray
 
 from meanflock.swarm import mission, paths, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault
 from meanflock.swarm.scenario import mean_field, tables
+from meanflock.swarm.scenario.described import LATER, OURS, PRINTED, key, keys_of
 from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, with_keys
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
-
-# Keys that enter the hash only if they differ from their default, so that older scenarios keep their hash.
-LATER = (
-    "faults",
-    "federation.aggregation",
-    "federation.tolerance",
-    "federation.byzantine_fraction",
-    "federation.byzantine_kind",
-    "federation.payload",
-    "federation.broadcast_payload",
-    "federation.error_feedback",
-    "federation.upload_threshold",
-    "federation.deadline",
-    "federation.fragment",
-    "federation.clusters",
-    "federation.range_m",
-    "federation.topology",
-    "federation.options",
-    "controller",
-    "radio.plausible_speed",
-    *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
-    *("pace", "pace.wait_share", "pace.wait_window_s", "pace.rejoins", "pace.rejoin_ticks"),
-    *("wind.field_rms", "wind.field_length", "wind.field_modes", "vehicle.power_speed", "truth"),
-    *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
-    *("destination.goals", "destination.positions", "obstacles"),
-    *("cost.separation", "cost.separation_range", "learner.multinomial"),
-    *("learner.exchanged_rounds", "learner.act_after_s", "wind.common"),
-    "filter",
-    *("sharing", "energy", "vehicle.acceleration_max"),
-)
 
 
 class _Validating(msgspec.StructMeta):
@@ -73,37 +44,71 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             no effect without another. The message names the key, its value, the bound, and how to fix it.
     """
 
-    method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
-    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = field(default_factory=dict)
-    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, number of UAVs")] = 25
-    seed: Annotated[int, Meta(ge=0, le=2**62, description="seed of all random numbers")] = 1
-    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="length of a tick, s")] = 0.1
-    duration: Annotated[float, Meta(gt=0, description="simulated time at which the flight ends at the latest, s")] = (
-        300.0
-    )
+    method: Annotated[
+        str,
+        key(
+            "name of the controller of the UAVs; see `meanflock plugins`", PRINTED, "the paper's own proposal, MfgFL-HF"
+        ),
+    ] = "mfgfl-hf"
+    controller: Annotated[
+        dict[str, Any], key("options of that controller", OURS, "a controller declares its own", later=True)
+    ] = field(default_factory=dict)
+    uavs: Annotated[
+        int, key("N, number of UAVs", PRINTED, "S0, the scenario of its first figures", unit="UAVs", ge=1, le=100000)
+    ] = 25
+    seed: Annotated[
+        int,
+        key("seed of all random numbers", OURS, "any number will do; equal seeds give equal flights", ge=0, le=2**62),
+    ] = 1
+    dt: Annotated[
+        float,
+        key(
+            "length of a tick",
+            PRINTED,
+            "Euler–Maruyama: velocity first, then position with the new velocity",
+            unit="s",
+            ge=1e-06,
+            le=1000.0,
+        ),
+    ] = 0.1
+    duration: Annotated[
+        float,
+        key(
+            "simulated time at which the flight ends at the latest",
+            OURS,
+            "in comparisons a UAV that never arrives counts with this travel time",
+            unit="s",
+            gt=0,
+        ),
+    ] = 300.0
     stop: Annotated[
-        Literal["arrival", "duration"], Meta(description="the flight ends when all UAVs have arrived, or at `duration`")
+        Literal["arrival", "duration"],
+        key(
+            "the flight ends when all UAVs have arrived, or at `duration`",
+            OURS,
+            "little of interest follows the last arrival; `duration` continues the flight",
+        ),
     ] = "arrival"
     start: tables.Start = field(default_factory=tables.Start)
     destination: tables.Destination = field(default_factory=tables.Destination)
     obstacles: Annotated[
-        tuple[tables.Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")
+        tuple[tables.Obstacle, ...], key("discs that no UAV should enter", OURS, "none", later=True, max_length=1000)
     ] = ()
     wind: tables.Wind = field(default_factory=tables.Wind)
-    truth: tables.Truth = field(default_factory=tables.Truth)
+    truth: Annotated[tables.Truth, LATER] = field(default_factory=tables.Truth)
     cost: mean_field.Cost = field(default_factory=mean_field.Cost)
     learner: mean_field.LearnerTable = field(default_factory=mean_field.LearnerTable)
     density: mean_field.Density = field(default_factory=mean_field.Density)
     offline: mean_field.OfflineTable = field(default_factory=mean_field.OfflineTable)
-    filter: tables.FilterTable = field(default_factory=tables.FilterTable)
-    sharing: tables.Sharing = field(default_factory=tables.Sharing)
+    filter: Annotated[tables.FilterTable, LATER] = field(default_factory=tables.FilterTable)
+    sharing: Annotated[tables.Sharing, LATER] = field(default_factory=tables.Sharing)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)
     vehicle: tables.VehicleTable = field(default_factory=tables.VehicleTable)
-    energy: tables.Energy = field(default_factory=tables.Energy)
+    energy: Annotated[tables.Energy, LATER] = field(default_factory=tables.Energy)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
-    pace: tables.Pace = field(default_factory=tables.Pace)
-    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
+    pace: Annotated[tables.Pace, LATER] = field(default_factory=tables.Pace)
+    faults: Annotated[tuple[Fault, ...], key("the fault script", OURS, "none", later=True)] = ()
 
     if TYPE_CHECKING:
 
@@ -163,14 +168,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             )
         if self.duration < self.dt:
             raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
-        for key, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
+        for name, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
             if drag is not None and self.dt * drag >= 2:
-                raise ValueError(f"`dt` {self.dt} s is unstable with `{key}` {drag} 1/s; keep dt·drag < 2")
-        for key in ("payload", "broadcast_payload"):
-            wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
+                raise ValueError(f"`dt` {self.dt} s is unstable with `{name}` {drag} 1/s; keep dt·drag < 2")
+        for name in ("payload", "broadcast_payload"):
+            wanted, radio_bits = getattr(self.federation, name), self.radio.bits_per_float
             if wanted is not None and _bits(wanted) > radio_bits:
                 raise ValueError(
-                    f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"`federation.{name}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{radio_bits}; take a narrower payload or a wider float"
                 )
         longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
@@ -281,7 +286,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         # The default payloads depend on the radio's floats.
         plain = with_payloads(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
         table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(plain)
-        for path in LATER:
+        for path, described in keys_of(Scenario).items():
+            if not described.later:
+                continue
             *parents, key = path.split(".")
             part, standard = table, default
             for parent in parents:
