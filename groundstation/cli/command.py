@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 from meanflock.groundstation.cli import completion
 from meanflock.groundstation.cli.arguments import Group
 from meanflock.swarm import __version__, logs
+from meanflock.swarm.ending import end
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,
     EXIT_DONE,
@@ -183,7 +184,5 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         logs.stop()
     if arguments is None and not completes:
-        from meanflock.swarm.process import end  # only here: completion needs none of it
-
         end(code)
     return code

@@ -16,20 +16,20 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("a swarm", "world"):
-    from meanflock.worldsim import __main__ as world  # first: the agent's keeps libraries from being loaded
-
-    from meanflock.agent import __main__ as agent  # isort: skip
+    from meanflock.agent import __main__ as agent
     from meanflock.agent.node import Agent
     from meanflock.federation.fragments import resolved
     from meanflock.groundstation.launch import orders
     from meanflock.groundstation.launch.orders import Ended, Loaded, Prepare, Report, Signal, Start
     from meanflock.leader import __main__ as leader
     from meanflock.swarm import forks, mission, plugins, scenario
+    from meanflock.swarm.ending import end
     from meanflock.swarm.errors import EXIT_DONE, FAILURES, BadInput
     from meanflock.swarm.forks import Forks
-    from meanflock.swarm.process import READY, Interrupted, end, main
+    from meanflock.swarm.process import READY, Interrupted, main
     from meanflock.swarm.wire.control import FLOAT_OF_BITS
     from meanflock.swarm.wire.messages import Welcome
+    from meanflock.worldsim import __main__ as world
 
 PROGRAMS: dict[str, Callable[[], None]] = {"worldsim": world.run, "leader": leader.run, "agent": agent.run}
 
