@@ -104,7 +104,7 @@ def _become(order: Start, given: list[int]) -> None:
     log = os.open(order.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(log, 2)
     os.close(log)
-    forks.show_as(order.command)
+    forks.show_as(order.module)
     if given:
         os.environ[READY] = str(given[0])
     sys.argv = [order.module, *order.command[order.command.index("-m") + 2 :]]
@@ -116,7 +116,6 @@ def _become(order: Start, given: list[int]) -> None:
 def run() -> None:
     """Serve the launcher whose socket is the first argument."""
     channel = socket.socket(fileno=int(sys.argv[1]))
-    forks.show_as([sys.executable, "-P", "-m", "meanflock.groundstation.launch.forker"])
     with suppress(BadInput):  # the room that needs it says so
         plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
     Server(channel).serve()
