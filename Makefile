@@ -63,10 +63,10 @@ soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and 
 	@$(BIN)/python -m tests.soak $(ARGS)
 
 robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
-	@$(BIN)/python -m meanflock.studies.robustness $(ARGS)
+	@$(BIN)/python -m research.robustness $(ARGS)
 
 picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
-	@$(BIN)/python -m meanflock.studies.pictures
+	@$(BIN)/python -m research.pictures
 
 docs: .docs/.ready ## Build the documentation as a web site, site/index.html, and check its links
 	@.docs/bin/python docs/website.py
@@ -154,10 +154,10 @@ endef
 	.docs/bin/python -m pip install -qq $$(sed -n 's/^docs = \["\(zensical==[0-9.]*\)"\].*/\1/p' pyproject.toml)
 	@touch $@
 
-$(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch] */*/*.[ch]) $(STALE)
+$(VENV)/.ground: pyproject.toml setup.py constraints.txt $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch]) $(STALE)
 	$(call install,ground)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml setup.py constraints.txt $(wildcard */*.[ch] */*/*.[ch]) $(STALE)
+$(VENV)/.dev: pyproject.toml setup.py constraints.txt $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch]) $(STALE)
 	$(call install,dev)
 	@touch $@ $(VENV)/.ground

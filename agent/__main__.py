@@ -8,14 +8,14 @@ from meanflock.swarm.errors import needed
 
 with needed("an agent"):
     from meanflock.agent.node import Agent
-    from meanflock.agent.prefork import fork
+    from meanflock.launch.prefork import fork
+    from meanflock.net import keys
+    from meanflock.net.access import only_agent
+    from meanflock.net.client import take_part
+    from meanflock.net.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
+    from meanflock.net.session import ZenohBus
     from meanflock.swarm import logs
     from meanflock.swarm.errors import BadInput
-    from meanflock.swarm.net import keys
-    from meanflock.swarm.net.access import only_agent
-    from meanflock.swarm.net.client import take_part
-    from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, end_with_launcher, flag, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join
 
 

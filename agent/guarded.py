@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.federation.coding import bound_of_models, check_weights
+from meanflock.federation.plan import Plan
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_bounded, check_memory, check_same_form
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import AXES, BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
@@ -39,14 +39,15 @@ class Guarded:
     controller: the controller, behind its filter.
     """
 
-    def __init__(self, scenario: Scenario, uavs: Rows, problems: list[str]) -> None:
+    def __init__(self, plan: Plan, uavs: Rows, problems: list[str]) -> None:
         """`problems`: a list that gets one text for each row in which the controller failed.
 
         Raises:
             BadInput: the controller is not installed, or its options do not fit.
         """
         self.broken: Mask | None = None
-        self._method, self._declared = scenario.method, scenario.declared
+        scenario = plan.scenario
+        self._method, self._declared = scenario.method, plan.declared
         self._blank = np.zeros((len(uavs), AXES + len(self._declared.diagnostics)))  # commands
         self._uavs = uavs
         self._everyone = scenario.uavs

@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.party import Party
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import faults, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.scenario import Scenario, decode
+from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
@@ -23,18 +24,19 @@ class Agent:
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
         self.problems: list[str] = []  # texts for the world that were not sent yet
         self._names = self.uavs.astype(np.int32)  # as frames have them
-        self._scenario: Scenario = decode(welcome.scenario)
-        self._declared = self._scenario.declared
+        plan = plan_of(decode(welcome.scenario))
+        self._scenario = plan.scenario
+        self._declared = plan.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._party = Party(self._scenario, "agent", self.uavs, self.problems, self)
+        self._party = Party(plan, "agent", self.uavs, self.problems, self)
         self._row = np.full(self._scenario.uavs, -1)  # (N,) of each UAV that is here
         self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
-        plan = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
-        self._controller = Guarded(self._scenario, self.uavs, self.problems)
-        self._memory = self._controller.init(plan.astype(np.float64))
+        starts = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
+        self._controller = Guarded(plan, self.uavs, self.problems)
+        self._memory = self._controller.init(starts.astype(np.float64))
         if welcome.memory:
             self._resume(welcome.memory)
 

@@ -7,17 +7,17 @@ from pathlib import Path
 from statistics import median
 
 import psutil
+from meanflock.launch.station import Station
 
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
-from meanflock.groundstation.launch.station import Station
+from meanflock.net import keys
+from meanflock.net.networked import NetworkedRun
+from meanflock.net.session import ZenohBus
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.networked import NetworkedRun
 
 TITLE = "A process of the swarm"
 ABOUT = (

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 import psutil
+from meanflock.launch.engine import Engine
 
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.machine import ROOT
 from benchmarks.peer.environment import Environment, Peer
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 

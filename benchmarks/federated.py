@@ -7,10 +7,10 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms, per_tick_ms
 from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
+from meanflock.net.networked import NetworkedRun
+from meanflock.net.session import ZenohBus
 from meanflock.swarm import scenario
-from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire.messages import FrameKind
-from meanflock.worldsim.networked import NetworkedRun
 from meanflock.worldsim.world import REPORT_EVERY_TICKS
 
 TITLE = "A federated round"

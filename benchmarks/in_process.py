@@ -4,12 +4,12 @@ from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
+from meanflock.launch.engine import Engine
 
 from benchmarks.bare_numpy import learner_operations
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from meanflock import kernels
 from meanflock.agent.controllers.mean_field.learner import Learner, tables
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels import reference
 from meanflock.kernels.mean_field.layout import NUMBERS
 from meanflock.swarm import mission, scenario, state

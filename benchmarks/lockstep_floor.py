@@ -13,10 +13,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from meanflock.agent.prefork import fork
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import orphaned
+from meanflock.launch.prefork import fork
+from meanflock.net import keys
+from meanflock.net.process import orphaned
+from meanflock.net.session import ZenohBus
 
 if TYPE_CHECKING:
     from benchmarks.processes import Children

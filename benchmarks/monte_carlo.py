@@ -6,9 +6,9 @@ from collections import Counter
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.in_process import learner_step
 from meanflock.swarm import scenario
-from reproduction.experiments import to_do
-from reproduction.flight import fly
-from reproduction.grid import wanted
+from research.reproduction.experiments import to_do
+from research.reproduction.flight import fly
+from research.reproduction.grid import wanted
 
 TITLE = "Many flights"
 ABOUT = (

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from meanflock.launch.engine import Engine
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.in_process import flight, learner_step
 from benchmarks.peer.environment import Environment
 from meanflock.federation.rules.base import mean
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.kernels.mean_field.layout import MODEL_FLOATS
 from meanflock.swarm import scenario
 

@@ -9,12 +9,13 @@ import tempfile
 import time
 from typing import Any
 
-from benchmarks.machine import ROOT
-from meanflock.groundstation.launch.children import Family
-from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.swarm.process import end_all
+from meanflock.launch.children import Family
+from meanflock.launch.processes import free_endpoint
 
-COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
+from benchmarks.machine import ROOT
+from meanflock.net.process import end_all
+
+COMMAND = (sys.executable, "-m", "meanflock.cli")
 _COMMAND_S = 150.0
 
 

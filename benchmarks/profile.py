@@ -18,10 +18,10 @@ from typing import Any
 
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_tick_ms
 from meanflock.agent.node import Agent
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import orphaned
+from meanflock.net import keys
+from meanflock.net.client import NodeClient
+from meanflock.net.process import orphaned
+from meanflock.net.session import ZenohBus
 from meanflock.swarm.wire.messages import Act, Join, Sense
 
 TITLE = "Where a tick goes"
@@ -37,7 +37,7 @@ LEARNER: list[Part] = [
     ("meanflock.kernels:learn", "the learners' kernel"),
     ("meanflock.agent.controllers.mean_field.learner:Learner.step", "learner, the rest"),
     ("meanflock.agent.node:Agent.act", "agent: inbox, outbox, checks"),
-    ("meanflock.swarm.net.client:NodeClient.handle", "agent: protocol"),
+    ("meanflock.net.client:NodeClient.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [
     (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
@@ -45,12 +45,12 @@ CODEC: list[Part] = [
 WORLD: list[Part] = [
     ("meanflock.worldsim.world:World.ask", "world, the rest of the tick"),
     ("meanflock.worldsim.world:World.move", "world, the rest of the tick"),
-    ("meanflock.worldsim.remote:RemoteCrew._ask", "address and fill inboxes"),
-    ("meanflock.worldsim.barrier:Barrier.ask", "address and fill inboxes"),
-    ("meanflock.worldsim.remote:RemoteCrew._in_lockstep", "barrier, the loop"),
-    ("meanflock.worldsim.admission:Admission.handle", "take in replies"),
-    ("meanflock.worldsim.barrier:Replies.read", "read and check replies"),
-    ("meanflock.worldsim.remote:RemoteCrew._collect", "collect commands and frames"),
+    ("meanflock.net.remote:RemoteCrew._ask", "address and fill inboxes"),
+    ("meanflock.net.barrier:Barrier.ask", "address and fill inboxes"),
+    ("meanflock.net.remote:RemoteCrew._in_lockstep", "barrier, the loop"),
+    ("meanflock.net.admission:Admission.handle", "take in replies"),
+    ("meanflock.net.barrier:Replies.read", "read and check replies"),
+    ("meanflock.net.remote:RemoteCrew._collect", "collect commands and frames"),
     ("meanflock.worldsim.crew:LocalCrew.hear", "address and fill inboxes"),
     ("meanflock.worldsim.crew:LocalCrew.speak", "collect commands and frames"),
     ("meanflock.worldsim.commands:Commands.store", "collect commands and frames"),
@@ -58,9 +58,9 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.world:World._begin_faults", "fault script"),
     ("meanflock.worldsim.world:World.checkpoint", "checkpoints"),
     ("meanflock.worldsim.reporting:Blocks.write", "telemetry"),
-    ("meanflock.worldsim.reporting:Outbox.add", "telemetry"),
-    ("meanflock.worldsim.reporting:Outbox.publish", "telemetry"),
-    ("meanflock.groundstation.launch.station:Station.handle", "telemetry"),
+    ("meanflock.net.outbox:Outbox.add", "telemetry"),
+    ("meanflock.net.outbox:Outbox.publish", "telemetry"),
+    ("meanflock.launch.station:Station.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
     ("meanflock.worldsim.flight:Flight.advance", "flight: arrivals, events"),
@@ -70,7 +70,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.books:Books.settle", "flight: books"),
     ("meanflock.worldsim.flight:pairs", "flight: close pairs"),
 ]
-ZENOH_BUS: list[Part] = [("meanflock.swarm.net.session:ZenohBus.put", "bus: put")]
+ZENOH_BUS: list[Part] = [("meanflock.net.session:ZenohBus.put", "bus: put")]
 
 
 class Stopwatch:
@@ -190,8 +190,8 @@ def _in_process(effort: Effort) -> dict[str, Any]:
 def _networked(effort: Effort) -> dict[str, Any]:
     """Profile a swarm: the world in this process, one agent of 25 that measures itself, and a ground station."""
     from benchmarks.processes import Children
+    from meanflock.net.networked import NetworkedRun
     from meanflock.swarm import scenario
-    from meanflock.worldsim.networked import NetworkedRun
 
     ticks = effort.choose(600, 150)
     flown = scenario.load(None, uavs=UAVS, stop="duration", duration=1e6)
@@ -200,9 +200,7 @@ def _networked(effort: Effort) -> dict[str, Any]:
         try:
             bus.announce(keys.alive(children.run, "world", "world"))
             report, out = children.folder / "agent.json", children.folder / "runs"
-            watch.wrap(
-                [*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "wait for replies")]
-            )
+            watch.wrap([*CODEC, *WORLD, *ZENOH_BUS, ("meanflock.net.session:ZenohBus.receive", "wait for replies")])
             world = NetworkedRun(flown, bus, children.run, stations=1)
             children.start("meanflock.groundstation", "--out", str(out), "--rerun", "")
             children.start("meanflock.leader")
@@ -276,7 +274,7 @@ def main() -> None:
         with Stopwatch(time.thread_time_ns) as watch:
             _Weighed.stopwatch, _Weighed.report = watch, given.report
             _Weighed.last = _Weighed.first + given.ticks
-            watch.wrap([*LEARNER, *CODEC, *ZENOH_BUS, ("meanflock.swarm.net.session:ZenohBus.receive", "bus: receive")])
+            watch.wrap([*LEARNER, *CODEC, *ZENOH_BUS, ("meanflock.net.session:ZenohBus.receive", "bus: receive")])
             client = NodeClient(bus, given.run)
             client.join(Join("agent", 1), _Weighed, 60.0)
             client.serve(lambda: False, orphaned)

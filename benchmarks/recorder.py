@@ -5,16 +5,17 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from meanflock.launch.engine import Engine
+from meanflock.results.run_folder import RECORDING, RunFolder
+from meanflock.results.timeseries_file import TIMESERIES
+
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.processes import Children
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.results.run_folder import RECORDING, RunFolder
-from meanflock.groundstation.results.timeseries_file import TIMESERIES
+from meanflock.net import keys
+from meanflock.net.networked import NetworkedRun
+from meanflock.net.session import ZenohBus
+from meanflock.recording.recorder import Recorder
 from meanflock.swarm import scenario
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.networked import NetworkedRun
 
 TITLE = "The recorder"
 ABOUT = (

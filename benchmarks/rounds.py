@@ -5,14 +5,15 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.processes import Children
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.federation.plan import plan_of
+from meanflock.net.networked import NetworkedRun
+from meanflock.net.session import ZenohBus
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.networked import NetworkedRun
 from meanflock.worldsim.world import REPORT_EVERY_TICKS
 
 TITLE = "Long models, and rounds without a leader"
@@ -117,7 +118,7 @@ def _flying(topology: str) -> Iterator[Iterator[int]]:
         bus = ZenohBus.router(swarm.endpoint)
         try:
             world = NetworkedRun(flown, bus, swarm.run)
-            if flown.leaders():
+            if plan_of(flown).leaders():
                 swarm.start("meanflock.leader")
             swarm.start("meanflock.agent", "--count", str(UAVS))
             world.gather(60.0)

@@ -4,13 +4,13 @@ import time
 from itertools import pairwise
 
 import psutil
+from meanflock.launch.station import Station
 
 from benchmarks.agent_process import connected, memory_mib
 from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.networked import floor_tick_ms
 from benchmarks.processes import BenchmarkFailed, Children
-from meanflock.groundstation.launch.station import Station
-from meanflock.groundstation.memory import available_mb, needed_mb
+from meanflock.launch.memory import available_mb, needed_mb
 from meanflock.swarm.wire.messages import Telemetry
 
 TITLE = "From 25 to 200 processes"

@@ -4,9 +4,10 @@ from functools import cache
 
 import numpy as np
 
+from meanflock.federation.plan import plan_of
+from meanflock.net.keys import fingerprint
 from meanflock.swarm import scenario, state
 from meanflock.swarm.declared import Declared
-from meanflock.swarm.net.keys import fingerprint
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -19,7 +20,7 @@ TICK = 1000
 @cache
 def declared(method: str) -> Declared:
     """Declarations of a method's controller."""
-    return scenario.load(None, method=method).declared
+    return plan_of(scenario.load(None, method=method)).declared
 
 
 def sense(inbox: tuple[Frames, ...] = ()) -> Sense:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from meanflock.channel.base import MOST_SLOTS, Carried, Channel, Memory, Message, carried, closed_form, failed
 from meanflock.channel.meter import Links, Meter
+from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_memory, check_same_form
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -31,18 +31,19 @@ Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,)
 class Medium:
     """The emulated radio of one run."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput if the scenario's channel is not installed, its options do not fit, or its `init` fails."""
+    def __init__(self, plan: Plan) -> None:
+        """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
+        scenario, hops = plan.scenario, plan.hops
         radio = scenario.radio
         self.meter = Meter(radio, scenario.uavs)
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self._memory = _begun(self._channel, radio.model, scenario.uavs)
         self._rng = generator(scenario.seed, "radio")
-        self._targets = {hop.label: hop.targets for hop in scenario.hops}
+        self._targets = {hop.label: hop.targets for hop in hops}
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
-        self._reach = {hop.label: hop.range_m for hop in scenario.hops if hop.range_m is not None}
+        self._reach = {hop.label: hop.range_m for hop in hops if hop.range_m is not None}
         self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
         # By kind and number of a batch: its last senders, the mask of the UAVs that they reached (None: all), and their
@@ -196,8 +197,8 @@ class Medium:
             row, target = reached.nonzero()
             links = Links.between(kind, sources, row, target, uavs)
         elif (target_of := self._targets.get(kind)) is not None:
-            target = target_of[sources]
-            links = Links.between(kind, sources, rows.repeat(target.shape[1]), target.ravel(), uavs, is_unicast=True)
+            several = target_of[sources]
+            links = Links.between(kind, sources, rows.repeat(several.shape[1]), several.ravel(), uavs, is_unicast=True)
         elif is_broadcast:
             target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
             links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), uavs)

@@ -9,9 +9,10 @@ import numpy as np
 
 from meanflock.channel.base import Channel, closed_form, failed
 from meanflock.federation.fragments import longest
+from meanflock.federation.plan import Plan, plan_of
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins
-from meanflock.swarm.errors import FAILURES
+from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import POSITION, Floats
@@ -76,10 +77,11 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
         BadInput: the channel is not installed, or its options do not fit.
         RunFailed: its closed form fails.
     """
-    if not scenario.hops:
+    plan = plan_of(scenario)
+    if not plan.hops:
         return []
-    channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
-    found = (_outlook(scenario, channel, hop) for hop in scenario.hops if not hop.is_local)
+    channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, plan.scenario)
+    found = (_outlook(scenario, channel, hop) for hop in plan.hops if not hop.is_local)
     return [one for one in found if one is not None]
 
 
@@ -170,10 +172,11 @@ def _settings(scenario: Scenario, message: str) -> Iterator[str]:
 def _lost(scenario: Scenario, message: str, path: str, value: Any) -> float:
     """Share of the models of a kind that would be lost with another value of a key; 1 if the value does not fit."""
     table, key = path.split(".")
+    plan = plan_of(scenario)
     try:
-        part = msgspec.structs.replace(getattr(scenario, table), **{key: value})
-        changed = msgspec.structs.replace(scenario, **{table: part})
-    except ValueError:  # other keys need wider floats
+        part = msgspec.structs.replace(getattr(plan.given, table), **{key: value})
+        changed = msgspec.structs.replace(plan.given, **{table: part})
+        Plan(changed, plan.declared)  # no radio changes what a controller declares
+    except (ValueError, BadInput):  # other keys need wider floats, or longer rounds
         return 1.0
-    vars(changed)["declared"] = scenario.declared  # no radio changes what a controller declares
     return next(one.lost for one in outlooks(changed) if one.message == message)

@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from meanflock.groundstation.results import event_log, quantities, rounds_table, series
-from meanflock.groundstation.results.quantities import Field
+from meanflock.results.quantities import Field
+
+from meanflock.results import event_log, quantities, rounds_table, series
 from meanflock.studies.frontier import record
 from meanflock.studies.leaderboard import board
 from meanflock.studies.leaderboard.measures import MEASURES, Measure

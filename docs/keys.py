@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from meanflock.groundstation import catalogue
-from meanflock.groundstation.cli.completion import KEYS as COMPLETED
-from meanflock.groundstation.results.quantities import KEY_UNITS
+from meanflock.cli.completion import KEYS as COMPLETED
+from meanflock.results.quantities import KEY_UNITS
+
+from meanflock.cli import catalogue
 from meanflock.swarm import plugins, scenario
 
 PAGE = Path(__file__).with_suffix(".md")

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from meanflock.groundstation import statistics
-from meanflock.groundstation.statistics import Estimate
+from meanflock.net import process
+from meanflock.results import statistics
+from meanflock.results.statistics import Estimate
 from meanflock.studies.leaderboard import board, maps, markdown, pareto
 from meanflock.studies.leaderboard.board import Board, Standing
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.studies.markdown import replaced, table
-from meanflock.swarm import process
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = Path(__file__).with_suffix(".md"), HERE / "results" / "leaderboard.json"

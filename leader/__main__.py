@@ -8,13 +8,13 @@ from meanflock.swarm.errors import needed
 
 with needed("the leader"):
     from meanflock.leader.node import Leader
+    from meanflock.net import keys
+    from meanflock.net.access import LEADER
+    from meanflock.net.client import take_part
+    from meanflock.net.process import Interrupted, end_with_launcher, identity, main, orphaned, parser
+    from meanflock.net.session import ZenohBus
     from meanflock.swarm import logs
     from meanflock.swarm.errors import Refused
-    from meanflock.swarm.net import keys
-    from meanflock.swarm.net.access import LEADER
-    from meanflock.swarm.net.client import take_part
-    from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import Interrupted, end_with_launcher, identity, main, orphaned, parser
     from meanflock.swarm.wire.messages import Join
 
 

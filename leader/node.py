@@ -3,6 +3,7 @@
 import numpy as np
 
 from meanflock.federation.party import Party
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import state
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
@@ -14,8 +15,8 @@ class Leader:
     def __init__(self, welcome: Welcome) -> None:
         """Raises BadInput if `init` of the aggregation rule fails."""
         self.problems: list[str] = []  # texts for the world that were not sent yet
-        scenario = decode(welcome.scenario)
-        self._party = Party(scenario, "leader", np.zeros(0, dtype=np.intp), self.problems)
+        plan = plan_of(decode(welcome.scenario))
+        self._party = Party(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)
 
     def act(self, sense: Sense) -> Act:
         """Compute one tick.

@@ -1,6 +1,6 @@
 """`python -m meanflock`: the `meanflock` command."""
 
-from meanflock.groundstation.cli.__main__ import main
+from meanflock.cli.__main__ import main
 
 if __name__ == "__main__":
     main()

@@ -10,8 +10,8 @@ import numpy as np
 
 from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.comparison import Comparison
-from meanflock.groundstation import memory
-from meanflock.groundstation.temporary import TemporaryFolder
+from meanflock.launch import memory
+from meanflock.launch.temporary import TemporaryFolder
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.store import Store

@@ -91,5 +91,5 @@ class Comparison:
             BadInput: Matplotlib is not installed.
         """
         with available("Comparison.plot", "ground"):
-            from meanflock.groundstation.plots.comparison import plot_points
+            from meanflock.results.plots.comparison import plot_points
         return plot_points(self.means.names, self.means.points)

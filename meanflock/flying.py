@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from meanflock.channel.outlook import warn_of_lost_models
-from meanflock.groundstation import memory
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
-from meanflock.groundstation.results.quantities import check_diagnostics
+from meanflock.federation.plan import plan_of
+from meanflock.launch import memory
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
+from meanflock.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.swarm import paths, threads
@@ -18,7 +19,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.reporting import BlockSink
 
 if TYPE_CHECKING:
-    from meanflock.groundstation.launch.outputs import Outputs
+    from meanflock.launch.outputs import Outputs
 
 Progress = Callable[[int, int], None]  # ticks flown, and the largest number of ticks
 
@@ -99,7 +100,7 @@ def prepared(
     """
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
-    check_diagnostics(flown.method, flown.declared.diagnostics)
+    check_diagnostics(flown.method, plan_of(flown).declared.diagnostics)
     memory.check([flown])
     warn_of_lost_models([flown])
     outputs = None
@@ -107,10 +108,10 @@ def prepared(
     kept = Kept()
     sinks: list[BlockSink] = [kept]
     if out is not None:
-        from meanflock.groundstation import disk
-        from meanflock.groundstation.launch.options import Options, records
-        from meanflock.groundstation.launch.outputs import Outputs
-        from meanflock.groundstation.launch.run import new_run
+        from meanflock.launch.options import Options, records
+        from meanflock.launch.outputs import Outputs
+        from meanflock.launch.run import new_run
+        from meanflock.results import disk
 
         record = record and records(True, "record=True", quiet=True)
         out = paths.given(out)

@@ -5,13 +5,13 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meanflock.groundstation.results.in_words import UNKNOWN, number
-from meanflock.groundstation.results.quantities import Quantity, quantity, table_column
-from meanflock.groundstation.results.quantities import number as figure
+from meanflock.results.in_words import UNKNOWN, number
+from meanflock.results.quantities import Quantity, quantity, table_column
+from meanflock.results.quantities import number as figure
 from meanflock.swarm.errors import BadInput, printable
 
 if TYPE_CHECKING:
-    from meanflock.groundstation.plots.run import Shown
+    from meanflock.results.plots.run import Shown
     from meanflock.studies.means import Means
 
 _FIGURES = ("t_avg_s", "energy_mean_J", "payload_bits.total", "phi_A", "phi_C_distinct")
@@ -50,7 +50,7 @@ def html_of_means(means: "Means") -> str:
 
 def _picture(shown: "Callable[[], Shown]") -> str:
     try:
-        from meanflock.groundstation.plots.thumbnail import thumbnail
+        from meanflock.results.plots.thumbnail import thumbnail
 
         return f"<div style='{_PICTURE}'>{thumbnail(shown())}</div>"
     except (ImportError, BadInput):  # Matplotlib is not installed, or the time series cannot be read

@@ -11,13 +11,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from meanflock.groundstation.results.event_log import row_of, stored_lines
-from meanflock.groundstation.results.rounds_table import rounds_table, stored_rounds
-from meanflock.groundstation.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
-from meanflock.groundstation.results.series import long_form, rows_of, states_of
-from meanflock.groundstation.results.summary_file import read_summary
-from meanflock.groundstation.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
 from meanflock.notebook import html_of_run
+from meanflock.results.event_log import row_of, stored_lines
+from meanflock.results.rounds_table import rounds_table, stored_rounds
+from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
+from meanflock.results.series import long_form, rows_of, states_of
+from meanflock.results.summary_file import read_summary
+from meanflock.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
 from meanflock.swarm import paths, scenario
 from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.events import RoundEnded
@@ -27,7 +27,7 @@ from meanflock.swarm.wire.messages import Telemetry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from meanflock.groundstation.plots.run import Shown
+    from meanflock.results.plots.run import Shown
 
 What: TypeAlias = Literal["paths", "curves"]
 Progress = Callable[[int, int], None]  # ticks written, and all ticks
@@ -156,12 +156,12 @@ class Run:
         if what not in get_args(What):
             raise BadInput(f'what: {what!r}; give "paths" for a map, or "curves" for panels over time')
         with available("Run.plot", "ground"):
-            from meanflock.groundstation.plots.run import plot_curves, plot_paths
+            from meanflock.results.plots.run import plot_curves, plot_paths
         return plot_paths(self._shown()) if what == "paths" else plot_curves(self._shown())
 
     def _shown(self) -> "Shown":
         """The run for its pictures."""
-        from meanflock.groundstation.plots.run import Shown
+        from meanflock.results.plots.run import Shown
 
         return Shown(self._rows(), self.scenario, self.events)
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 
@@ -54,5 +55,5 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         flown = scenario.replace(**given)
     else:
         flown = Scenario(**given) if scenario is None else Scenario.load(scenario, **given)
-    flown.declared  # noqa: B018  # whoever cannot fly it hears of it now
+    plan_of(flown)  # whoever cannot fly it hears of it now
     return flown

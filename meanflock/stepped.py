@@ -14,6 +14,7 @@ from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.controllers.filtered import Filter, of_inner
 from meanflock.agent.guarded import check_broadcasts
 from meanflock.agent.stepped import Command, External
+from meanflock.federation.plan import plan_of
 from meanflock.flying import Progress, prepared
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
@@ -218,7 +219,7 @@ class Stepped:
         self.states: States = self._world.flight.states.copy()
 
     def _checked(self, acceleration: Any, broadcasts: Any, models: Any) -> Command:
-        uavs, declared = self.scenario.uavs, self.scenario.declared
+        uavs, declared = self.scenario.uavs, plan_of(self.scenario).declared
         try:
             commanded = as_floats("acceleration", acceleration, (uavs, AXES))
             if len(broadcasts):

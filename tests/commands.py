@@ -6,7 +6,7 @@ from typing import Any
 
 from tests.polling import DEADLINE_S
 
-COMMAND = (sys.executable, "-m", "meanflock.groundstation.cli")
+COMMAND = (sys.executable, "-m", "meanflock.cli")
 
 
 def ended(*line: object, **options: Any) -> "subprocess.CompletedProcess[str]":

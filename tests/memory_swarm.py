@@ -3,16 +3,18 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from meanflock.launch.station import Station
+
 from meanflock.agent.node import Agent
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.station import Station
+from meanflock.federation.plan import plan_of
+from meanflock.launch import engine
 from meanflock.leader.node import Leader
-from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.net.client import Node, NodeClient
+from meanflock.net.bus import Bus, MemoryNetwork
+from meanflock.net.client import Node, NodeClient
+from meanflock.net.networked import NetworkedRun
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Join, Welcome
 from meanflock.worldsim.checkpoint import Resumption
-from meanflock.worldsim.networked import NetworkedRun
 from meanflock.worldsim.reporting import BlockSink
 
 
@@ -48,7 +50,7 @@ class MemorySwarm(NetworkedRun):
         sizes = [size] * -(-scenario.uavs // size) if isinstance(size, int) else size
         for rows in sizes:
             self.join(Join("agent", rows), Agent)
-        for _ in range(scenario.leaders(self.world.tick) if leaders is None else leaders):
+        for _ in range(plan_of(scenario).leaders(self.world.tick) if leaders is None else leaders):
             self.join(Join("leader", 0), Leader)
         self.gather(10.0)
 

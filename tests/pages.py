@@ -6,8 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 import click
-
-from meanflock.groundstation.cli.command import cli
+from meanflock.cli.command import cli
 
 ROOT = Path(__file__).parents[1]
 

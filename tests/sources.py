@@ -8,11 +8,14 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
-ROOMS = tuple(sorted(path.name for path in (ROOT / "meanflock").iterdir() if path.is_symlink()))
-CLI = "meanflock.groundstation.cli"  # with all that is called so: the commands are calls of the Python API
-DOOR = sorted(path for path in (ROOT / "meanflock").rglob("*.py") if path.relative_to(ROOT).parts[1] not in ROOMS)
-REPRODUCTION = sorted((ROOT / "reproduction").rglob("*.py"))  # of the source, not of the package
-MODULES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py")) + DOOR + REPRODUCTION
+PACKAGE = ROOT / "meanflock"
+BESIDE = tuple(sorted(path.name for path in PACKAGE.iterdir() if path.is_symlink()))  # rooms at the top level
+API = ("env", "testing")  # folders of the Python API
+ROOMS = tuple(sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py") if path.parent.name not in API))
+PROGRAMS = {f"meanflock.{room}.__main__" for room in ("agent", "leader", "worldsim", "groundstation")}
+DOOR = sorted([*PACKAGE.glob("*.py"), *(path for name in API for path in (PACKAGE / name).rglob("*.py"))])
+RESEARCH = sorted((ROOT / "research").rglob("*.py"))  # of the source, not of the package
+MODULES = sorted(path for room in ROOMS for path in (PACKAGE / room).resolve().rglob("*.py")) + DOOR + RESEARCH
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
@@ -46,7 +49,7 @@ def imported(path: Path) -> set[str]:
 
 def module_of(path: Path) -> str:
     parts = list(path.relative_to(ROOT).with_suffix("").parts)
-    parts = parts if parts[0] in ("meanflock", "reproduction") else ["meanflock", *parts]
+    parts = parts if parts[0] in ("meanflock", "research") else ["meanflock", *parts]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -67,11 +70,13 @@ def needed(path: Path) -> set[str]:
 
 
 def room_of(module: str) -> str:
-    """The room a module belongs to; the command line is one of its own."""
-    if module.startswith(CLI) or module == "meanflock.__main__":
+    """The room a module belongs to; a program counts as the launcher's."""
+    if module == "meanflock.__main__":
         return "cli"
-    if module.split(".")[0] == "reproduction":
-        return "reproduction"
+    if module in PROGRAMS:
+        return "launch"
+    if module.split(".")[0] == "research":
+        return "research"
     second = module.split(".")[1] if "." in module else ""
     return second if second in ROOMS else "meanflock"
 

@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
 
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
-from meanflock.groundstation.results import event_log
+from meanflock.results import event_log
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event
 from meanflock.worldsim.checkpoint import Resumption

@@ -14,12 +14,13 @@ from typing import Any
 
 import click
 import pytest
+from meanflock.cli.command import main
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.studies import communication, runner
+from meanflock.studies import runner
 from meanflock.swarm import __version__
 from meanflock.testing import check_controller
+from research import communication
 from tests.commands import printed
 from tests.pages import commands, modules_of, script_of
 from tests.sources import MODULES, PROJECT, ROOT
@@ -168,7 +169,7 @@ def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
     assert sorted(paths) == sorted(str(page.relative_to(ROOT)) for page in website.pages())
 
 
-@pytest.mark.parametrize("name", ["api", "data", "keys", "rooms"])
+@pytest.mark.parametrize("name", ["api", "data", "keys"])
 def test_a_written_page_is_that_of_the_code(name: str) -> None:
     script = script_of(name)
     path, expected = (script.PICTURE, script.picture()) if name == "rooms" else (script.PAGE, script.page())

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.commands import ended, printed
-from tests.sources import ROOMS, ROOT
+from tests.sources import BESIDE, ROOT
 
 
 def stages() -> dict[str, str]:
@@ -30,11 +30,11 @@ def test_images_start_from_the_one_base_image() -> None:
 
 
 def test_every_package_enters_the_images() -> None:
-    for room in ROOMS:  # a link out of the build's folder would lead nowhere
+    for room in BESIDE:  # a link out of the build's folder would lead nowhere
         assert (ROOT / "meanflock" / room).readlink() == Path("..", room)
         assert (ROOT / room / "__init__.py").is_file()
     admitted = set(re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
-    assert admitted == {"pyproject.toml", "setup.py", "constraints.txt", "LICENSE", "meanflock", *ROOMS}
+    assert admitted == {"pyproject.toml", "setup.py", "constraints.txt", "LICENSE", "meanflock", *BESIDE}
     assert "COPY . .\n" in (ROOT / "Dockerfile").read_text()
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from meanflock.groundstation.cli.completion import VARIABLE
+from meanflock.cli.completion import VARIABLE
 from tests.commands import loaded, printed
 from tests.groundstation.conftest import QUICK
 from tests.sources import (
+    DOOR,
     MODULES,
     NAMES,
     ROOMS,
@@ -27,27 +28,55 @@ from tests.sources import (
     text,
 )
 
-MAY_IMPORT: dict[str, set[str]] = {  # of the other rooms; `meanflock` is the package itself
-    "kernels": set(),
-    "swarm": {"kernels"},
-    "federation": {"swarm"},
-    "agent": {"swarm", "kernels", "federation"},
-    "leader": {"swarm", "kernels", "federation"},
-    "channel": {"swarm", "kernels", "federation"},
-    # World and channel are one process, and agents and leader may be in it, too.
-    "worldsim": {"swarm", "kernels", "federation", "channel", "agent", "leader"},
-}
-for room in ("groundstation", "studies", "meanflock", "reproduction", "cli"):  # each may import all before it
-    MAY_IMPORT[room] = set(MAY_IMPORT)
+# From the lowest up; a room may import those below its row. `meanflock` is the Python API; programs are the launcher's.
+ROWS: tuple[tuple[str, ...], ...] = (
+    ("kernels",),
+    ("swarm",),
+    ("federation",),
+    ("agent", "channel", "leader"),
+    ("worldsim",),
+    ("net", "results"),
+    ("bridge", "export", "recording"),
+    ("launch", "groundstation"),
+    ("studies",),
+    ("meanflock",),
+    ("research",),
+    ("cli",),
+)
+ABOVE = {room: {other for row in ROWS[k:] for other in row} - {room} for k, row in enumerate(ROWS) for room in row}
 
 
 def test_imports_flow_one_way() -> None:
+    assert {*ROOMS, "meanflock", "research"} == set(ABOVE)
     for path in MODULES:
         room = room_of(module_of(path))
-        others = {room_of(name) for name in needed(path)} - {room}
-        assert others <= MAY_IMPORT[room], name_of(path)
+        assert not {room_of(name) for name in needed(path)} & ABOVE[room], name_of(path)
         bare = {name.split(".")[0] for name in imported(path)} & set(ROOMS)
         assert not bare, f"{name_of(path)}: rooms are imported as meanflock.<room>"
+
+
+BLOCKED = """
+import importlib, sys
+from importlib.abc import MetaPathFinder
+
+class Wall(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.startswith({above!r}):
+            raise ImportError(f"{{name}} is above")
+
+sys.meta_path.insert(0, Wall())
+for name in {modules!r}:
+    importlib.import_module(name)
+"""
+
+
+@pytest.mark.parametrize("room", sorted(set(ROOMS) - {"groundstation"}))
+def test_a_room_can_be_imported_where_the_rooms_above_it_are_not(room: str) -> None:
+    above = ("research", *(f"meanflock.{name}" for name in ABOVE[room] & set(ROOMS)))
+    modules = [name for name, path in NAMES.items() if room_of(name) == room and path.name != "__main__.py"]
+    printed(
+        sys.executable, "-c", BLOCKED.format(above=above, modules=modules), env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
@@ -55,22 +84,23 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     TopologicalSorter({name: needed(path) for name, path in NAMES.items()}).prepare()  # a CycleError names the circle
 
 
-GROUND = ("groundstation/", "studies/", "meanflock/", "reproduction/")
+GROUND = (  # where a person stands
+    *map(name_of, DOOR),
+    "research/",
+    *(f"meanflock/{room}/" for room in ("cli", "export", "groundstation", "launch", "recording", "results", "studies")),
+)
 
 
 @pytest.mark.parametrize(
     ("libraries", "users"),
     [
-        (("zenoh",), ("swarm/net/session.py",)),
-        (("prometheus_client",), ("worldsim/exporter.py",)),
-        (("rerun", "rerun_sdk"), ("groundstation/recording/",)),
+        (("zenoh",), ("meanflock/net/session.py",)),
+        (("prometheus_client",), ("meanflock/net/exporter.py",)),
+        (("rerun", "rerun_sdk"), ("meanflock/recording/",)),
         (("click", "rich", "psutil", "pyarrow", "matplotlib"), GROUND),
-        (
-            ("foxglove_schemas_protobuf", "google", "mcap", "mcap_protobuf", "rosbags"),
-            tuple(f"groundstation/export/{name}.py" for name in ("columns", "foxglove", "rosbag")),
-        ),
-        (("pymavlink",), ("swarm/wire/mavlink.py",)),
-        (("tomli_w",), (*GROUND, "swarm/scenario/values.py")),
+        (("mcap", "rosbags"), ("meanflock/export/bag.py", "meanflock/export/messages.py")),
+        (("pymavlink",), ("meanflock/bridge/mavlink.py",)),
+        (("tomli_w",), (*GROUND, "meanflock/swarm/scenario/values.py")),
         (("scipy",), GROUND),
         (("gymnasium", "pettingzoo"), ("meanflock/env/",)),
         (("pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve"), ()),
@@ -87,10 +117,18 @@ def test_a_library_is_imported_only_where_it_belongs(libraries: tuple[str, ...],
 @pytest.mark.parametrize(
     ("modules", "users"),
     [
-        (r"meanflock\.kernels\.(compiled|reference|_native)", ("kernels/", "groundstation/doctor.py")),
+        (
+            r"meanflock\.kernels\.(compiled|reference|_native)",
+            ("meanflock/kernels/", "meanflock/launch/doctor.py"),
+        ),
         (
             r"meanflock\.(kernels\.mean_field|swarm\.scenario\.mean_field).*",
-            ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/"),
+            (
+                "agent/controllers/mean_field/",
+                "meanflock/kernels/",
+                "meanflock/swarm/scenario/",
+                "research/",
+            ),
         ),
     ],
 )
@@ -104,15 +142,20 @@ def test_a_module_of_ours_is_imported_only_where_it_belongs(modules: str, users:
 ONLY = [
     (  # all durations and deadlines are of monotonic clocks; the wall clock names folders and dates certificates
         r"time\.(time|time_ns|ctime|localtime|gmtime)|(datetime\.)?(datetime\.(now|utcnow|today)|date\.today)",
-        tuple(f"groundstation/{name}.py" for name in ("launch/run", "__main__", "certs", "doctor")),
+        tuple(
+            f"meanflock/{name}.py" for name in ("launch/run", "groundstation/__main__", "launch/certs", "launch/doctor")
+        ),
     ),
-    (r".*default_rng", ("swarm/seeds.py", "studies/", "meanflock/testing/", "reproduction/")),
+    (
+        r".*default_rng",
+        ("meanflock/swarm/seeds.py", "meanflock/studies/", "meanflock/testing/", "research/"),
+    ),
     (r"eval|exec", ()),
     (r"np\.load", ("agent/controllers/policy/network.py",)),  # that it unpickles nothing: tests/door/test_env.py
-    (r"kernels\.BACKEND", ("groundstation/doctor.py", "worldsim/summary.py")),
+    (r"kernels\.BACKEND", ("meanflock/launch/doctor.py", "worldsim/summary.py")),
     (  # the tables of the mean-field methods
         r".*scenario\.(cost|learner|density|offline)",
-        ("agent/controllers/mean_field/", "kernels/", "swarm/scenario/", "reproduction/"),
+        ("agent/controllers/mean_field/", "meanflock/kernels/", "meanflock/swarm/scenario/", "research/"),
     ),
 ]
 
@@ -126,16 +169,19 @@ def test_a_name_is_used_only_where_it_belongs(pattern: str, users: tuple[str, ..
 
 
 HEAVY = ["rerun", "rerun_bindings", "pyarrow", "click", "rich", "psutil", "pandas", "hypothesis", "matplotlib"]
-HEAVY += ["meanflock.groundstation", "meanflock.studies", "pickletools", "prometheus_client", "scipy"]
+HEAVY += [f"meanflock.{room}" for room in ("cli", "export", "groundstation", "recording", "results", "studies")]
+HEAVY += ["pickletools", "prometheus_client", "scipy"]
 SCIENCE = [*HEAVY, "meanflock.channel", "meanflock.worldsim"]
 DRAWING = ["rerun", "rerun_bindings", "matplotlib"]
 FLYING = [*DRAWING, "numpy", "pyarrow", "rich", "psutil", "zenoh"]
+PURE = """from meanflock.swarm.scenario import Scenario
+Scenario(method="orca", uavs=9, **{"federation.topology": "clusters", "filter.kind": "ecbf"}).replace(seed=2)"""
 DRAW_NOTHING = "import random; random.seed(1); before = random.getstate(); import meanflock as mf; mf.compare\n"
 
 
 def called(*arguments: str) -> str:
     """Code that calls the command."""
-    return f"from meanflock.groundstation.cli.command import main\nassert main({list(arguments) or None}) == 0"
+    return f"from meanflock.cli.command import main\nassert main({list(arguments) or None}) == 0"
 
 
 def completed(line: str) -> str:
@@ -148,13 +194,14 @@ def completed(line: str) -> str:
     ("code", "forbidden"),
     [
         ("import meanflock.agent.__main__, meanflock.leader.__main__", SCIENCE),
+        (PURE, [*SCIENCE, "meanflock.agent", "meanflock.federation"]),
         ("import meanflock.worldsim.__main__", HEAVY),
         (  # statistics take a second of the start of each worker and command
-            "import meanflock.studies.study, reproduction.experiments, meanflock.studies.means",
+            "import meanflock.studies.study, research.reproduction.experiments, meanflock.studies.means",
             ["scipy.stats", "matplotlib", "rerun"],
         ),
         (f"{DRAW_NOTHING}assert random.getstate() == before", ["matplotlib", "rich", "rerun", "click"]),
-        (called("--help"), [*FLYING, "meanflock.groundstation.cli.fly"]),
+        (called("--help"), [*FLYING, "meanflock.cli.fly"]),
         (called("run", "--help"), FLYING),
         (
             called(*QUICK, "--json"),
@@ -184,12 +231,14 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ[name] = "4"
 threads = lambda: print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
 sys.addaudithook(lambda event, about: threads() if (event, about[0]) == ("import", "numpy") else None)
-import meanflock.groundstation.cli.__main__, numpy
+import meanflock.cli.__main__, numpy
 """
 
 
 def test_every_process_limits_blas_to_one_thread_before_it_imports_numpy() -> None:
-    for room in ("groundstation/cli", "agent", "leader", "worldsim", "groundstation"):
-        names = re.findall(r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / room / "__main__.py"), re.MULTILINE)
+    for room in ("cli", "agent", "leader", "worldsim", "groundstation"):
+        names = re.findall(
+            r"^\s*(?:import|from) (meanflock\S*|numpy)", text(ROOT / "meanflock" / room / "__main__.py"), re.MULTILINE
+        )
         assert names[0] == "meanflock.swarm.one_thread", room
     assert printed(sys.executable, "-c", WATCH).strip() == "1 1"

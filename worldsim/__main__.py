@@ -11,12 +11,13 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the world", "world"):
-    from meanflock.swarm import logs, scenario, threads
-    from meanflock.swarm.errors import BadInput, RunFailed
-    from meanflock.swarm.net import access, keys
-    from meanflock.swarm.net.access import WORLD, Address
-    from meanflock.swarm.net.session import ZenohBus
-    from meanflock.swarm.process import (
+    from meanflock.federation.plan import plan_of
+    from meanflock.net import access, keys
+    from meanflock.net.access import WORLD, Address
+    from meanflock.net.limits import Limits, Quotas
+    from meanflock.net.members import MAX_LEADERS
+    from meanflock.net.networked import MODE, NetworkedRun
+    from meanflock.net.process import (
         Interrupted,
         end_with_launcher,
         flag,
@@ -28,12 +29,12 @@ with needed("the world", "world"):
         ready,
         seconds,
     )
+    from meanflock.net.remote import RemoteCrew
+    from meanflock.net.session import ZenohBus
+    from meanflock.swarm import logs, scenario, threads
+    from meanflock.swarm.errors import BadInput, RunFailed
     from meanflock.worldsim.checkpoint import Resumption
     from meanflock.worldsim.clocks import factor
-    from meanflock.worldsim.limits import Limits, Quotas
-    from meanflock.worldsim.members import MAX_LEADERS
-    from meanflock.worldsim.networked import MODE, NetworkedRun
-    from meanflock.worldsim.remote import RemoteCrew
     from meanflock.worldsim.steering import LOCKSTEP
     from meanflock.worldsim.summary import every_uav_was_lost
 
@@ -81,7 +82,7 @@ def run() -> None:
     interrupted = Interrupted()
     end_with_launcher()
     logs.divert()  # standard output carries the summary only
-    limits = Limits(flown)
+    limits = Limits(plan_of(flown))
     quotas = Quotas(keys.check_run(given.run), flown, limits, rows_at_most)
     bus = ZenohBus.router(
         given.endpoint,
@@ -98,7 +99,7 @@ def run() -> None:
         port = None
         if steer is not None:
             with needed("--steer", "mavlink"):
-                from meanflock.worldsim.steering_port import SteeringPort
+                from meanflock.bridge.steering_port import SteeringPort
             port = stack.enter_context(SteeringPort(steer, flown.uavs, flown.dt))
         bus.announce(keys.alive(given.run, "world", "world"))
 
@@ -122,7 +123,7 @@ def run() -> None:
         threads.renew()
         if metrics is not None:
             with needed("--metrics", "world"):  # the library is loaded only if it is used
-                from meanflock.worldsim.exporter import Exporter, exported
+                from meanflock.net.exporter import Exporter, exported
 
             exporter = Exporter(flight.world, given.run, MODE, flight.watch, flight.nodes, flight.outbox)
             flight.sinks.append(exporter)

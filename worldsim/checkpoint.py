@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -144,7 +145,7 @@ class Resumption:
         """
         if self.checkpoint.get("scenario") != scenario.sha256():
             raise BadInput("the checkpoint is of another scenario; resume a run with its own scenario.toml")
-        for stored, now in zip(self.checkpoint.get("plugins", ()), scenario.plugins(), strict=False):
+        for stored, now in zip(self.checkpoint.get("plugins", ()), plugins_of(scenario), strict=False):
             if tuple(stored) != now:
                 raise BadInput(f"the checkpoint is of {stored[0]} {stored[1]!r} of {stored[2]}; here it is of {now[2]}")
 
@@ -183,7 +184,7 @@ def encoded(scenario: Scenario, parts: Mapping[str, Any]) -> bytes:
         {
             "schema": SCHEMA,
             "scenario": scenario.sha256(),
-            "plugins": [list(plugin) for plugin in scenario.plugins()],
+            "plugins": [list(plugin) for plugin in plugins_of(scenario)],
             "version": __version__,
             **parts,
         }

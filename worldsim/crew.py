@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Received
 from meanflock.agent.node import Agent
-from meanflock.federation.fragments import resolved
 from meanflock.federation.mailbox import links_of, mail_for, only
+from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm import state
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -88,9 +87,9 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
     return tuple(own)
 
 
-def no_models(scenario: Scenario) -> Floats:
+def no_models(plan: Plan) -> Floats:
     """Learned weights (N, W) of a swarm of which no UAV has answered yet: NaN."""
-    return np.full((scenario.uavs, scenario.declared.weights), np.nan)
+    return np.full((plan.scenario.uavs, plan.declared.weights), np.nan)
 
 
 def place_of(uavs: NDArray[np.intp]) -> Place:
@@ -129,24 +128,25 @@ class LocalCrew:
         Raises:
             BadInput: a controller cannot be made, its `init` fails, or a memory does not fit.
         """
-        scenario = world.scenario
-        uavs, tick = scenario.uavs, world.tick
+        plan, scenario, tick = world.plan, world.scenario, world.tick
+        uavs = scenario.uavs
         size = uavs if rows_at_most is None else rows_at_most
-        self._scenario = scenario
-        self._encoded = scenarios.encode(resolved(scenario.known()))
-        self._plan = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self._plan = plan
+        self._encoded = scenarios.encode(plan.known)
+        self._starts = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
         self.agents: list[Agent] = []
-        for first in range(0, uavs, size):
-            rows = np.arange(first, min(first + size, uavs))
-            record = b"" if resume is None else resume.memory(rows)
-            if memory is not None and tick == 0:
-                record = encode_record({name: array[rows] for name, array in memory.items()})
-            names = tuple(rows.tolist())
-            self.agents.append(Agent(Welcome(0, f"agent-{first}", names, tick, self._encoded, self._plan, record)))
+        for group in plan.groups:
+            for first in range(0, len(group.uavs), size):
+                rows = group.uavs[first : first + size]
+                record = b"" if resume is None else resume.memory(rows)
+                if memory is not None and tick == 0:
+                    record = encode_record({name: array[rows] for name, array in memory.items()})
+                name, names = f"agent-{rows[0]}", tuple(rows.tolist())
+                self.agents.append(Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record)))
         self._places = [place_of(agent.uavs) for agent in self.agents]
-        self._nothing = np.zeros((uavs, state.AXES + len(scenario.declared.diagnostics)))
+        self._nothing = np.zeros((uavs, state.AXES + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
-        self._standbys = scenario.leaders(tick) if leaders is None else leaders
+        self._standbys = plan.leaders(tick) if leaders is None else leaders
         nodes = len(self.agents) + self._standbys
         self._news: list[News] = [joined(nodes, uavs, None if resume is None else tick)]
         self._senses: list[tuple[int, Sense]] = []  # of the tick that was heard, by the number of the agent
@@ -201,7 +201,7 @@ class LocalCrew:
         else:
             absent = self._join(replies, senses, acts)
         if senses.checkpoint:
-            acts.memories = Memories(self._scenario.uavs)
+            acts.memories = Memories(len(self._nobody))
             for number, reply in replies:
                 if reply.memory:
                     rows = len(self.agents[number].uavs)
@@ -215,8 +215,8 @@ class LocalCrew:
 
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""
-        acts.commands, absent = self._nothing.copy(), np.ones(self._scenario.uavs, dtype=bool)
-        acts.models = no_models(self._scenario) if senses.report and self._scenario.declared.weights else None
+        acts.commands, absent = self._nothing.copy(), np.ones(len(self._nobody), dtype=bool)
+        acts.models = no_models(self._plan) if senses.report and self._plan.declared.weights else None
         for number, reply in replies:
             place = self._places[number]
             acts.commands[place], absent[place] = reply.commands, False
@@ -259,7 +259,7 @@ class LocalCrew:
         if self._standbys:
             self._standbys -= 1
             self._led += 1
-            self._leader = Leader(Welcome(0, _name(self._led), (), 0, self._encoded, self._plan))
+            self._leader = Leader(Welcome(0, _name(self._led), (), 0, self._encoded, self._starts))
 
 
 def _name(leader: int) -> str:

@@ -1,25 +1,16 @@
-"""Telemetry: the rows of a flight in blocks, and the blocks that wait until a ground station acknowledges them.
-
-The world never waits for a ground station. It sends blocks while few are unacknowledged and keeps the rest, bounded; a
-station that comes back gets what it missed.
-"""
+"""Telemetry: the rows of a flight in blocks, with checkpoints in parts."""
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import islice
 from typing import Any, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Bus
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
 from meanflock.worldsim.checkpoint import MAX_BYTES, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -27,8 +18,6 @@ from meanflock.worldsim.world import World
 
 STATE_LINKS_EVERY_TICKS = 10  # hjb uses N(N−1) links a tick: telemetry has all their outages, and a sample of the rest
 
-MAX_WAITING_BYTES = 64 * 2**20
-WINDOW_BLOCKS = 8
 BLOCK_ROWS = 50  # rows of a block at most
 
 _BLOCK_ROWS = 20  # rows of a block of telemetry at least, of a swarm that is not too large for it
@@ -81,79 +70,6 @@ class Direct:
         """Nothing waits."""
 
 
-class Outbox:
-    """Encoded blocks on their way to a ground station.
-
-    dropped: blocks given up because too many waited.
-    """
-
-    def __init__(self, bus: Bus, run: str) -> None:
-        self.dropped = 0
-        self._bus = bus
-        self._run = run
-        self._fingerprint = keys.fingerprint(run)
-        self._checkpoint = -1  # the last block that contains a checkpoint
-        self._waiting: deque[tuple[int, bytes]] = deque()
-        self._bytes = 0
-        self._sent_up_to = -1
-
-    def add(self, block: Telemetry) -> None:
-        """Keep a block until it is acknowledged; drop the oldest ones beyond the limit. Observers get it once."""
-        if block.checkpoint:
-            self._checkpoint = block.block
-        self._add(msgspec.structs.replace(block, run=self._fingerprint))
-
-    def finish(self, block: int, record: dict[str, Any]) -> None:
-        """Add the summary under the number of a block, the last one."""
-        self._finished = Finished(self._fingerprint, block, msgspec.json.encode(record))
-        self._add(self._finished)
-
-    def repeat_summary(self) -> None:
-        """Send the summary again, ahead of all unacknowledged blocks."""
-        self._bus.put(keys.telemetry(self._run), control.encode(self._finished))
-
-    def acknowledge(self, block: int) -> None:
-        """Forget every block up to this one: the station has them."""
-        while self._waiting and self._waiting[0][0] <= block:
-            self._bytes -= len(self._waiting.popleft()[1])
-
-    def rewind(self) -> None:
-        """Send all waiting blocks again: a station is new."""
-        self._sent_up_to = -1
-
-    def publish(self) -> None:
-        """Send the blocks that may be sent now, in order; at most `WINDOW_BLOCKS` are unacknowledged."""
-        ready = [(n, raw) for n, raw in islice(self._waiting, WINDOW_BLOCKS) if n > self._sent_up_to]
-        if ready:
-            self._sent_up_to = ready[-1][0]
-        for _, raw in ready:
-            self._bus.put(keys.telemetry(self._run), raw)
-
-    @property
-    def has_room(self) -> bool:
-        """Returns whether the waiting blocks leave room for a part of a checkpoint without displacing telemetry."""
-        return self._bytes < MAX_WAITING_BYTES // 4
-
-    @property
-    def holds_checkpoint(self) -> bool:
-        """Returns whether the last checkpoint still waits. Another one would displace telemetry."""
-        return bool(self._waiting) and self._waiting[0][0] <= self._checkpoint
-
-    @property
-    def waiting(self) -> int:
-        """Number of unacknowledged blocks."""
-        return len(self._waiting)
-
-    def _add(self, block: Telemetry | Finished) -> None:
-        raw = control.encode(block)
-        self._waiting.append((block.block, raw))
-        self._bytes += len(raw)
-        while self._bytes > MAX_WAITING_BYTES:
-            self._bytes -= len(self._waiting.popleft()[1])
-            self.dropped += 1
-        self._bus.tell(keys.observed(self._run), raw)
-
-
 class Blocks:
     """Sink that gathers the rows of a flight into blocks of telemetry, and puts checkpoints into them.
 
@@ -172,7 +88,7 @@ class Blocks:
             block_rows: most rows of a block; None in real time.
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
-        uavs, self._declared = world.scenario.uavs, world.scenario.declared
+        uavs, self._declared = world.scenario.uavs, world.plan.declared
         self._world = world
         self._mailer = mailer
         self._watch = watch

@@ -10,6 +10,7 @@ import numpy as np
 
 from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
+from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
 from meanflock.swarm.provenance import provenance
@@ -129,7 +130,7 @@ def protocol_summary(world: World, schedule: Schedule | None, *, can_be_steered:
     `schedule`: of a flight in real time. `can_be_steered`: whether clients could steer UAVs.
     """
     counters, post, commands = world.counters, world.post, world.commands
-    names = world.scenario.declared.diagnostics
+    names = world.plan.declared.diagnostics
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     summed = dict(zip(names, commands.summed.tolist(), strict=True))
     ticks = world.flight.ticks_on_way
@@ -185,7 +186,7 @@ def summary(
         "schema": SCHEMA,
         "run_id": run,
         "version": __version__,
-        "provenance": provenance(scenario),
+        "provenance": provenance(plugins_of(scenario)),
         "scenario_sha256": scenario.sha256(),
         "method": str(scenario.method),
         "uavs": scenario.uavs,

@@ -8,11 +8,11 @@ from msgspec import structs
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
 from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.plan import Plan
 from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import Event, RoundEnded
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
@@ -33,7 +33,8 @@ class World:
     them.
 
     Attributes:
-        scenario: what is flown.
+        plan: what is flown.
+        scenario: that of the plan.
         flight: states, energies and metrics of the UAVs.
         air: the radio.
         post: the rounds.
@@ -42,23 +43,24 @@ class World:
         commands: the commands of the last tick.
     """
 
-    def __init__(self, scenario: Scenario, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
+    def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
         Args:
-            scenario: what is flown.
+            plan: what is flown.
             resume: the checkpoint to continue from; None: start at tick 0.
             checkpoint_every: ticks between two checkpoints, a multiple of ten; 0 for none.
 
         Raises:
             BadInput: the checkpoint belongs to another scenario, or is incomplete.
         """
-        self.scenario = scenario
+        self.plan = plan
+        self.scenario = scenario = plan.scenario
         self.flight = Flight(scenario)
-        self.air = Medium(scenario)
-        self.post = Post(scenario)
-        self.models = ModelsHash(scenario)
+        self.air = Medium(plan)
+        self.post = Post(plan)
+        self.models = ModelsHash(plan)
         self.counters = Counters()
-        self.commands = Commands(scenario.uavs, len(scenario.declared.diagnostics))
+        self.commands = Commands(scenario.uavs, len(plan.declared.diagnostics))
         self._script = Script(scenario)
         self._merger = FrameMerger(self.post)
         self._checkpoint_every = checkpoint_every
@@ -258,7 +260,7 @@ class World:
         """A round with what it cost so far, and the means of the diagnostics of UAVs that `replied` (N,)."""
         meter = self.air.meter
         counted = self.commands.diagnostics[replied & self.flight.on_way]
-        names = self.scenario.declared.diagnostics
+        names = self.plan.declared.diagnostics
         means = dict(zip(names, counted.mean(axis=0).tolist(), strict=True)) if len(counted) else {}
         bits, airtime_s = int(meter.total("payload_bits")), meter.total("airtime_s")
         return structs.replace(ended, bits=bits, airtime_s=airtime_s, diagnostics=means)

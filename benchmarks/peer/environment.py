@@ -12,10 +12,11 @@ import tomllib
 from pathlib import Path
 from types import TracebackType
 
+from meanflock.launch.children import sweep
+
 from benchmarks.machine import ROOT
 from benchmarks.processes import BenchmarkFailed
-from meanflock.groundstation.launch.children import sweep
-from meanflock.swarm.process import end_all
+from meanflock.net.process import end_all
 
 FOLDER = ROOT / ".bench"
 SCRIPTS = Path(__file__).parent

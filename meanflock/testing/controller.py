@@ -8,6 +8,7 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Controller
 from meanflock.federation.coding import check_weights
+from meanflock.federation.plan import Plan
 from meanflock.swarm import declared, threads
 from meanflock.swarm.plugins.guard import check_bounded
 from meanflock.swarm.scenario import Scenario
@@ -50,7 +51,7 @@ def check_controller(
         return behind
 
     swarm = PointSwarm(controller, flown, instance)
-    vars(flown)["declared"] = swarm.declared  # the class need not be registered under its name
+    flown = Plan(flown, swarm.declared).scenario  # the class need not be registered under its name
     check_swarm(swarm, slow_ms)
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
         from meanflock.channel.outlook import warn_of_lost_models

@@ -8,6 +8,7 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.filtered import Filter
+from meanflock.federation.plan import Plan
 from meanflock.swarm import threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
@@ -73,7 +74,7 @@ def check_filter(
         return make(filter_, given, flown, Hasty(Hasty.Options(), flown))
 
     swarm = PointSwarm(filter_, flown, instance)
-    vars(flown)["declared"] = swarm.declared  # the controller is not registered
+    flown = Plan(flown, swarm.declared).scenario  # the controller is not registered
     made = instance()
     swarm.init(made, swarm.uavs)
     _admits(filter_, made, swarm)

@@ -71,7 +71,7 @@ class PointSwarm:
             # Checks of a flight, of this instance.
             self.declared = declarations_of(instance, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
-                from meanflock.groundstation.results.quantities import check_diagnostics
+                from meanflock.results.quantities import check_diagnostics
 
                 check_diagnostics(controller.name, self.declared.diagnostics)
         except BadInput as error:

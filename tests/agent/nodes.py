@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from meanflock.agent.node import Agent
+from meanflock.net import keys
 from meanflock.swarm import scenario, state
 from meanflock.swarm.mission import starts
-from meanflock.swarm.net import keys
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.control import FLOAT_OF_BITS

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 from msgspec.structs import replace
 
 from meanflock.agent import node
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.node import Agent
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.engine import Engine
+from meanflock.launch import engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry

@@ -35,13 +35,13 @@ for method, inbox in ((b"mfgfl-hf", ()), (b"hjb", (heard,))):
 FINDING = "import importlib.metadata"
 FORKED = """
 import meanflock.agent.__main__
-from meanflock.agent import prefork
+from meanflock.launch import prefork
 
 prefork._preload()
 """
 PREPARED = """
 from pathlib import Path
-from meanflock.groundstation.launch import forker
+from meanflock.launch import forker
 
 forker.prepare(Path("scenarios/paper.toml"))
 """

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.bridge.observer import Observer
-from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.launch.station import Kept, Station
+from meanflock.bridge.observer import Observer
+from meanflock.launch.processes import free_endpoint
+from meanflock.launch.station import Kept, Station
+from meanflock.net import keys
+from meanflock.net.access import WORLD
+from meanflock.net.bus import MemoryNetwork
+from meanflock.net.outbox import WINDOW_BLOCKS
+from meanflock.net.session import ZenohBus
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_DONE, BusError, RunFailed
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import WORLD
-from meanflock.swarm.net.bus import MemoryNetwork
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.worldsim.reporting import WINDOW_BLOCKS
 from tests.bridge.client import Client
 from tests.faults.by_hand import Processes
 from tests.memory_swarm import MemorySwarm
@@ -65,7 +65,7 @@ def test_an_observer_notices_the_end_of_a_world_and_drops_what_is_no_telemetry()
 
 LISTENS = """
 import sys
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.net.session import ZenohBus
 bus = ZenohBus.client(sys.argv[1])
 bus.subscribe("observed")
 while True:
@@ -105,7 +105,7 @@ def test_the_command_shows_a_live_flight_to_its_end(processes: Processes, tmp_pa
     flight += ["--endpoint", endpoint, "--out", str(tmp_path)]
     with Client() as client:
         bridge = ["bridge", "mavlink", "--live", endpoint, "--to", str(client.port)]
-        started = [processes.start("groundstation.cli", *line, base=()) for line in (bridge, flight)]
+        started = [processes.start("cli", *line, base=()) for line in (bridge, flight)]
 
         def over() -> bool:
             client.receive()

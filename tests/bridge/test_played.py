@@ -4,14 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.flown import Flight
 
 import meanflock as mf
-from meanflock.groundstation.bridge.vehicles import Vehicles, play
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results.flown import Flight
+from meanflock.bridge.mavlink import Home
+from meanflock.bridge.vehicles import Vehicles, play
+from meanflock.net.access import Address
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
-from meanflock.swarm.net.access import Address
-from meanflock.swarm.wire.mavlink import Home
 from tests.bridge.client import Client
 
 KILL = {"kind": "kill", "time_s": 1.0, "uavs": [2]}

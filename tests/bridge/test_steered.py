@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation.cli.command import main
+from meanflock.cli.command import main
+from meanflock.net.access import Address
 from meanflock.swarm.errors import EXIT_DONE
-from meanflock.swarm.net.access import Address
 from tests.bridge.client import Client, heartbeat, setpoint
 from tests.faults.by_hand import Processes, Recorded
 from tests.polling import DEADLINE_S, until
@@ -62,7 +62,7 @@ def steer_and_give_back(port: int) -> None:
 def test_only_the_addressed_uav_is_steered_until_its_client_falls_silent(processes: Processes, tmp_path: Path) -> None:
     port = Address("127.0.0.1", 0).free("--steer", datagrams=True).port
     line = ["run", "--realtime", "--steer", port, "--uavs", UAVS, "--duration", 20, "--no-record", "--json"]
-    flight = processes.start("groundstation.cli", *map(str, [*line, "--out", tmp_path]), base=())
+    flight = processes.start("cli", *map(str, [*line, "--out", tmp_path]), base=())
     steer_and_give_back(port)
     out, said = flight.communicate(timeout=DEADLINE_S)
     assert flight.returncode == 0, said

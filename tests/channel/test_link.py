@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.cli.command import main
 from scipy import special, stats
 
 import meanflock as mf
@@ -19,7 +20,6 @@ from meanflock.channel.fading.rice import Rice
 from meanflock.channel.link import slots_needed
 from meanflock.channel.outlook import outlooks, remedies
 from meanflock.channel.tails import binomial_at_most, rice_above
-from meanflock.groundstation.cli.command import main
 from meanflock.swarm import toml
 from meanflock.swarm.scenario import Radio, Scenario, load
 from meanflock.testing import check_controller

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock.channel.base import Channel, Message
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Links, Meter
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -55,7 +56,7 @@ def links_of(batches: list[Frames]) -> set[tuple[int, int]]:
 
 
 def test_each_kind_of_frame_goes_to_its_targets() -> None:
-    medium = Medium(scenario("federation.leader=2", "radio.target_snr_db=60"))
+    medium = Medium(plan_of(scenario("federation.leader=2", "radio.target_snr_db=60")))
     states = line(0.0, 99.9, 100.0, 100.1, 200.0, 1e6)
     uploads, model = frames(FrameKind.UPLOAD, [0, 2, 5], 246, 1), frames(FrameKind.GLOBAL, [2], 246, 1)
     records = medium.send(5, [frames(FrameKind.STATE, [0, 4], 4), model, uploads], states)
@@ -77,7 +78,7 @@ def test_each_kind_of_frame_goes_to_its_targets() -> None:
 def test_models_fail_beyond_the_range_of_the_federation() -> None:
     radio = "radio.path_loss_exponent=0.05"
     states, sent = line(0.0, 10.0, 19.0, 21.0, 30.0, 500.0), frames(FrameKind.UPLOAD, [0, 1, 2, 3, 4, 5], 246, 1)
-    near, anywhere = Medium(scenario("federation.range_m=20", radio)), Medium(scenario(radio))
+    near, anywhere = Medium(plan_of(scenario("federation.range_m=20", radio))), Medium(plan_of(scenario(radio)))
     anywhere_links = anywhere.send(5, [sent], states)
     links = near.send(5, [sent], states)
     limit = near.meter.radio.latency_threshold_slots
@@ -86,7 +87,7 @@ def test_models_fail_beyond_the_range_of_the_federation() -> None:
     bill, free = near.meter.traffic[FrameKind.UPLOAD], anywhere.meter.traffic[FrameKind.UPLOAD]
     assert (bill.sent, bill.payload_bits) == (free.sent, free.payload_bits)
     assert 3.0 < bill.expected_outages < 3.0 + free.expected_outages
-    nobody = Medium(scenario("federation.range_m=5", radio))
+    nobody = Medium(plan_of(scenario("federation.range_m=5", radio)))
     assert not links_of([batch for _ in [nobody.send(5, [sent], states)] for batch in nobody.due(6)]) - {(0, 0)}
 
 
@@ -101,7 +102,7 @@ def test_a_frame_is_delivered_once_after_its_slots_or_never(dt: float, theta: fl
         f"radio.bandwidth_hz={100 / theta}",
         f"radio.target_snr_db={75.5 + 10 * math.log10(2e6 * theta / 100)}",  # another band, the same chance
     )
-    medium, states = Medium(flown), line(*range(UAVS))
+    medium, states = Medium(plan_of(flown)), line(*range(UAVS))
     expected: dict[int, set[tuple[int, int, int]]] = {}
     outages, several = 0, 0
     for tick in range(0, 400, 2):
@@ -132,7 +133,7 @@ def test_a_transmission_costs_its_floats_and_every_copy_is_delivered_or_in_outag
     traffic: dict[str, Any] = summary["radio"]["traffic"]
     rounds = range(1, (TICKS - 1) // PERIOD + 1) if method in FEDERATED else range(0)
     leader = flown.federation.leader
-    uploads = sum(int((Schedule(flown).participants(k) != leader).sum()) for k in rounds)
+    uploads = sum(int((Schedule(plan_of(flown)).participants(k) != leader).sum()) for k in rounds)
     model_bits = sum(PARTS.get(method, ())) * 32
     states = UAVS * TICKS if method == "hjb" else UAVS  # the mission plan is the first, then every tick
 
@@ -158,7 +159,7 @@ def test_a_transmission_costs_its_floats_and_every_copy_is_delivered_or_in_outag
 
 def test_the_bill_is_that_of_the_links_that_were_used() -> None:
     """Senders fall silent, and UAVs leave the range and come back."""
-    medium, everyone = Medium(scenario("radio.target_snr_db=77.5")), list(range(UAVS))
+    medium, everyone = Medium(plan_of(scenario("radio.target_snr_db=77.5"))), list(range(UAVS))
     near, apart = line(*everyone), line(0.0, 1.0, 2.0, 130.0, 131.0, 400.0)
     sent, outages, spent, airtime = np.zeros((UAVS, UAVS), int), np.zeros((UAVS, UAVS), int), 0, 0.0
     ticks = [(near, everyone), (near, everyone), (apart, everyone), (near, [0, 2, 5]), (apart, [0, 2, 5])] * 4
@@ -228,7 +229,7 @@ class Disk(Channel):
 
 def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     plugins.register(Disk)
-    medium = Medium(scenario("uavs=5", "radio.model=disk"))
+    medium = Medium(plan_of(scenario("uavs=5", "radio.model=disk")))
     records = medium.send(3, [frames(FrameKind.STATE, list(range(5)), 4)], line(0, 2, 4, 6, 50))
     (batch,) = medium.due(4)
     near = [(0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2)]
@@ -238,7 +239,7 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     total = medium.meter.traffic[FrameKind.STATE]
     assert (total.sent, total.delivered, total.slots, total.delivered_slots) == (20, 6, 6 + 2 * 14, 6)
     assert (total.expected_outages, total.expected_delivered_slots) == (None, None)
-    again = Medium(scenario("uavs=5", "radio.model=disk"))
+    again = Medium(plan_of(scenario("uavs=5", "radio.model=disk")))
     again.restore(medium.snapshot())
     assert again.meter.traffic == medium.meter.traffic
 

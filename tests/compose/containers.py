@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from meanflock.groundstation import certs
+from meanflock.launch import certs
 from tests.commands import ended
 from tests.faults.by_hand import Recorded
 from tests.polling import until

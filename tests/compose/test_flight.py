@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from meanflock.groundstation import certs
+from meanflock.launch import certs
 from tests.commands import printed
 from tests.compose.containers import ENDLESS, MARKS, REPOSITORY, SHORT, UAVS, USER, Compose, docker, docker_fails
 from tests.polling import until

@@ -10,6 +10,7 @@ import pytest
 
 import meanflock as mf
 from meanflock import env
+from meanflock.federation.plan import plan_of
 
 COPIES: list[Callable[[Any], Any]] = [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))]
 ways = pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
@@ -25,8 +26,8 @@ KEYS: list[dict[str, Any]] = [
 def commanded(flight: mf.Stepped, ticks: int) -> None:
     for _ in range(ticks):
         states = flight.states
-        broadcasts = [mf.Broadcast(states.copy())] if flight.scenario.declared.broadcast_numbers else []
-        models = flight.models + states[:, :3] if flight.scenario.declared.parameters else None
+        broadcasts = [mf.Broadcast(states.copy())] if plan_of(flight.scenario).declared.broadcast_numbers else []
+        models = flight.models + states[:, :3] if plan_of(flight.scenario).declared.parameters else None
         flight.step(-0.02 * states[:, :2] - 0.3 * states[:, 2:], broadcasts, models)
 
 

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.quantities import SUMMARY
 
 import meanflock as mf
 from meanflock import env, swarm
 from meanflock.comparison import Comparison
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results.quantities import SUMMARY
 from meanflock.studies import study
 from tests.commands import loaded, printed
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
+from meanflock.launch.processes import free_endpoint
+from meanflock.results.spool import spooled
 
-from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.results.spool import spooled
 from tests.polling import DEADLINE_S, until
 
 # A UAV whose agent comes back after thousands of ticks is far off and fast, where the paper's learners may diverge at

@@ -11,10 +11,10 @@ import pytest
 from meanflock.agent.node import Agent
 from meanflock.kernels.wire import SENSE
 from meanflock.leader.node import Leader
+from meanflock.net import keys
+from meanflock.net.bus import MemoryBus
+from meanflock.net.client import NodeClient
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import MemoryBus
-from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, Frames, Join
 from meanflock.worldsim.checkpoint import EVERY_TICKS
@@ -29,7 +29,7 @@ RUN = "faults"
 def frequent_checkpoints() -> Iterator[None]:
     """Checkpoints as frequent as in a swarm of processes, so that short flights have some."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+        patch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
         yield
 
 

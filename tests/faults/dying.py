@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from meanflock.cli.command import main
+from meanflock.launch.engine import Engine
+from meanflock.launch.resume import Back
+from meanflock.results.run_folder import RunFolder
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.resume import Back
-from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.scenario import Scenario
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301

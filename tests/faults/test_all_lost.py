@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from meanflock.cli.command import main
+from meanflock.launch.resume import back
+from meanflock.results.run_folder import RunFolder
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.swarm.errors import RunFailed
 from tests.controller_files import controller_file
 from tests.faults.conftest import Lab, honest, scenario

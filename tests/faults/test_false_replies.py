@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meanflock.agent.controllers.base import plausible
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
@@ -71,7 +72,7 @@ class Case(NamedTuple):
 def uninvited(clusters: int) -> Case:
     """UAV 11 uploads in the rounds in which it takes no part."""
     flown = swarm("federation.fraction=0.5", clusters=clusters)
-    idle = [number for number in range(1, ROUNDS + 1) if 11 not in Schedule(flown).participants(number)]
+    idle = [number for number in range(1, ROUNDS + 1) if 11 not in Schedule(plan_of(flown)).participants(number)]
     assert 0 < len(idle) < ROUNDS
 
     def say(act: Act) -> list[Act | bytes]:

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from meanflock.launch.station import Kept
 
-from meanflock.groundstation.launch.station import Kept
+from meanflock.federation.plan import plan_of
+from meanflock.net import keys
+from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
@@ -31,7 +32,7 @@ from tests.swarm.examples import written
 NUMBER = keys.fingerprint(RUN)
 MODELS, STATES, HEADS = scenario(), scenario(method="hjb"), swarm()
 BYTES = scenario("federation.payload=int8", "federation.broadcast_payload=int8", method="mfgfl-hf")
-WIDEST = STATES.declared.broadcast_numbers
+WIDEST = plan_of(STATES).declared.broadcast_numbers
 Changes = list[tuple[str, dict[str, Any], str]]  # name, changed fields of an Act, and the reason of its drop
 replace = msgspec.structs.replace
 
@@ -176,7 +177,7 @@ def act(tick: int, rows: int, columns: int = 5) -> Act:
 
 AGENT, HEAD, LEADER = (keys.act(RUN, name) for name in ("agent-0", "agent-4", "leader"))
 JOIN, RECEIPT = keys.join(RUN, "agent-0"), keys.received(RUN)
-WIDTH = 2 + len(STATES.declared.diagnostics)
+WIDTH = 2 + len(plan_of(STATES).declared.diagnostics)
 # A flight, the UAVs of each of its nodes, and how to make the receiver after a tick.
 RECEIVERS: dict[str, tuple[Scenario, int, Callable[[Lab, int], Receiver]]] = {
     "world: reply": (MODELS, 1, lambda lab, tick: at_world(lab, AGENT, act(tick, 1), UPLOADS)),

@@ -7,6 +7,7 @@ tests/soak/mishaps.py.
 import json
 import os
 import re
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -15,15 +16,16 @@ from pathlib import Path
 import psutil
 import pytest
 
-from meanflock.groundstation import certs
-from meanflock.groundstation.launch.forking import Forker
-from meanflock.groundstation.launch.processes import Swarm
-from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording.replay import recorded, verify
-from meanflock.groundstation.results.run_folder import CHECKPOINT
+from meanflock.launch import certs
+from meanflock.launch.forking import Forker
+from meanflock.launch.processes import Swarm
+from meanflock.launch.resume import back
+from meanflock.recording.replay import complete, recorded, verify
+from meanflock.results.run_folder import CHECKPOINT
+from meanflock.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
-from meanflock.swarm.net.session import LEASE
+from meanflock.net.session import LEASE
 from tests.controller_files import controller_file
 from tests.faults.by_hand import ENDLESS, Flight, Processes, ends_by_itself, ticks_of
 from tests.faults.conftest import honest
@@ -223,6 +225,11 @@ def test_a_run_that_is_killed_leaves_no_process_and_is_resumed_to_the_same_end(v
         until(lambda: not any(map(alive, family)), "all processes gone")
     assert 101 <= back(folder).start.tick < TICKS
     assert not (folder / "summary.json").exists()
+    if record:
+        looked_at = Path(shutil.copytree(folder, tmp_path / "looked at"))
+        complete(looked_at)  # as `view` and `picture` do
+        assert verify(looked_at / "recording.rrd") is None
+        assert recorded([looked_at / "recording.rrd"]).ticks.tolist() == past(looked_at).rows["tick"].to_pylist()
     summary = resumed(folder, record=record)
     expected = honest(scenarios.load(None, FLOWN))
     assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (expected, 0, 0)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, Sense, Status
@@ -82,7 +83,7 @@ def test_a_node_that_is_hurt_costs_what_the_table_says(role: Role, hurt: Callabl
         deeds[tick + PERIOD] = lambda: lab.kill(role.second)
     summary = lab.fly(deeds)
     leads, alone = role.node == "leader", role.leaders == 1
-    calendar, back = Schedule(flown(role.clusters)), tick + LATER if role.heir else TICKS
+    calendar, back = Schedule(plan_of(flown(role.clusters))), tick + LATER if role.heir else TICKS
     void = [calendar.closes(at) for at in range(tick, back) if calendar.closes(at)] if leads and alone else []
 
     assert (summary["ticks"], summary["nodes_lost"]) == (TICKS, 2 if role.second else 1)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from meanflock.net import keys
+from meanflock.net.bus import Delivery
+from meanflock.net.members import JoinRefused, Members
 from meanflock.swarm.errors import BadInput, BusError, Refused
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join, Ready, Status
-from meanflock.worldsim.members import JoinRefused, Members
 from tests.faults.conftest import RUN, Lab, scenario
 
 

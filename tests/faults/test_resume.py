@@ -15,21 +15,14 @@ from typing import Any
 import pytest
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.recording import viewer
-from meanflock.groundstation.recording.replay import recorded, verify
-from meanflock.groundstation.results.run_folder import (
-    CHECKPOINT,
-    EVENTS,
-    RECORDING,
-    SUMMARY,
-    RunFolder,
-    read_checkpoint,
-)
-from meanflock.groundstation.results.timeseries_file import past
+from meanflock.cli.command import main
+from meanflock.launch.engine import Engine
+from meanflock.launch.processes import free_endpoint
+from meanflock.launch.resume import back
+from meanflock.recording import viewer
+from meanflock.recording.replay import recorded, verify
+from meanflock.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, RunFolder, read_checkpoint
+from meanflock.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from tests.commands import COMMAND, ended
@@ -55,7 +48,7 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
 
 
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undisturbed, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 20)  # some since the checkpoint
+    monkeypatch.setattr("meanflock.launch.engine._BLOCK_ROWS", 20)  # some since the checkpoint
     flown = scenario(LATER)
     folder = dead(tmp_path / "dead", flown, 250)
     spool = folder / ".telemetry"
@@ -189,13 +182,19 @@ def test_a_recording_cut_off_early_is_made_anew_if_the_folder_has_its_events(flo
     (folder / EVENTS).rename(tmp_path / EVENTS)
     before = contents(folder)
     assert main(["view", str(folder)]) == 2
-    assert f"meanflock view {path}" in verdict(capsys)
+    assert f"{folder / EVENTS}: No such file or directory; bring the file back" in verdict(capsys)
+    assert main(["view", str(path)]) == 2
+    assert f"{path}: cut off or damaged; name the folder of its run" in verdict(capsys)
     assert contents(folder) == before
-    assert main(["view", str(path)]) == 0  # as it says
     (tmp_path / EVENTS).rename(folder / EVENTS)
+    for name in ("scenario.toml", "timeseries.parquet"):
+        (folder / name).rename(tmp_path / name)
+        assert main(["view", str(folder)]) == 2
+        assert f"{path}: cut off or damaged; to complete it, bring back what is missing: {folder}" in verdict(capsys)
+        (tmp_path / name).rename(folder / name)
     path.write_bytes(before[RECORDING][:1000])
     assert main(["view", str(folder)]) == 0
-    assert shown == [path, path]
+    assert shown == [path]
     assert verify(path) is None
     assert recorded([path]).ticks.tolist() == list(range(151))
 
@@ -249,7 +248,7 @@ def test_a_run_without_room_is_bad_input_and_changes_nothing(tmp_path, monkeypat
         raise OSError(errno.ENOSPC, "No space left on device")
 
     folder = dead(tmp_path, scenario(LATER, method="mfg"), 150)
-    monkeypatch.setattr("meanflock.groundstation.results.run_folder.Spool", full)
+    monkeypatch.setattr("meanflock.results.run_folder.Spool", full)
     with pytest.raises(BadInput, match="No space left"):
         RunFolder(tmp_path, "another", scenario())
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
@@ -268,7 +267,7 @@ def test_an_output_that_takes_no_more_is_an_error_in_a_line() -> None:
 @pytest.mark.parametrize(
     ("command", "code", "says"),
     [
-        (("groundstation.cli", "scenario", "show"), 0, ""),
+        (("cli", "scenario", "show"), 0, ""),
         (("worldsim", "--endpoint", "ENDPOINT", "--run", "mute", "--wait", "0.1"), 1, "the swarm still waits for "),
     ],
 )

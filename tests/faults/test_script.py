@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from meanflock.cli.command import main
+from meanflock.launch.engine import Engine
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock import worldsim
 from meanflock.groundstation.__main__ import LATEST, _folder
-from meanflock.groundstation.launch.station import Station
-from meanflock.groundstation.results.run_folder import SUMMARY
+from meanflock.launch.station import Station
+from meanflock.net import keys, outbox
+from meanflock.net.bus import Delivery
+from meanflock.results.run_folder import SUMMARY
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join, Welcome
 from tests.faults.conftest import RUN, Lab, scenario
@@ -63,7 +62,7 @@ def test_a_station_that_starts_after_the_last_tick_is_let_in_and_sent_what_waits
 
 
 def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(monkeypatch, caplog) -> None:
-    monkeypatch.setattr(worldsim.reporting, "MAX_WAITING_BYTES", 70_000)
+    monkeypatch.setattr(outbox, "MAX_WAITING_BYTES", 70_000)
     lab = Lab(scenario("duration=40"))
     deafen(lab)
     assert max(lab.engine.outbox._bytes for _ in lab.engine.fly()) <= 70_000
@@ -78,7 +77,7 @@ def test_beyond_its_bound_the_world_gives_up_the_oldest_blocks_and_counts_them(m
 
 @pytest.mark.parametrize("lost", [[2, 3, 4], [1, 6]])
 def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 10)
+    monkeypatch.setattr("meanflock.launch.engine._BLOCK_ROWS", 10)
     lab, whole = Lab(scenario()), Lab(scenario())
     bus, station, left = lab.engine.network.endpoints[1], lab.engine.station, lost.copy()
 
@@ -101,7 +100,7 @@ def test_blocks_that_are_lost_with_a_session_come_again(lost: list[int], monkeyp
 def test_the_world_waits_for_a_slow_station_that_takes_something_now_and_then(
     every_s: float, linger_s: float, all_of_it: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._BLOCK_ROWS", 40)
+    monkeypatch.setattr("meanflock.launch.engine._BLOCK_ROWS", 40)
     lab = Lab(scenario())
     lab.engine.network.endpoints[1].close()
     now = [0.0]

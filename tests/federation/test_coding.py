@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding, Counted
-from meanflock.federation.fragments import Cut, longest, resolved
+from meanflock.federation.fragments import Cut, longest
 from meanflock.federation.mail import Joined, Mail, Own
 from meanflock.federation.memory import Feedback, GlobalModels
+from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
@@ -207,11 +208,11 @@ def test_fragments_of_a_model_are_the_model(name: Any, weighted: bool, parts: li
 
 def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
     case = flown(length=LENGTH, uavs=25)
-    cut = case.hops[0].coding.cut
+    cut = plan_of(case).hops[0].coding.cut
     assert cut.slots == longest(case) == 3  # 97 % of them arrive; of those of 4 slots 90 %
     room = int(cut.slots * case.radio.bits_per_slot / 8)
-    assert case.hops[0].coding.fragments is not None
-    width = case.hops[0].coding.fragments.width
+    assert plan_of(case).hops[0].coding.fragments is not None
+    width = plan_of(case).hops[0].coding.fragments.width
     assert room - 4 < width <= room
     assert cut.size == (room - 4) // 4
     assert cut.per_tick == 250  # ⌊0.1 s / (8 · 50 µs)⌋
@@ -221,9 +222,9 @@ def test_a_fragment_has_room_for_its_number_and_costs_every_bit_of_it() -> None:
     assert bill["uplink"]["transmissions"] == fragments - 5 * math.ceil(LENGTH / cut.size)  # the leader's own are free
     assert bill["uplink"]["payload_bits"] == 8 * width * bill["uplink"]["transmissions"]
     assert abs(bill["uplink"]["outage_rate"] - bill["uplink"]["outage_rate_theory"]) < 0.005
-    after = [hop.after for hop in case.hops]
+    after = [hop.after for hop in plan_of(case).hops]
     assert after == [0, 2]
-    assert after[1] + case.hops[1].coding.ticks - 1 + case.hop_ticks <= 6  # ticks of a round
+    assert after[1] + plan_of(case).hops[1].coding.ticks - 1 + case.hop_ticks <= 6  # ticks of a round
 
 
 @pytest.mark.parametrize("topology", ["topology=leader", "clusters=2", "topology=neighbours"])
@@ -232,7 +233,7 @@ def test_without_losses_a_round_in_fragments_is_the_mean(topology: str, by_sampl
     sure = ("controller.decay=1.0", "radio.rice_xi=1e4", "radio.bits_per_float=64", "duration=2.6")
     weighted = f"controller.by_samples={by_samples}".lower()
     case = flown(f"federation.{topology}", "federation.fragment=4", weighted, *sure)
-    assert case.hops[0].coding.count > 3
+    assert plan_of(case).hops[0].coding.count > 3
     engine = Engine(case, "mean")
     assert engine.complete()["radio"]["traffic"]["uplink"]["outages"] == 0
     start = Long(Long.Options(length=3600), case).init(np.arange(6), np.zeros((6, 4)))
@@ -318,9 +319,10 @@ def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
     summary, sink = fly(case)
     bill = summary["radio"]["traffic"]
     assert any(
-        f"{bill['uplink']['delivered']} of {case.hops[0].coding.count} fragments arrived" in text for text in sink.texts
+        f"{bill['uplink']['delivered']} of {plan_of(case).hops[0].coding.count} fragments arrived" in text
+        for text in sink.texts
     )
-    assert 0 < bill["uplink"]["delivered"] < case.hops[0].coding.count
+    assert 0 < bill["uplink"]["delivered"] < plan_of(case).hops[0].coding.count
     assert bill["broadcast"]["transmissions"] == bill["uplink"]["delivered"]
     (text,) = [text for text in sink.texts if "of the global model were received" in text]
     _, sent, whole, part, nothing = map(int, re.findall(r"\d+", text))
@@ -331,12 +333,12 @@ def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
 
 def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_size_of_fragments() -> None:
     for whole in (flown("federation.fragment=0"), flown("radio.model=ideal"), flown(length=300)):
-        assert whole.hops[0].coding.fragments is None
-        assert resolved(whole).federation.fragment == 0
-    assert flown("federation.fragment=2", length=300).hops[0].coding.count == 2
-    told = resolved(flown())
+        assert plan_of(whole).hops[0].coding.fragments is None
+        assert plan_of(whole).known.federation.fragment == 0
+    assert plan_of(flown("federation.fragment=2", length=300)).hops[0].coding.count == 2
+    told = plan_of(flown()).known
     assert told.federation.fragment == 3
-    assert told.hops[0].coding.cut == flown().hops[0].coding.cut
+    assert plan_of(told).hops[0].coding.cut == plan_of(flown()).hops[0].coding.cut
 
 
 @pytest.mark.parametrize("cut", [None, Cut(1, 4, 9)], ids=["whole", "fragments"])

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import Coding
 from meanflock.federation.party import Party
+from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
@@ -36,7 +37,7 @@ def clustered(*settings: str) -> Scenario:
 def heads(*uavs: int, flight: Scenario | None = None) -> Party:
     """A party of agents; the relays of round k are due in tick 10 k + 1."""
     nobody = np.zeros(len(uavs), dtype=bool)
-    return Party(flight or clustered(), "agent", np.array(uavs), [], SimpleNamespace(silent=lambda: nobody))
+    return Party(plan_of(flight or clustered()), "agent", np.array(uavs), [], SimpleNamespace(silent=lambda: nobody))
 
 
 def model(uav: int, seed: int = 0) -> np.ndarray:
@@ -76,7 +77,7 @@ def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() ->
 
 def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     flight = clustered("radio.bits_per_float=16", "federation.payload=int8")
-    coding, node = Coding("int8", flight.declared.parts), heads(0, 6, flight=flight)
+    coding, node = Coding("int8", plan_of(flight).declared.parts), heads(0, 6, flight=flight)
     written = coding.encode(np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
     links = np.array([[0, 0], [1, 6]], dtype=np.int32)
     node.receive(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links), 11)
@@ -88,19 +89,19 @@ LEADER = ("method=mfgfl-h", "federation.leader=3")
 
 
 def closing(case: Scenario, number: int) -> int:
-    return next(tick for tick in range(1000) if Schedule(case).closes(tick) == number)
+    return next(tick for tick in range(1000) if Schedule(plan_of(case)).closes(tick) == number)
 
 
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
 def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
     case = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
-    node, up = Leader(welcome(case, ())), Coding("int8", case.declared.parts)
+    node, up = Leader(welcome(case, ())), Coding("int8", plan_of(case).declared.parts)
     batch = uploads([0, 1, 6], [3, 3, 3])
     written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
     act = node.act(sense(closing(case, 1), written, uavs=()))
     (sent,) = act.outbox
     heard = up.decode(written.payload)
-    expected = Coding(down, case.declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
+    expected = Coding(down, plan_of(case).declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
     assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
     assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
@@ -220,7 +221,7 @@ def one_round(flight: Scenario) -> tuple[list[np.ndarray], list[int]]:
     links = np.concatenate(records)
     lost, silent = (set(links[(links[:, 3] == kind) & (links[:, 4] < 0), 1].tolist()) for kind in (UPLOAD, RELAY))
     head_of = Division(flight).head_of if flight.federation.clusters > 1 else np.full(flight.uavs, -1)
-    taking_part = Schedule(flight).participants(1).tolist()
+    taking_part = Schedule(plan_of(flight)).participants(1).tolist()
     return found, [uav for uav in taking_part if uav not in lost and head_of[uav] not in silent]
 
 
@@ -248,11 +249,11 @@ def test_the_mean_on_one_level_and_on_two_is_that_of_the_models_that_got_through
         for levels in ((), ("federation.clusters=1",)):
             case = load(None, [*asked, *radio, *levels])
             found, through = one_round(case)
-            assert radio is ROUGH or through == Schedule(case).participants(1).tolist()
+            assert radio is ROUGH or through == Schedule(plan_of(case)).participants(1).tolist()
             assert (not found) == (set(through) <= {case.federation.leader})  # no model of another UAV arrived
             if found:
                 before = Long(Long.Options(length=FLOATS), case).init(np.array(through), np.zeros((len(through), 4)))
-                expected = mean(before["model"], before["samples"] if case.declared.weighted else None)
+                expected = mean(before["model"], before["samples"] if plan_of(case).declared.weighted else None)
                 np.testing.assert_allclose(found[0], expected, rtol=0, atol=1e-12)
 
     check()

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
 from meanflock.federation.rules.robust import suspects
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.engine import Engine
+from meanflock.launch import engine
 from meanflock.leader.node import Leader
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput

@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.federation import coding
 from meanflock.federation.account import Account, ModelsHash
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.memory import Trigger
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording.plots import percentages
+from meanflock.recording.plots import percentages
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded, fields_of, round_of
 from meanflock.swarm.scenario import Scenario, load
@@ -40,10 +41,12 @@ class Ring(Topology):
             raise ValueError(f"`federation.topology` is {self.name}, but `uavs` is {uavs}; a ring has three or more")
         everyone = np.arange(uavs)
         following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
-        counted = coding.Counted(scenario.radio_payload, scenario.declared.parameters, np.full(uavs, 4))
-        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, None))
+        counted = coding.Counted(scenario.radio_payload, self.declared.parameters, np.full(uavs, 4))
+        upload = Hop(
+            FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, self.declared, None)
+        )
         relay = Hop(FrameKind.RELAY, scenario.hop_ticks, "agent", everyone, following, counted, mail=upload)
-        after, down = 2 * scenario.hop_ticks, coding.of_broadcasts(scenario, None)
+        after, down = 2 * scenario.hop_ticks, coding.of_broadcasts(scenario, self.declared, None)
         model = Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], down, mail=relay, is_last=True)
         return upload, relay, model
 
@@ -88,13 +91,13 @@ STEADY += ("weight_spread_final", "dropped_messages")
 
 @pytest.mark.parametrize("name", ROWS)
 def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(name: str, monkeypatch) -> None:
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
     method, settings = ROWS[name]
     case = scenario(*settings, method=method)
     whole, record = fly(case)
     assert whole["rounds"] > 0
     assert len(whole["models_sha256"]) == 64
-    assert (method == "long") == (case.hops[0].coding.count > 10)
+    assert (method == "long") == (plan_of(case).hops[0].coding.count > 10)
     assert (SILENT in settings) == (whole["uploads_silent"] > 0)
     assert (DEADLINE in settings) == (whole["uploads_late"] > 0)
     pasts = record.checkpoints[1:]
@@ -120,13 +123,13 @@ DOUBLES = "radio.bits_per_float=64"
 
 
 def drawn(case: Scenario) -> np.ndarray:
-    return np.random.default_rng(1).normal(size=(case.uavs, case.declared.parameters))
+    return np.random.default_rng(1).normal(size=(case.uavs, plan_of(case).declared.parameters))
 
 
 def exchanged(case: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarray:
     """What is made of models (N, L) in a round in which they go over `links` (K, 2): UAV to UAV."""
     everyone = np.arange(case.uavs)
-    exchange = Exchange(case.hops[-1], case, everyone, [])
+    exchange = Exchange(plan_of(case).hops[-1], plan_of(case), everyone, [])
     exchange.remember(1, everyone, models)
     for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
         source, row = np.unique(batch[:, 0], return_inverse=True)
@@ -228,7 +231,9 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
     period: int, coherence: float, slots: int
 ) -> None:
     radio = (f"radio.coherence_time_s={coherence}", f"radio.latency_threshold_slots={slots}")
-    rounds = Schedule(nodes.flown(f"federation.period={period}", "federation.fragment=0", *radio, method="mfgfl-h"))
+    rounds = Schedule(
+        plan_of(nodes.flown(f"federation.period={period}", "federation.fragment=0", *radio, method="mfgfl-h"))
+    )
     ticks = range(500)
     opened = [(tick, rounds.opens(tick)) for tick in ticks if rounds.opens(tick)]
     closed = [(tick, rounds.closes(tick)) for tick in ticks if rounds.closes(tick)]
@@ -246,7 +251,7 @@ def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_the
 ) -> None:
     keys = (f"uavs={uavs}", f"federation.fraction={fraction}", f"duration={duration}", "federation.period=20")
     case, some = nodes.flown(*keys, method="mfgfl-h"), np.array([0, 2, 3, 11])
-    ahead, rows, late = Schedule(case, some), Schedule(case, some), Schedule(case)
+    ahead, rows, late = Schedule(plan_of(case), some), Schedule(plan_of(case), some), Schedule(plan_of(case))
     ahead.draw_ahead()
     for number in (1, 10, 11, 128, 129, 130, 2):
         drawn = late.participants(number)
@@ -259,7 +264,7 @@ def test_every_node_draws_the_agreed_number_of_uavs_ascending_before_or_when_the
 
 
 def test_every_uav_is_drawn_equally_often_within_four_standard_errors() -> None:
-    rounds, n = Schedule(nodes.flown("uavs=10", "federation.fraction=0.3")), 2000
+    rounds, n = Schedule(plan_of(nodes.flown("uavs=10", "federation.fraction=0.3"))), 2000
     drawn = np.concatenate([rounds.participants(k) for k in range(n)])
     often = np.bincount(drawn, minlength=10) / n
     assert (np.abs(often - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)).all()
@@ -342,7 +347,7 @@ def test_every_bit_of_the_models_counts_in_their_hash_but_uploads_do_not_where_a
     assert fly(load(None, FIVE, method="plan"))[0]["models_sha256"] is None
 
     def hashed(label: FrameKind, *models: float, number: int = 1) -> str | None:
-        hashes = ModelsHash(load(None, FIVE, method="mfgfl-h"))
+        hashes = ModelsHash(plan_of(load(None, FIVE, method="mfgfl-h")))
         for model in models:
             hashes.add([Frames(label, number, np.array([0], np.int32), np.array([[model]], np.float32))])
         return hashes.hexdigest

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from meanflock.launch.station import Station
+from meanflock.results.run_folder import RunFolder
 
-from meanflock.groundstation.launch.station import Station
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.results.run_folder import RunFolder
 from meanflock.leader.node import Leader
+from meanflock.net import keys
+from meanflock.net.bus import Delivery, MemoryNetwork
+from meanflock.net.client import NodeClient
+from meanflock.recording.recorder import Recorder
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery, MemoryNetwork
-from meanflock.swarm.net.client import NodeClient
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry

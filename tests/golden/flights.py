@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import tests.one_kernel  # noqa: F401  # isort: skip
 import numpy as np
+from meanflock.launch.engine import Engine
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.scenario import Scenario
 

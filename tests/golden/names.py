@@ -13,7 +13,7 @@ import click
 
 import meanflock as mf
 from meanflock import env, testing
-from meanflock.groundstation.results import event_log, quantities
+from meanflock.results import event_log, quantities
 from meanflock.swarm import errors, plugins, scenario
 from meanflock.swarm.toml import shipped
 from tests.pages import commands, script_of

@@ -14,9 +14,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from meanflock.launch.resume import back
+from meanflock.results.rounds_table import ROUNDS
 
-from meanflock.groundstation.launch.resume import back
-from meanflock.groundstation.results.rounds_table import ROUNDS
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.commands import printed
 from tests.faults.dying import dead, events, flight, resumed
@@ -53,7 +53,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Golden
         return out / row.name / "run"
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+        patch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
         yield folder_of
 
 

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import rerun as rr
 from matplotlib.figure import Figure
-
-from meanflock.groundstation.cli.command import main
+from meanflock.cli.command import main
 
 QUICK = ("run", "--in-process", "--no-record", "--quiet", "--uavs", "3", "--duration", "2")
 

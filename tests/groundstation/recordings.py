@@ -5,13 +5,13 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from meanflock.results.series import Reported
 from rerun.chunk import RrdReader
 
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import plots
-from meanflock.groundstation.recording import recorder as recording
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.results.series import Reported
+from meanflock.recording import blueprint as look
+from meanflock.recording import plots
+from meanflock.recording import recorder as recording
+from meanflock.recording.recorder import Recorder
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
 

@@ -5,9 +5,9 @@ import socket
 from pathlib import Path
 
 import pytest
+from meanflock.cli.command import main
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch import processes
+from meanflock.launch import processes
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK
 

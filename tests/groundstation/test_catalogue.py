@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from meanflock.launch.engine import Engine
+from meanflock.results.flown_plugins import FOLDER
+from meanflock.results.run_folder import RunFolder
 
 import meanflock as mf
-from meanflock.groundstation import scaffold
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.results.flown_plugins import FOLDER
-from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.cli import scaffold
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.plugins import Plugin, registry
@@ -158,7 +158,7 @@ def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkey
     assert passed in printed(sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *packages)
     short = ("--quiet", "--no-record", "--uavs", "4", "--duration", "25")
     lines = [[*scaffold.flight(kind, name).split()[1:], *short] for kind, name in names.items()]
-    flies = f"from meanflock.groundstation.cli.command import main\nassert not any([main(line) for line in {lines}])"
+    flies = f"from meanflock.cli.command import main\nassert not any([main(line) for line in {lines}])"
     printed(sys.executable, "-P", "-c", flies)
     flown = [json.loads(path.read_text()) for path in tmp_path.glob("runs/*/summary.json")]
     assert [(summary["uavs"], summary["lost"]) for summary in flown] == [(4, 0)] * len(names)

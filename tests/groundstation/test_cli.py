@@ -9,13 +9,13 @@ import sys
 import msgspec
 import numpy as np
 import pytest
+from meanflock.cli.command import _question_marks, main
+from meanflock.launch.engine import Engine
+from meanflock.launch.progress import FlightProgress, summary_table
 from rich.console import Console
 
 import meanflock as mf
 from meanflock import kernels
-from meanflock.groundstation.cli.command import _question_marks, main
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.progress import FlightProgress, summary_table
 from meanflock.kernels import sources
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from meanflock.swarm.scenario import load

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.cli.command import main
+from meanflock.launch.engine import Engine
+from meanflock.launch.options import Options
+from meanflock.launch.outputs import Outputs
+from meanflock.results.run_folder import CHECKPOINT, RunFolder, completed, go_on
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.options import Options
-from meanflock.groundstation.launch.outputs import Outputs
-from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder, completed, go_on
 from meanflock.swarm import durable
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.plugins import load_file
@@ -137,7 +137,7 @@ def test_each_error_of_a_file_has_its_own_advice(tmp_path: Path, monkeypatch, nu
         patched.setattr(durable, "replace", fails)
         not_written(lambda: durable.put(tmp_path / "table.csv", b""), " and repeat the command")
     with monkeypatch.context() as patched:
-        patched.setattr("meanflock.groundstation.results.run_folder.recover", fails)
+        patched.setattr("meanflock.results.run_folder.recover", fails)
         not_written(lambda: completed(tmp_path), ", then give the command again")
     with monkeypatch.context() as patched, RunFolder(tmp_path, "run", mf.Scenario(**FLIGHT)) as folder:
         patched.setattr(folder, "_append", fails)

@@ -8,14 +8,15 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
+from meanflock.cli.command import main
 
 import meanflock as mf
 from meanflock import kernels
-from meanflock.groundstation import certs, disk, doctor, memory
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.disk import LARGE_SWARM
-from meanflock.groundstation.memory import MEGABYTE, PAIR_BYTES, available_mb, needed_mb
 from meanflock.kernels import sources
+from meanflock.launch import certs, doctor, memory
+from meanflock.launch.memory import MEGABYTE, PAIR_BYTES, available_mb, needed_mb
+from meanflock.results import disk
+from meanflock.results.disk import LARGE_SWARM
 from meanflock.swarm.scenario import load
 from tests.faults.conftest import scenario
 from tests.faults.dying import dead

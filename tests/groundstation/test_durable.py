@@ -7,25 +7,27 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rerun.chunk import RrdReader
 
-from meanflock.groundstation.launch import engine
-from meanflock.groundstation.launch.options import Options
-from meanflock.groundstation.launch.outputs import Outputs
-from meanflock.groundstation.launch.station import Kept
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import plots
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import Continued, complete, recorded, verify
-from meanflock.groundstation.results.rounds_table import ROUNDS
-from meanflock.groundstation.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
-from meanflock.groundstation.results.spool import Spool, spooled
-from meanflock.groundstation.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
+from meanflock.launch import engine
+from meanflock.launch.options import Options
+from meanflock.launch.outputs import Outputs
+from meanflock.launch.station import Kept
+from meanflock.recording import blueprint as look
+from meanflock.recording import plots
+from meanflock.recording.recorder import Recorder
+from meanflock.recording.replay import Continued, complete, recorded, verify
+from meanflock.results.rounds_table import ROUNDS
+from meanflock.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, RunFolder
+from meanflock.results.spool import Spool, spooled
+from meanflock.results.timeseries_file import SPOOL, TIMESERIES, past, read_table, recover
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Telemetry
+from meanflock.swarm.wire.messages import FrameKind, Telemetry
 from tests.faults import dying
 from tests.faults.conftest import Lab, scenario
 from tests.groundstation.recordings import DIAGNOSTICS, column, flight
@@ -52,7 +54,7 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", renamed)
-    monkeypatch.setattr("meanflock.groundstation.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", 100)  # as in processes
     dying.flight(tmp_path, scenarios.load(None, SETTINGS))
 
     def durably(name: str) -> list[str]:
@@ -218,13 +220,17 @@ def whole(blocks: list[Telemetry], tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.mark.parametrize("sent", [0, 6, 15])  # block 5 ends with tick 101, whose event is in block 6
 def test_the_recording_of_a_killed_run_is_completed_to_its_last_row(sent, blocks, whole, tmp_path, monkeypatch) -> None:
     assert (blocks[6].first_tick, blocks[6].events[0].tick) == (102, 101)
-    folder = kept(tmp_path, blocks)
+    folder = kept(tmp_path, blocks).rename(tmp_path / "renamed")
     killed(folder / "recording.rrd", blocks, sent, monkeypatch)
     assert verify(folder / "recording.rrd") is not None
     complete(folder)
     assert verify(folder / "recording.rrd") is None
     assert contents(folder / "recording.rrd") == whole
+    assert len(RrdReader(folder / "recording.rrd").recordings()) == 1
     assert not list(folder.glob(".*.rrd"))
+    links = np.concatenate([block.links for block in blocks[:sent]] or [blocks[0].links[:0]])  # no other file has them
+    ticks, _ = column(folder / "recording.rrd", look.MODEL_LINKS, "LineStrips2D:strips")
+    assert ticks.tolist() == np.unique(links[links[:, 3] != FrameKind.STATE, 0]).tolist()
 
 
 @pytest.mark.parametrize("sent", [None, 3])
@@ -243,7 +249,7 @@ def test_a_recorder_that_continues_begins_with_rows_not_recorded(sent, blocks, w
 def test_the_parts_of_a_recorder_that_was_killed_twice_are_joined(blocks, whole, tmp_path) -> None:
     path = tmp_path / "recording.rrd"
     for number in range(3):
-        continued = Continued(path)
+        continued = Continued(path, "run")
         continued.__enter__()
         with Recorder(FLOWN, "run", path) as recorder:
             for block in blocks[5 * number : 5 * number + 5 if number < 2 else None]:

@@ -12,11 +12,11 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.event_log import EventLog
+from meanflock.results.quantities import SUMMARY
+from meanflock.results.summary_file import Summary, read_summary
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results.event_log import EventLog
-from meanflock.groundstation.results.quantities import SUMMARY
-from meanflock.groundstation.results.summary_file import Summary, read_summary
 from meanflock.studies import job_file
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED

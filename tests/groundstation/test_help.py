@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 import pytest
 from click.shell_completion import BashComplete
+from meanflock.cli.command import cli
+from meanflock.cli.completion import VARIABLE
 
-from meanflock.groundstation.cli.command import cli
-from meanflock.groundstation.cli.completion import VARIABLE
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, MeanflockError
 from meanflock.swarm.toml import shipped

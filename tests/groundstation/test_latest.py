@@ -8,10 +8,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.run_folder import CHECKPOINT
+from meanflock.results.stored_run import began, runs_in
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results.run_folder import CHECKPOINT
-from meanflock.groundstation.results.stored_run import began, runs_in
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK
 

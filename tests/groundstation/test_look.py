@@ -16,15 +16,15 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.image import imread
 
-from meanflock.groundstation import doctor
-from meanflock.groundstation.cli import display
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording import viewer
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import recorded, repair, verify
-from meanflock.groundstation.recording.viewer import MISSING_GRAPHICS, screenshot
-from meanflock.groundstation.recording.web import WebPage
-from meanflock.groundstation.results.run_folder import CHECKPOINT, RunFolder
+from meanflock.launch import doctor
+from meanflock.cli import display
+from meanflock.launch.engine import Engine
+from meanflock.recording import viewer
+from meanflock.recording.recorder import Recorder
+from meanflock.recording.replay import recorded, verify
+from meanflock.recording.viewer import MISSING_GRAPHICS, screenshot
+from meanflock.recording.web import WebPage
+from meanflock.results.run_folder import CHECKPOINT, RunFolder
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
@@ -111,16 +111,18 @@ def test_a_display_that_does_not_answer_is_none(tmp_path, monkeypatch) -> None:
         display.check("instead")
 
 
-def test_a_file_that_is_no_recording_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused_and_left_alone(run, tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     for use in (viewer.open_viewer, lambda missing: screenshot(missing, tmp_path / "swarm.png", at_s=0.0)):
         with pytest.raises(BadInput, match="no such recording"):
             use(path)
-    path.write_bytes(b"not a recording")
-    assert verify(path) is not None
-    with pytest.raises(RunFailed, match="cannot be repaired"):
-        repair(path)
-    assert path.read_bytes() == b"not a recording"
+    record(path, flight(ticks=200))
+    for content in (b"not a recording", path.read_bytes()[:-200]):
+        path.write_bytes(content)
+        assert verify(path) is not None
+        code, _, err = run("picture", str(path), "-o", "p.png")
+        assert (code, "name the folder of its run, from whose rows it is completed" in err) == (EXIT_BAD_INPUT, True)
+        assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == ([path.name], content)
 
 
 NO_GRAPHICS = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed

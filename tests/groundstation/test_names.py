@@ -8,10 +8,10 @@ from threading import Barrier
 from typing import TypeVar
 
 import pytest
+from meanflock.results.run_folder import RunFolder
 
 import meanflock as mf
-from meanflock.groundstation import scaffold
-from meanflock.groundstation.results.run_folder import RunFolder
+from meanflock.cli import scaffold
 from meanflock.studies.store import Store
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput

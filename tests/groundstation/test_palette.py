@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from meanflock.groundstation.recording import blueprint, drawing
+from meanflock.recording import blueprint, drawing
 
 # Linear RGB as it is seen: Machado, Oliveira and Fernandes, IEEE TVCG 15 (2009), severity 1.
 VISION = {

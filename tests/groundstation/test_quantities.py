@@ -18,27 +18,26 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from meanflock.launch.options import Options
+from meanflock.launch.progress import summary_table
+from meanflock.launch.run import fly
+from meanflock.results.quantities import FIELDS, Quantity
+from meanflock.results.run_folder import EVENTS, SUMMARY
+from meanflock.results.series import Reported, block_of, diagnostics_in
+from meanflock.results.series import schema as schema_of
+from meanflock.results.timeseries_file import TIMESERIES
 from rich.console import Console
 from scipy import stats
 
-from meanflock.groundstation import statistics
-from meanflock.groundstation.launch.options import Options
-from meanflock.groundstation.launch.progress import summary_table
-from meanflock.groundstation.launch.run import fly
-from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.plots.run import plot_run
-from meanflock.groundstation.recording import plots
-from meanflock.groundstation.recording.plots import plot_rows
-from meanflock.groundstation.results import event_log, inbound, quantities
-from meanflock.groundstation.results.quantities import FIELDS, Quantity
-from meanflock.groundstation.results.run_folder import EVENTS, SUMMARY
-from meanflock.groundstation.results.series import Reported, block_of, diagnostics_in
-from meanflock.groundstation.results.series import schema as schema_of
-from meanflock.groundstation.results.timeseries_file import TIMESERIES
+from meanflock.recording import plots
+from meanflock.recording.plots import plot_rows
+from meanflock.results import event_log, inbound, quantities, statistics
+from meanflock.results.plots import plotstyle
+from meanflock.results.plots.run import plot_run
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
-from reproduction.curves import CRITERIA
+from research.reproduction.curves import CRITERIA
 from tests.groundstation.conftest import every_axis
 from tests.groundstation.recordings import DIAGNOSTICS, flight
 

@@ -8,15 +8,15 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 import pytest
+from meanflock.results.series import Reported
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.groundstation.plots.run import plot_run
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording import drawing, mission_map, plots
-from meanflock.groundstation.recording.recorder import Recorder
-from meanflock.groundstation.recording.replay import verify
-from meanflock.groundstation.results.series import Reported
+from meanflock.recording import blueprint as look
+from meanflock.recording import drawing, mission_map, plots
+from meanflock.recording.recorder import Recorder
+from meanflock.recording.replay import verify
+from meanflock.results.plots.run import plot_run
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded

@@ -6,12 +6,12 @@ from pathlib import Path
 import msgspec
 import pyarrow.parquet as pq
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.event_log import past_events, row_of
+from meanflock.results.rounds_table import COLUMNS, OVER, ROUNDS
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results import inbound
-from meanflock.groundstation.results.event_log import past_events, row_of
-from meanflock.groundstation.results.rounds_table import COLUMNS, OVER, ROUNDS
+from meanflock.results import inbound
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import RoundEnded
 from tests.telemetry import fly

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from meanflock.cli.command import main
+from meanflock.results.quantities import SUMMARY
+from meanflock.results.run_folder import CHECKPOINT
+from meanflock.results.stored_run import runs_in
 
 import meanflock as mf
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.results.quantities import SUMMARY
-from meanflock.groundstation.results.run_folder import CHECKPOINT
-from meanflock.groundstation.results.stored_run import runs_in
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.groundstation.conftest import QUICK
 

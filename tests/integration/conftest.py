@@ -11,7 +11,7 @@ from typing import Any
 import psutil
 import pytest
 
-from meanflock.groundstation.cli.command import main
+from meanflock.cli.command import main
 from tests.faults.by_hand import Process, Processes, Recorded
 
 
@@ -36,7 +36,7 @@ class Command(Recorded):
         self._processes = processes
 
     def start(self, *flags: str) -> Process:
-        return self._processes.start("groundstation.cli", "run", "--out", str(self.out), *flags, base=())
+        return self._processes.start("cli", "run", "--out", str(self.out), *flags, base=())
 
     def summary(self, *flags: str) -> dict[str, Any]:
         """Runs the command in this process to its end; the summary."""

@@ -8,12 +8,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.launch.children import environment
-from meanflock.groundstation.launch.processes import Swarm
-from meanflock.groundstation.temporary import TemporaryFolder
-from meanflock.swarm.net.session import ZenohBus
-from meanflock.swarm.process import CHILD
+from meanflock.cli.command import main
+from meanflock.launch.children import environment
+from meanflock.launch.processes import Swarm
+from meanflock.launch.temporary import TemporaryFolder
+from meanflock.net.process import CHILD
+from meanflock.net.session import ZenohBus
 from tests.controller_files import controller_file
 from tests.faults.by_hand import Process, Processes
 from tests.faults.launched import alive
@@ -128,7 +128,7 @@ def workers_of(study: Process) -> list[psutil.Process]:
     ],
 )
 def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(number, to_all, tmp_path, processes) -> None:
-    study = processes.start("groundstation.cli", "compare", "mfg", *LONG, "--out", str(tmp_path), base=())
+    study = processes.start("cli", "compare", "mfg", *LONG, "--out", str(tmp_path), base=())
     workers = workers_of(study)
     if number == signal.SIGKILL:
         until(lambda: list((tmp_path / "data" / "jobs").glob("*")), "a flight that is finished")

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from meanflock.launch.engine import Engine
 
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.recording.replay import verify
+from meanflock.recording.replay import verify
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.commands import printed

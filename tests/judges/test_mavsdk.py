@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import meanflock as mf
-from meanflock.swarm.net.access import Address
+from meanflock.net.access import Address
 from tests.commands import COMMAND, printed
 
 SCRIPT = Path(__file__).with_name("mavsdk_steers.py")

@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 
 from meanflock.swarm.errors import EXIT_BAD_INPUT, LEAN, lacking, needed
 from tests.commands import ended, printed
-from tests.sources import EXTRAS, PROJECT, ROOT, direct
+from tests.sources import EXTRAS, PACKAGE, PROJECT, ROOT, direct
 
 CONSTRAINTS = dict(re.findall(r"^([^#\n]+?)==(.*)$", (ROOT / "constraints.txt").read_text(), flags=re.MULTILINE))
 
@@ -65,11 +65,11 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
     assert extension["name"] == "meanflock.kernels._native"
     assert extension["optional"]
     assert extension["py-limited-api"]
-    present = {path.relative_to(ROOT).as_posix(): path.read_text() for path in (ROOT / "kernels").rglob("*.[ch]")}
+    present = {path.relative_to(ROOT).as_posix(): path.read_text() for path in (PACKAGE / "kernels").rglob("*.[ch]")}
     assert present.keys() == {*extension["sources"], *extension["depends"]}  # all enter a source distribution
     (including,) = (text for text in present.values() if "<Python.h>" in text)
     assert "#define Py_LIMITED_API 0x030B0000" in including[: including.index("<Python.h>")]
-    assert "$(wildcard */*.[ch] */*/*.[ch])" in (ROOT / "Makefile").read_text()
+    assert "$(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])" in (ROOT / "Makefile").read_text()
 
 
 @pytest.mark.parametrize(

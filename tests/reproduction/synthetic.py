@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from reproduction.tables import COORDINATES, Results
+from research.reproduction.tables import COORDINATES, Results
 
 COLUMNS = {"uavs": 25, "period": None, "sigma": 0.1, "setting": "", "trained": False}
 # Settings of a small map: setting, energy of mfgfl-hf over that of the other methods, UAVs that arrive.

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from reproduction import claims, grid, regimes
-from reproduction.claims import Basis, Check, Claim
-from reproduction.tables import View
-from reproduction.verdict import (
+from research.reproduction import claims, grid, regimes
+from research.reproduction.claims import Basis, Check, Claim
+from research.reproduction.tables import View
+from research.reproduction.verdict import (
     BY_CONSTRUCTION,
     HOLDING,
     NOT_REFUTED,

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.studies import job_file, runner
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.worldsim.vehicles.point_mass import PointMass
-from reproduction import claims, experiments, flight, grid, measure, page, tables, theory
-from reproduction.experiments import run_grid
-from reproduction.grid import Method, Point, Wanted
-from reproduction.tables import COORDINATES, Results
+from research.reproduction import claims, experiments, flight, grid, measure, page, tables, theory
+from research.reproduction.experiments import run_grid
+from research.reproduction.grid import Method, Point, Wanted
+from research.reproduction.tables import COORDINATES, Results
 from tests.golden.flights import steady
 from tests.methods import METHODS
 

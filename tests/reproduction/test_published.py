@@ -10,14 +10,22 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from meanflock.groundstation.plots import plotstyle
-from meanflock.groundstation.statistics import Estimate
+from meanflock.results.plots import plotstyle
+from meanflock.results.statistics import Estimate
 from meanflock.swarm.scenario import load
-from reproduction import claims, figures, grid, page, report
-from reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
-from reproduction.outcome import Outcome, above, below, within
-from reproduction.tables import Results, View
-from reproduction.verdict import HOLDING, HOLDS_ANYWAY, NOT_REPRODUCED, NOT_TESTABLE, REPRODUCED, UNDECIDED, evaluate
+from research.reproduction import claims, figures, grid, page, report
+from research.reproduction.grid import COMPARED, FEDERATED, PERIODS, SIGMAS, UAVS
+from research.reproduction.outcome import Outcome, above, below, within
+from research.reproduction.tables import Results, View
+from research.reproduction.verdict import (
+    HOLDING,
+    HOLDS_ANYWAY,
+    NOT_REPRODUCED,
+    NOT_TESTABLE,
+    REPRODUCED,
+    UNDECIDED,
+    evaluate,
+)
 from tests.groundstation.conftest import every_axis
 from tests.reproduction.synthetic import map_rows, results, row
 from tests.sources import ROOT

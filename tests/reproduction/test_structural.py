@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 
 from meanflock.swarm.scenario import Scenario, load
-from reproduction import grid, page, structural, structural_page
-from reproduction.figures import FLOWN_FOR, chosen
-from reproduction.tables import View
+from research.reproduction import grid, page, structural, structural_page
+from research.reproduction.figures import FLOWN_FOR, chosen
+from research.reproduction.tables import View
 from tests.reproduction.synthetic import results, row
 from tests.sources import ROOT
 

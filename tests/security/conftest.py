@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
+from meanflock.launch.processes import free_endpoint
 
 from meanflock.agent.node import Agent
-from meanflock.groundstation.certs import HOSTS, Authority, names
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.launch.certs import HOSTS, Authority, names
 from meanflock.leader.node import Leader
+from meanflock.net import keys
+from meanflock.net.access import LEADER, OBSERVER, WORLD, Identity
+from meanflock.net.bus import Bus
+from meanflock.net.client import NodeClient
+from meanflock.net.session import ZenohBus
 from meanflock.swarm import scenario
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, OBSERVER, WORLD, Identity
-from meanflock.swarm.net.bus import Bus
-from meanflock.swarm.net.client import NodeClient
-from meanflock.swarm.net.session import ZenohBus
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Join
 from tests.polling import DEADLINE_S, until

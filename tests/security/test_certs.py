@@ -8,12 +8,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from meanflock.cli.command import main
 
-from meanflock.groundstation import certs
-from meanflock.groundstation.cli.command import main
-from meanflock.groundstation.doctor import certificates
+from meanflock.launch import certs
+from meanflock.launch.doctor import certificates
+from meanflock.net.access import Identity, only_agent, secured
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net.access import Identity, only_agent, secured
 
 
 @pytest.fixture(scope="module")

@@ -9,18 +9,19 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import psutil
 import pytest
+from meanflock.launch.processes import free_endpoint
+from meanflock.launch.station import Kept
 
-from meanflock.groundstation.bridge.observer import Observer
-from meanflock.groundstation.launch.processes import free_endpoint
-from meanflock.groundstation.launch.station import Kept
+from meanflock.bridge.observer import Observer
+from meanflock.federation.plan import plan_of
+from meanflock.net import keys
+from meanflock.net.access import LEADER, OBSERVER, STATION, Identity, secured
+from meanflock.net.limits import Limits, Quotas
+from meanflock.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import LEADER, OBSERVER, STATION, Identity, secured
-from meanflock.swarm.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Received, Welcome
-from meanflock.worldsim.limits import Limits, Quotas
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import (
     HELD,
@@ -193,7 +194,7 @@ def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(fli
 
 
 FLOWN = scenario.load(None, SETTINGS)
-LONGEST = Quotas(RUN, FLOWN, Limits(FLOWN), rows_at_most=1).largest  # bytes of a message of anyone
+LONGEST = Quotas(RUN, FLOWN, Limits(plan_of(FLOWN)), rows_at_most=1).largest  # bytes of a message of anyone
 PROCESSES, SESSIONS, MEGABYTES = 5, 2, 60
 MOST_MB = 200
 
@@ -201,8 +202,8 @@ MOST_MB = 200
 FLOODS = """
 import sys, threading
 from pathlib import Path
-from meanflock.swarm.net.access import Identity
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.net.access import Identity
+from meanflock.net.session import ZenohBus
 
 endpoint, folder, name, key, sessions, megabytes = sys.argv[1:]
 

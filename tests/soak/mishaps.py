@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import Identity
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.net import keys
+from meanflock.net.access import Identity
+from meanflock.net.session import ZenohBus
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join
 from tests.faults.by_hand import Flight, spool_bytes

@@ -15,11 +15,12 @@ from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
+from meanflock.results.series import states_of
 
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
-from meanflock.groundstation import certs
-from meanflock.groundstation.recording.replay import verify
-from meanflock.groundstation.results.series import states_of
+from meanflock.launch import certs
+from meanflock.recording.replay import verify
 from meanflock.swarm.scenario import load
 from tests.faults.by_hand import Flight, Processes, events_in
 from tests.polling import DEADLINE_S
@@ -150,7 +151,7 @@ class Soak:
         events = events_in(folder)
         kinds = self.report.events = Counter(event["kind"] for event in events)
         voids = [event["text"] for event in events if " is void: " in event["text"]]
-        calendar = Schedule(self._scenario)
+        calendar = Schedule(plan_of(self._scenario))
         rounds = sum(calendar.closes(tick) > 0 for tick in range(summary["ticks"]))
         table = pq.read_table(folder / "timeseries.parquet")
         flown = hashlib.sha256(states_of(table).astype("<f8").tobytes()).hexdigest()

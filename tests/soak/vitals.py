@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 import psutil
 
-from meanflock.groundstation.recording.recorder import BATCH_TICKS, FILE_WALL_S
+from meanflock.recording.recorder import BATCH_TICKS, FILE_WALL_S
 from tests.faults.by_hand import Flight
 
 SLOPE_MIB = 1.0  # in a thousand ticks

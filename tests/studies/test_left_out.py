@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 import meanflock as mf
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.studies import left_out
+from research import left_out
 
 FOUR = mf.Scenario(uavs=4)
 

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meanflock.groundstation import statistics
-from meanflock.studies import communication, equal_bits, false_states, federation, free_flights, published, robustness
+from meanflock.results import statistics
+from meanflock.studies import equal_bits, published
 from meanflock.studies.equal_bits import Choice
 from meanflock.studies.frontier import record
 from meanflock.studies.frontier.page import page
 from meanflock.studies.frontier.search import Outcome
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
+from research import communication, false_states, federation, free_flights, robustness
 
 _, FEDERATED = published.read_rows(federation.RESULTS)
 QUIET = "neighbours, 0.03, int8"

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from meanflock.cli.tables import console_for, means_table, payload_table
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.groundstation.cli.tables import console_for, means_table, payload_table
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
-from meanflock.groundstation.recording import blueprint as look
-from meanflock.groundstation.recording.replay import verify
+from meanflock.recording import blueprint as look
+from meanflock.recording.replay import verify
 from meanflock.studies import runner, side_by_side, study
 from meanflock.studies.markdown import replaced, table
 from meanflock.studies.means import Means

@@ -5,12 +5,12 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 import pytest
+from meanflock.launch.processes import free_endpoint
 
 from meanflock import kernels
-from meanflock.groundstation.launch.processes import free_endpoint
 from meanflock.kernels import reference, wire
-from meanflock.swarm.net.bus import Bus, MemoryNetwork
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.net.bus import Bus, MemoryNetwork
+from meanflock.net.session import ZenohBus
 
 
 class Backend(NamedTuple):

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock.channel import link
+from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput
 from meanflock.swarm.scenario import Scenario, Wind, load
@@ -152,7 +153,7 @@ def test_a_number_too_large_or_small_to_compute_with_is_bad_input_before_the_fli
             raise
         return
     # An accepted scenario can be flown: every number that the radio and the calendar derive from it exists.
-    Schedule(loaded)
+    Schedule(plan_of(loaded))
     assert loaded.max_ticks >= 1
     assert link.slots_needed(loaded.radio, 128) >= 1
     assert np.isfinite(link.slot_success(loaded.radio, np.array([100.0]))).all()

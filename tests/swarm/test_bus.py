@@ -12,11 +12,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from meanflock.launch.processes import free_endpoint
 
-from meanflock.groundstation.launch.processes import free_endpoint
+from meanflock.net.bus import Bus, Delivery, Quota
+from meanflock.net.session import LEASE, Backlog, ZenohBus, _config
 from meanflock.swarm.errors import BadInput, BusError
-from meanflock.swarm.net.bus import Bus, Delivery, Quota
-from meanflock.swarm.net.session import LEASE, Backlog, ZenohBus, _config
 from tests.polling import DEADLINE_S, until
 from tests.swarm.conftest import Open
 
@@ -193,7 +193,7 @@ def test_a_message_waits_for_a_silent_link_for_three_tenths_of_its_lease(value, 
 DYING = 20
 CLIENTS = """
 import sys
-from meanflock.swarm.net.session import ZenohBus
+from meanflock.net.session import ZenohBus
 
 endpoint, name, count = sys.argv[1:]
 sessions = [ZenohBus.client(endpoint, 30.0) for _ in range(int(count))]

@@ -15,9 +15,9 @@ from hypothesis.extra import numpy as hnp
 
 from meanflock.kernels import wire
 from meanflock.kernels.wire import ACT, SENSE
+from meanflock.net import keys
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import RoundEnded
-from meanflock.swarm.net import keys
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
 from tests.swarm.conftest import Backend

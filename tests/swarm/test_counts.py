@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock.federation.plan import plan_of
 from meanflock.swarm.counts import count_of
 from meanflock.testing import check_controller
 
@@ -66,7 +67,7 @@ def test_declarations_keys_and_arguments_may_be_of_numpy() -> None:
     two = np.int64(2)
     run = mf.fly(method=Sized, uavs=two, seed=Whole(2), duration=2.0, controller={"gain": np.int8(1)})  # type: ignore[arg-type]
     assert (run.summary["rounds"], run.summary["seed"]) == (1, 2)
-    declared = run.scenario.declared
+    declared = plan_of(run.scenario).declared
     assert (declared.parts, declared.weights, declared.period_ticks, declared.broadcast_numbers) == ((3, 1), 4, 10, 4)
     assert msgspec.json.encode(declared)
     assert len(mf.compare("plan", seeds=two, uavs=two, duration=1.0, jobs=np.uint8(1))) == 1

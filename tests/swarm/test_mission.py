@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock.channel.link import expected
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Gust

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 import meanflock as mf
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins, scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import Plugin, registry
@@ -48,7 +49,7 @@ def test_a_scenario_from_the_network_names_a_plugin_and_no_file_and_no_module(me
             scenario.decode(msgspec.json.encode({key: ["mine.py"]}))
     received = scenario.decode(msgspec.json.encode({"method": method}))
     with pytest.raises(BadInput, match="is not installed here"):
-        received.declared  # noqa: B018
+        plan_of(received)
 
 
 # -- packages -------------------------------------------------------------------------------------------------------

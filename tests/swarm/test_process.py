@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meanflock.net import keys
+from meanflock.net.access import Address
+from meanflock.net.process import AT_MOST, QUICK_S, Restarts, parser, seconds
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import Address
-from meanflock.swarm.process import AT_MOST, QUICK_S, Restarts, parser, seconds
 from meanflock.swarm.scenario import load
 from tests.commands import printed
 from tests.memory_swarm import MemorySwarm
@@ -152,7 +152,7 @@ def test_the_world_and_a_node_log_the_reason_of_a_drop_and_of_a_loss(capsys: pyt
 
 
 def test_a_fork_that_ends_at_once_is_not_waited_for() -> None:
-    made = "import time\nfrom meanflock.swarm.forks import Forks\nforks = Forks()\n"
+    made = "import time\nfrom meanflock.launch.forks import Forks\nforks = Forks()\n"
     printed(sys.executable, "-c", f"{made}if forks.fork(0):\n    time.sleep(1e4)\nforks.end_all(1e4)")
 
 

@@ -6,9 +6,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock.agent.controllers.base import Broadcast
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import load

@@ -14,7 +14,7 @@ import meanflock as mf
 from meanflock.swarm.errors import EXIT_BAD_INPUT
 from tests.commands import ended, printed
 from tests.pages import modules_of
-from tests.sources import EXTRAS, PROJECT, ROOMS, ROOT, direct
+from tests.sources import BESIDE, EXTRAS, PROJECT, ROOMS, ROOT, direct
 from tests.wheels.conftest import made_environment
 
 pytestmark = pytest.mark.processes
@@ -24,7 +24,7 @@ PAGES = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("first-flight", "your-controller", "your-aggregation")),
 ]
-PACKAGES = (*ROOMS, "meanflock", "reproduction")
+PACKAGES = (*ROOMS, "meanflock", "research")
 LIBRARIES = ("concurrent", "msgspec", "numpy", "zenoh")
 
 
@@ -66,8 +66,10 @@ def test_both_distributions_have_what_the_checkout_has(built: Path, wheel: Path)
     (source,) = built.glob("*.tar.gz")
     with tarfile.open(source) as archive:
         parts = {tuple(name.split("/")[1:]) for name in archive.getnames()}
-    assert {part[0] for part in parts if part[1:] == ("__init__.py",)} == {"meanflock", *ROOMS}
-    assert not {part[1] for part in parts if part[:1] == ("meanflock",) and part[1:]} & set(ROOMS), "links are followed"
+    assert {part[0] for part in parts if part[1:] == ("__init__.py",)} == {"meanflock", *BESIDE}
+    assert not {part[1] for part in parts if part[:1] == ("meanflock",) and part[1:]} & set(BESIDE), (
+        "links are followed"
+    )
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     present = {
         (Path(folder) / file).relative_to(ROOT).as_posix()
@@ -99,7 +101,7 @@ def test_it_flies_from_a_hostile_working_folder_as_the_checkout_does(python: Pat
     printed(meanflock, *sweep, "--out", tmp_path / "sweep", cwd=working)
     said = ended(meanflock, "paper", "--seeds", "1", cwd=working)
     assert (said.returncode, said.stdout, said.stderr.count("\n")) == (EXIT_BAD_INPUT, "", 1)
-    assert said.stderr.startswith("error: paper: the folder `reproduction` is missing")
+    assert said.stderr.startswith("error: paper: the folder `research` is missing")
     assert not ran.exists(), ran.read_text()
     assert (each["mode"], alone["mode"]) == ("processes", "in-process")
     assert (each["method"], each["ticks"], each["lost"], each["dropped_messages"]) == ("spring", 100, 0, {})

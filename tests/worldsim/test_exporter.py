@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from meanflock.groundstation.launch.station import Kept
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.access import Address
+from meanflock.launch.station import Kept
+from meanflock.net import keys
+from meanflock.net.access import Address
+from meanflock.net.exporter import Exporter, exported
+from meanflock.net.outbox import Outbox
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.clocks import BOUNDS_S
-from meanflock.worldsim.exporter import Exporter, exported
-from meanflock.worldsim.reporting import Outbox
 from tests.memory_swarm import MemorySwarm
 from tests.polling import DEADLINE_S
 

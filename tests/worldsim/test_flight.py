@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
 from meanflock import kernels
-from meanflock.groundstation.launch.engine import Engine
 from meanflock.swarm import state
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status

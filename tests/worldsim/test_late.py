@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
 
-from meanflock.groundstation.launch.engine import Engine
+from meanflock.federation.plan import plan_of
+from meanflock.net import keys
+from meanflock.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
+from meanflock.net.members import Member
+from meanflock.net.pace import Pace
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Event
 from meanflock.worldsim.clocks import factor
-from meanflock.worldsim.members import Member
-from meanflock.worldsim.pace import Pace
 from meanflock.worldsim.tick import Row
 from tests.memory_swarm import MemorySwarm
 
@@ -77,7 +78,7 @@ class Flight:
             realtime=realtime,
             make_bus=make_bus,
             clock=lambda: self.bus.now,
-            leaders=None if flown.declared.is_federated else 0,
+            leaders=None if plan_of(flown).declared.is_federated else 0,
         )
         self.swarm.sinks.append(self)
         self.world = self.swarm.world

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
 
-from meanflock.federation.fragments import resolved
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins, state
 from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.swarm.seeds import generator
@@ -149,7 +149,7 @@ def test_the_world_flies_the_truth() -> None:
 
 
 def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.MonkeyPatch) -> None:
-    import meanflock.worldsim.admission as admission
+    import meanflock.net.admission as admission
 
     sent = []
     monkeypatch.setattr(admission.scenario, "encode", lambda flown: sent.append(encode(flown)) or sent[-1])
@@ -157,7 +157,7 @@ def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.
     MemorySwarm(flown, "truth", uavs_per_node=1)
     assert len(sent) == 4
     for raw in sent:
-        assert decode(raw) == resolved(load(None, ["uavs=3"]))
+        assert decode(raw) == plan_of(load(None, ["uavs=3"])).known
     assert flown.known().truth.wind is None
     assert load(None).known() == load(None)
 

@@ -7,25 +7,27 @@ import pytest
 
 from meanflock.channel.meter import Meter
 from meanflock.federation import coding as codings
+from meanflock.federation.plan import plan_of
 from meanflock.federation.post import Post
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
+from meanflock.net import keys
+from meanflock.net.barrier import Barrier, Replies
+from meanflock.net.bus import MemoryNetwork
+from meanflock.net.members import Member
+from meanflock.net.outbox import MAX_WAITING_BYTES
 from meanflock.swarm.declared import MAX_BROADCASTS, MAX_MEMORY_BYTES
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.net import keys
-from meanflock.swarm.net.bus import MemoryNetwork
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim import checkpoint
-from meanflock.worldsim.barrier import Barrier, Replies
 from meanflock.worldsim.checkpoint import Assembly, Memories, split
 from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.members import Member
 from meanflock.worldsim.merger import FrameMerger
-from meanflock.worldsim.reporting import MAX_WAITING_BYTES, STATE_LINKS_EVERY_TICKS
+from meanflock.worldsim.reporting import STATE_LINKS_EVERY_TICKS
 from tests.faults.dying import dead, resumed
 from tests.swarm.examples import same
 from tests.telemetry import fly
@@ -34,9 +36,9 @@ NAME, TICK = "replies", 20
 RUN = keys.fingerprint(NAME)
 STATES = load(None, ["uavs=8"], method="hjb")
 ALL = load(None, ["uavs=8", "federation.period=10", "federation.fraction=1.0"], method="mfgfl-hf")
-MOST = STATES.declared.broadcast_numbers  # of a UAV in a tick
+MOST = plan_of(STATES).declared.broadcast_numbers  # of a UAV in a tick
 INTEGERS = ("i1", "u1", "<i2", "<i4")
-WIDTH = 2 + len(STATES.declared.diagnostics)
+WIDTH = 2 + len(plan_of(STATES).declared.diagnostics)
 
 
 def member(*uavs: int) -> Member:
@@ -44,7 +46,7 @@ def member(*uavs: int) -> Member:
 
 
 def readers(flown: Scenario) -> Replies:
-    return Replies(flown, RUN, Post(flown), lambda rows: 2**16)
+    return Replies(plan_of(flown), RUN, Post(plan_of(flown)), lambda rows: 2**16)
 
 
 def broadcast(*uavs: int, dtype: Any = "<f4", width: int = 4, number: int = 0) -> Frames:
@@ -75,13 +77,13 @@ def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_w
 
 
 def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
-    coding = codings.of_uploads(flown, None)
+    coding = codings.of_uploads(flown, plan_of(flown).declared, None)
     models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
     return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
 
 
 def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_rounds_and_silent_uavs() -> None:
-    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(ALL))
+    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(plan_of(ALL)))
     batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
     (merged,), rejected = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
     kept = [upload(ALL, 0), upload(ALL, 2, 3)]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from meanflock.bridge.mavlink import Reader
+from meanflock.bridge.mavlink import Setpoint as Read
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire.mavlink import Reader
-from meanflock.swarm.wire.mavlink import Setpoint as Read
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.steering import Setpoint, Steered
 from meanflock.worldsim.tick import Acts, Senses

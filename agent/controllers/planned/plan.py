@@ -198,7 +198,7 @@ class PlannedLearner(Planned):
         return follows
 
 
-class Plan(Planned):
+class PlanFollower(Planned):
     """Follows a trajectory computed before take-off; every UAV knows the trajectories of all.
 
     a = a* + k_p (r* − r) + k_v (v* − v) + c0 (v − v_o). It sends nothing.

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from meanflock.groundstation import statistics
-from meanflock.groundstation.cli import frontier as command
+from meanflock.cli import frontier as command
+from meanflock.results import statistics
 from meanflock.studies import study
 from meanflock.studies.frontier import grid, picture, policies, record
 from meanflock.studies.frontier.__main__ import main

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meanflock.groundstation import statistics
-from meanflock.studies.frontier.plan import ALPHA, Plan, chance_of_error, shortest
+from meanflock.results import statistics
+from meanflock.studies.frontier.sampling import ALPHA, SamplingPlan, chance_of_error, shortest
 from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search
 
 PLANS = [shortest(0.9), shortest(0.95)]
@@ -18,7 +18,7 @@ def searched(
     draw: np.random.Generator,
     most: int = 59,
     arrived: float = 1.0,
-    plans: Sequence[Plan] = PLANS,
+    plans: Sequence[SamplingPlan] = PLANS,
 ) -> Search:
     """A search whose policies are free with these probabilities; earlier ones cost more."""
     costs = {name: 100.0 - number for number, name in enumerate(shares)}

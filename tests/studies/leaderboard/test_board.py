@@ -14,7 +14,7 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from meanflock.groundstation.statistics import Estimate
+from meanflock.results.statistics import Estimate
 from meanflock.studies.leaderboard import board, maps, markdown, missions, pareto, rows
 from meanflock.studies.leaderboard.contest import Contest
 from meanflock.studies.leaderboard.measures import BY_KEY

@@ -9,15 +9,16 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from meanflock.groundstation import statistics
-from meanflock.groundstation.cli import leaderboard as command
-from meanflock.studies import study, tuning
+from meanflock.cli import leaderboard as command
+from meanflock.results import statistics
+from meanflock.studies import study
 from meanflock.studies.leaderboard import board, flights, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
-from meanflock.studies.tuning import Arm, Score
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_DONE, BadInput
+from research import tuning
+from research.tuning import Arm, Score
 from tests.sources import ROOT
 from tests.studies.conftest import BOARD
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
 from scipy.stats import norm, qmc
 
 from meanflock.agent.controllers.mean_field.learner import Learner
 from meanflock.agent.controllers.mean_field.methods import Separation
 from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
-from meanflock.groundstation.launch.engine import Engine
-from meanflock.groundstation.launch.station import Kept
 from meanflock.kernels.mean_field import layout
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts

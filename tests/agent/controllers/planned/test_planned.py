@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import meanflock as mf
 from meanflock.agent.controllers.cruise import CRUISE_M_S
 from meanflock.agent.controllers.planned import fed_lspi as lspi
-from meanflock.agent.controllers.planned.plan import Plan, Trajectory, Trapezoid, slots
+from meanflock.agent.controllers.planned.plan import PlanFollower, Trajectory, Trapezoid, slots
 from meanflock.settings import scenario_of
 from meanflock.swarm import declared, mission, plugins
 from meanflock.swarm.scenario import Scenario
@@ -66,7 +66,7 @@ def test_slots_are_the_formation_of_the_uavs_with_the_same_goal_made_smaller() -
 def test_without_noise_it_keeps_to_its_trajectory() -> None:
     waves = {"start.formation": "waves", "start.group": 5, "start.interval": 3.0, "wind.sigma": 0.0}
     run = mf.fly("paper", method="plan", uavs=9, stop="duration", duration=115, **waves)
-    plan: Plan = declared.controller(run.scenario)
+    plan: PlanFollower = declared.controller(run.scenario)
     wanted = np.array(
         [
             plan.prediction().now(np.zeros((1, 4, 9)), np.zeros((1, 9), np.int32), slice(None), tick)[0].T

@@ -1,0 +1,225 @@
+"""Arguments of several commands: scenario, output folder, and output of a flight.
+
+Shell completion imports this module and those of the commands, so they import what flies only when they run.
+"""
+
+import logging
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meanflock.cli import completion
+from meanflock.swarm import logs, paths
+from meanflock.swarm.errors import meant
+
+if TYPE_CHECKING:
+    from meanflock.swarm.scenario import Scenario
+
+
+class _Path(click.Path):
+    """Type of all paths of the command line; see `paths.given`."""
+
+    def convert(self, value: Any, _parameter: click.Parameter | None, _context: click.Context | None) -> Path:
+        """The path, with the home folder in place of `~`."""
+        return paths.given(value)
+
+
+class Group(click.Group):
+    """A group of commands that suggests the one that is meant, with every version of Click."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find a command; an unknown one is an error that names the most similar."""
+        names = self.list_commands(ctx)
+        if args[0] not in names and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {args[0]!r}{meant(args[0], names) or '.'}")
+        return super().resolve_command(ctx, args)
+
+
+class _RunPath(_Path):
+    """Type of the folder of a run, or of a recording: a path, or `latest`, unless there is a file of that name."""
+
+    name = "run"
+
+    def __init__(self, *, is_resumable: bool = False) -> None:
+        """`is_resumable`: whether `latest` is the last run that can be resumed."""
+        super().__init__()
+        self._is_resumable = is_resumable
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
+        """The path of the run."""
+        path = super().convert(value, parameter, context)
+        if str(path) != completion.LATEST or os.path.lexists(path) or (context and context.resilient_parsing):
+            return path
+        from meanflock.results.stored_run import latest
+
+        found = latest(completion.RUNS, is_resumable=self._is_resumable)
+        logs.show(f"{completion.LATEST}: {found}")
+        return found
+
+
+PATH = _Path()
+RUN = _RunPath()
+
+
+def _register(context: click.Context, _parameter: click.Parameter, files: tuple[Path, ...]) -> None:
+    if context.resilient_parsing:  # completion runs no code of plug-ins
+        return
+    from meanflock.swarm import plugins
+
+    with redirect_stdout(sys.stderr):  # what they print is not what the command says
+        plugins.load_files(files)
+
+
+class _Method(click.Option):
+    """Option `--method`, whose help names the controllers that are installed."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Search for the controllers, then write the help."""
+        from meanflock.swarm import plugins
+
+        self.help = f"The controller: {', '.join(plugins.names('controller'))}."
+        return super().get_help_record(ctx)
+
+
+_OF_A_SCENARIO = {
+    "file": click.argument(
+        "file", metavar="[SCENARIO]", required=False, type=PATH, shell_complete=completion.scenarios
+    ),
+    "method": click.option(
+        "--method", cls=_Method, metavar="NAME", help="The controller.", shell_complete=completion.controllers
+    ),
+    "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
+    "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
+    "duration": click.option("--duration", type=float, metavar="SECONDS", help="Longest simulated time of a flight."),
+    "settings": click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        shell_complete=completion.keys,
+        help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
+    ),
+    "plugin": click.option(
+        "--plugin",
+        multiple=True,
+        type=PATH,
+        metavar="FILE.py",
+        callback=_register,
+        expose_value=False,
+        is_eager=True,  # before anything asks for what is in it
+        help="Load your own controller, aggregation rule, channel, vehicle or filter; repeatable.",
+    ),
+}
+
+
+def scenario_arguments(*names: str) -> Callable[[Any], Any]:
+    """Decorator that adds the arguments of a scenario: all of them, or those named."""
+
+    def decorate(command: Any) -> Any:
+        for name in reversed(names or tuple(_OF_A_SCENARIO)):
+            command = _OF_A_SCENARIO[name](command)
+        return command
+
+    return decorate
+
+
+def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) -> "Scenario":
+    """Load the scenario of these arguments.
+
+    Raises:
+        BadInput: a scenario that cannot be flown here, or a key that is set both by a flag and by `--set`.
+    """
+    from meanflock.federation.plan import plan_of
+    from meanflock.studies.swept import refuse_setting
+    from meanflock.swarm import scenario
+
+    for key, value in options.items():
+        if value is not None:
+            refuse_setting(key, settings, f"is what --{key} says")
+    flown = scenario.load(file, settings, **options)
+    plan_of(flown)  # whoever cannot fly it hears of it now
+    return flown
+
+
+def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
+    """Warn of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
+    from meanflock.channel.outlook import warn_of_lost_models
+    from meanflock.worldsim.faults import never
+
+    flights = list(flights)
+    for text in dict.fromkeys(text for flown in flights for text in never(flown)):
+        logs.show(f"warning: {text}", logging.WARNING)
+    warn_of_lost_models(flights)
+
+
+class Positive(click.FloatRange):
+    """Option with a finite number of at least 0; `above`: more than 0."""
+
+    def __init__(self, *, above: bool = False) -> None:
+        super().__init__(0.0, min_open=above)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse a number; NaN is within every range of Click."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+def number_option(flag: str, metavar: str, default: int, about: str, least: int = 1, most: int | None = None) -> Any:
+    """Option with a whole number and a default."""
+    kind = click.IntRange(least, most)
+    return click.option(flag, type=kind, default=default, show_default=True, metavar=metavar, help=about)
+
+
+def out_option(default: str, about: str = "Where results are written.") -> Callable[[Any], Any]:
+    """Option `--out` with a default folder."""
+    return click.option("--out", type=PATH, default=Path(default), show_default=True, metavar="DIR", help=about)
+
+
+def report(paths: Iterable[Path]) -> None:
+    """Print which files were written."""
+    for path in paths:
+        click.echo(str(path))
+
+
+run_argument = click.argument("folder", metavar="RUN", type=RUN, shell_complete=completion.runs)
+unfinished_run_argument = click.argument(
+    "folder", metavar="RUN", type=_RunPath(is_resumable=True), shell_complete=completion.runs
+)
+quiet_option = click.option("--quiet", is_flag=True, help="Show no progress bar.")
+uavs_per_process_option = number_option("--uavs-per-process", "M", 1, "UAVs that one agent process flies.")
+in_process_option = click.option("--in-process", is_flag=True, help="Fly in this process, without the network.")
+tls_option = click.option(
+    "--tls", type=PATH, metavar="DIR", help="Use mutual TLS, with certificates of `meanflock certs init`."
+)
+
+_TOLD = (
+    click.option(
+        "--metrics",
+        envvar="MEANFLOCK_METRICS",
+        metavar="[HOST:]PORT",
+        help="Serve metrics to Prometheus here; port 0: any free one.",
+    ),
+    click.option(
+        "--log-format",
+        type=click.Choice((logs.TEXT, logs.JSON)),
+        envvar="MEANFLOCK_LOG_FORMAT",
+        help="Print the logs of all processes on stderr; with json, nothing else.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object on stdout."),
+    quiet_option,
+)
+
+
+def telling(command: Any) -> Any:
+    """Decorator that adds the options of a flight's output."""
+    for option in reversed(_TOLD):
+        command = option(command)
+    return command

@@ -1,0 +1,163 @@
+"""Flights of the commands `run` and `resume`: the checks before take-off, and what is printed afterwards."""
+
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meanflock.cli import display
+from meanflock.cli.arguments import load_scenario, warn_before_take_off
+from meanflock.launch import doctor as checks
+from meanflock.launch.memory import pair_bytes
+from meanflock.launch.options import Options, records
+from meanflock.launch.run import Run, fly
+from meanflock.net.access import Address
+from meanflock.results import disk
+from meanflock.swarm import logs, scenario
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.worldsim.clocks import factor
+from meanflock.worldsim.summary import every_uav_was_lost
+
+if TYPE_CHECKING:
+    from meanflock.launch.resume import Back
+
+
+def run(
+    file: Path | None,
+    settings: Sequence[str],
+    *,
+    faults: Path | None,
+    realtime: str | None,
+    record: bool | None,
+    view: bool,
+    web: bool,
+    as_json: bool,
+    keys: dict[str, Any],
+    **given: Any,
+) -> None:
+    """Fly a scenario.
+
+    Args:
+        file, settings, keys: the scenario, as for `load_scenario`. faults: a fault script.
+        given: fields of `Options`, with `metrics` as text.
+    """
+    if view and record is False:
+        raise BadInput("--view: shows what is recorded; leave out --no-record")
+    if web and not view:
+        raise BadInput("--web: says how to watch the flight; add --view")
+    script = scenario.read_faults(faults) if faults is not None else None
+    with _prints_apart(as_json):
+        flown = load_scenario(file, settings, **keys, faults=script)
+        record = _records(view or record, "--view" if view else "--record", **given)
+        _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
+        disk.check(flown, given["out"], record, disk.OF_RUN)
+    if given["log_format"] != logs.JSON:  # the world reports it
+        warn_before_take_off([flown])
+    if view and not web:
+        display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
+    given["realtime"] = factor(realtime) if realtime is not None else None
+    if (where := given["steer"]) is not None:
+        given["steer"] = Address.parse("--steer", where)
+    given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
+    if web:
+        _fly_in_a_browser(flown, as_json, **given)
+    elif view:
+        from meanflock.recording.viewer import open_viewer
+
+        _fly(flown, as_json, watch=open_viewer, **given)
+    else:
+        _fly(flown, as_json, record=record, **given)
+
+
+def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
+    """Fly a scenario and show it on a page, live and then from its recording, until Ctrl-C."""
+    from meanflock.recording.web import WebPage
+    from meanflock.results.run_folder import RECORDING
+
+    with WebPage() as page:
+
+        def watch(live_url: str) -> None:
+            page.recording = live_url
+            logs.show(f"live at {page.url}")
+
+        done = _fly(flown, as_json, watch=watch, **given)
+        page.recording = done.folder / RECORDING
+        logs.show(f"{page.url} shows the recording until Ctrl-C")
+        page.attend()
+
+
+def resume(folder: Path, as_json: bool, record: bool | None, **given: Any) -> None:
+    """Fly the rest of the run in a folder; `given` as for `run`."""
+    from meanflock.launch.resume import back
+
+    with _prints_apart(as_json):
+        dead = back(folder)
+        record = _records(record, "--record", **given)
+        _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
+        disk.check(dead.scenario, dead.folder, record, disk.OF_RESUME, dead.past.rows.num_rows - 1)
+    _fly(dead.scenario, as_json, dead, out=dead.folder.parent, record=record, **given)
+
+
+def _fly(
+    flown: scenario.Scenario,
+    as_json: bool,
+    dead: "Back | None" = None,
+    *,
+    metrics: str | None,
+    log_format: str | None,
+    quiet: bool,
+    **given: Any,
+) -> Run:
+    """Fly a scenario, or the rest of a run, and print the result."""
+    where = None if metrics is None else Address.parse("--metrics", metrics)
+    only_logs = log_format == logs.JSON  # its lines name the run
+    with _prints_apart(as_json):
+        done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+    from rich.console import Console
+
+    from meanflock.launch.progress import summary_table
+    from meanflock.results.run_folder import EVENTS, first_loss, lost_everyone
+
+    if as_json:
+        click.echo(json.dumps(done.summary))
+    else:
+        Console().print(summary_table(done.summary))
+    if every_uav_was_lost(flown, done.summary):
+        raise RunFailed(lost_everyone(done.folder))
+    if not only_logs:
+        if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
+            logs.show(
+                f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
+                logging.WARNING,
+            )
+        if done.summary["lost"] and (loss := first_loss(done.folder)):
+            lost = done.summary["lost"]
+            logs.show(
+                f"UAVs lost: {lost}; the first event: {loss}; all events are in {done.folder / EVENTS}", logging.WARNING
+            )
+        logs.show(f"run folder {done.folder}")
+    return done
+
+
+def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
+    """Redirect the output of plug-ins to standard error if `--json` promises one object on standard output."""
+    return redirect_stdout(sys.stderr) if as_json else nullcontext()
+
+
+def _records(wanted: bool | None, option: str, *, quiet: bool, log_format: str | None, **_: Any) -> bool:
+    return records(wanted, option, quiet or log_format == logs.JSON)
+
+
+def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
+    """Refuse a swarm that does not fit into memory."""
+    processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
+    needs = [checks.memory(flown.uavs, processes, pair_bytes(flown))]
+    needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
+    for finding in needs:
+        if finding.verdict == "fails":
+            raise BadInput(f"{finding.check}: {finding.found}; {finding.remedy}")

@@ -1,0 +1,247 @@
+"""Tables of stored runs in a terminal, and the same as JSON records."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from meanflock.cli.tables import WIDTH, console_for
+from meanflock.launch.progress import summary_table
+from meanflock.results.flown import flown_keys
+from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
+from meanflock.results.rounds_table import MEAN, METRIC, rounds_table, stored_rounds
+from meanflock.results.run_difference import Difference
+from meanflock.results.run_folder import EVENTS
+from meanflock.results.scenario_keys import changed_keys, nearest
+from meanflock.results.stored_run import StoredRun
+from meanflock.swarm.errors import printable
+
+_ABOUT = {  # of the files of a run folder
+    "scenario.toml": "the scenario: `meanflock run` flies it again",
+    "summary.json": "the results",
+    "timeseries.parquet": "a row for each tick: `meanflock plot`",
+    "events.jsonl": "a line for each event",
+    "rounds.parquet": "a row for each round: `meanflock show --rounds`",
+    "recording.rrd": "the recording: `meanflock view`, `picture`",
+    "checkpoint.msgpack": "from here `meanflock resume` continues",
+    ".telemetry": "rows of the time series so far",
+    "plugins/": "copies of the plug-in files that flew",
+    "plots/": "plots of `meanflock plot`",
+}
+_IN_THE_NAME = ("when", "method", "seed")  # columns that the name of a run repeats
+_LEFT = ("run", "when", "method", "mission")  # columns of text
+_LONGEST_PATH = 4096  # characters
+_WIDE = 1000  # columns: wider than any table
+_MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON record only
+
+
+def list_table(runs: Sequence[StoredRun]) -> Table:
+    """Table of runs. In a narrow terminal it leaves out columns that the names of all runs repeat."""
+    rows = [_cells(run) for run in runs]
+    repeated = all(re.match(rf"\d{{8}}-\d{{6}}-{re.escape(named(run, 'method'))}-s", run.folder.name) for run in runs)
+    whole = _table(rows, ())
+    if not repeated or Console(width=_WIDE).measure(whole).maximum <= Console().width:
+        return whole
+    return _table(rows, _IN_THE_NAME)
+
+
+def _table(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
+    shown = _empty()
+    names = [name for name in rows[0] if name not in left_out]
+    for name in names:
+        shown.add_column(name, no_wrap=True, justify="left" if name in _LEFT else "right")
+    for row in rows:
+        shown.add_row(*(escape(row[name]) for name in names))
+    return shown
+
+
+def _cells(run: StoredRun) -> dict[str, str]:
+    """The cells of a run, by column."""
+    finished = run.status == "finished"
+    return {
+        "run": run.run_id,
+        "when": f"{run.when.astimezone():%Y-%m-%d %H:%M}",
+        "method": named(run, "method"),
+        "mission": str(nearest(run.keys)) if run.keys else UNKNOWN,
+        "N": named(run, "uavs"),
+        "seed": named(run, "seed"),
+        "arrived": number(run.figure("arrived")) if finished else run.status,
+        "coll.": number(run.figure("collisions")) if run.status != "damaged" else "",
+        "sent": bits(run.figure("payload_bits.total")) if run.status != "damaged" else "",
+    }
+
+
+def record(run: StoredRun) -> dict[str, Any]:
+    """A run as a JSON object of a list; an unknown value is null."""
+    mission = nearest(run.keys) if run.keys else None
+    return {
+        "run_id": run.folder.name,
+        "folder": str(run.folder),
+        "when": run.when.astimezone().isoformat(timespec="seconds"),
+        "status": run.status,
+        "fault": run.fault or None,
+        "method": run.named("method"),
+        "mission": mission and mission.name,
+        "changed": mission and mission.changed,
+        "uavs": run.named("uavs"),
+        "seed": run.named("seed"),
+        "arrived": run.figure("arrived"),
+        "collisions": run.figure("collisions"),
+        "payload_bits": run.figure("payload_bits.total"),
+    }
+
+
+def full_record(run: StoredRun) -> dict[str, Any]:
+    """A run as a JSON object: the record of a list, changed keys, summary and sizes of files."""
+    keys = {key: {"value": value, "default": default} for key, (value, default) in changed_keys(run.keys).items()}
+    return {**record(run), "keys": keys, "summary": run.summary or None, "files": _files(run)}
+
+
+def print_run(run: StoredRun) -> None:
+    """Print a run: sentences, changed keys, summary and files."""
+    console = Console()
+    console.print(f"[bold]{_path(run)}[/]", soft_wrap=True, highlight=False)
+    console.print(f"{flown(run)}. {outcome(run)}", markup=False, highlight=False)
+    keys = _headed("key", "value", "default")
+    for key, (value, default) in changed_keys(run.keys).items():
+        keys.add_row(escape(key), escape(setting(value)), escape(setting(default)))
+    _print_titled(f"Keys that differ from the paper's scenario: {keys.row_count or 'none'}", keys)
+    if run.summary:
+        results = summary_table(run.summary)
+        results.title = None
+        results.box = None
+        results.pad_edge = False
+        _print_titled("Results", results)
+    files = _headed("file", "size", "")
+    files.columns[1].justify = "right"
+    for name, size in _files(run).items():
+        files.add_row(escape(printable(name)), bits(size, "B"), _ABOUT.get(name, ""))
+    _print_titled("Files", files)
+
+
+_COUNTS = ("lost", "silent", "absent", "late", "refused", "isolated", "retries")  # shown where any is above 0
+_SPARED = ("airtime\n(s)", "received", "absent", "silent")  # left out of a narrow terminal, in this order
+
+
+def print_rounds(folder: Path, as_json: bool) -> None:
+    """Print the rounds of a run: a table, or all columns as JSON.
+
+    Raises:
+        BadInput: no run there, or its events are damaged.
+    """
+    table = rounds_table(stored_rounds(folder / EVENTS), flown_keys(folder).dt)
+    if as_json:
+        print(json.dumps(table.to_pylist(), indent=1))
+        return
+    if not table.num_rows:
+        print(f"{folder}: the run has no rounds")
+        return
+    means = [name for name in table.column_names if name.startswith((MEAN, METRIC))]
+    counts = [name for name in _COUNTS if any(table[name].to_pylist())]
+    is_even = set(table["outcome"].to_pylist()) == {"averaged"}
+    rows = [
+        {
+            "round": str(row["round"]),
+            "time\n(s)": f"{row['sim_time_s']:g}",
+            **({} if is_even else {"outcome": row["outcome"]}),
+            **{name: str(row[name]) for name in ("sent", "received", *counts)},
+            "sent\nso far": bits(row["bits"], "bit"),
+            "airtime\n(s)": f"{row['airtime_s']:.3g}",
+            **{_head(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
+        }
+        for row in table.to_pylist()
+    ]
+    shown = next(
+        (one for left_out in range(len(_SPARED)) if _width(one := _rounds(rows, _SPARED[:left_out])) <= WIDTH),
+        _rounds(rows, _SPARED),
+    )
+    if any(name.startswith(MEAN) for name in means):
+        shown.caption = "Diagnostics are means over the UAVs on the way when the round ended."
+        shown.caption_justify = "left"
+    console_for(shown).print(shown)
+
+
+def _rounds(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
+    names = [name for name in rows[0] if name not in left_out]
+    shown = _headed(*names)
+    for column in shown.columns:
+        column.justify, column.no_wrap = "right", True
+    for row in rows:
+        shown.add_row(*(row[name] for name in names))
+    return shown
+
+
+def _width(table: Table) -> int:
+    return Console(width=_WIDE).measure(table).maximum
+
+
+def _head(column: str) -> str:
+    """The heading of a mean or metric, broken into lines."""
+    return column.removeprefix(MEAN).removeprefix(METRIC).replace("_", "_\n")
+
+
+def _files(run: StoredRun) -> dict[str, int]:
+    """Size in bytes of each file of a run; folders end in a slash."""
+    found = {}
+    for path in sorted(run.folder.iterdir()):
+        inner = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+        found[f"{path.name}/" if path.is_dir() else path.name] = sum(file.stat().st_size for file in inner)
+    return found
+
+
+def print_difference(found: Difference) -> None:
+    """Print which keys and figures differ."""
+    console = Console()
+    for letter, run in (("A", found.first), ("B", found.second)):
+        console.print(f"[bold]{letter}[/]  {_path(run)}", soft_wrap=True, highlight=False)
+        console.print(f"   {flown(run)}", markup=False, highlight=False)
+    keys = _headed("key", "A", "B")
+    for key, values in found.keys.items():
+        keys.add_row(escape(key), *(escape(setting(value)) for value in values))
+    _print_titled(f"Keys that differ: {len(found.keys) or 'none'}", keys)
+    figures = _headed("figure", "unit", "A", "B", "B − A")
+    for column in figures.columns[2:]:
+        column.justify = "right"
+        column.no_wrap = True
+    for figure in found.figures:
+        if not figure.key.startswith(_MOST_TRAFFIC):
+            cells = map(number, (figure.first, figure.second, figure.change))
+            figures.add_row(escape(printable(figure.key)), figure.unit, *cells)
+    number_of = len(found.figures) or "none"
+    _print_titled(f"Figures that differ: {number_of} of {found.compared}", figures)
+    if hidden := len(found.figures) - figures.row_count:
+        console.print(f"{hidden} more, by kind of traffic: --json", highlight=False)
+    same = "Both flights are bit-identical." if found.same_flight else "The flights are different."
+    console.print(f"\n{same}", highlight=False)
+
+
+def _path(run: StoredRun) -> str:
+    """The folder of a run, as text that is not taken for markup."""
+    return escape(printable(str(run.folder), _LONGEST_PATH))
+
+
+def _headed(*headings: str) -> Table:
+    table = _empty()
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table
+
+
+def _print_titled(title: str, table: Table) -> None:
+    """Print a table under a title, after an empty line; the title only if it has no rows."""
+    console = console_for(table)
+    console.print(f"\n[bold]{title}[/]", highlight=False)
+    if table.row_count:
+        console.print(table)
+
+
+def _empty() -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.show_edge = False
+    return table

@@ -1,0 +1,252 @@
+"""Commands that fly many times: compare, sweep, paper."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import meanflock
+from meanflock.cli import completion
+from meanflock.cli.arguments import (
+    PATH,
+    load_scenario,
+    number_option,
+    out_option,
+    quiet_option,
+    report,
+    scenario_arguments,
+    warn_before_take_off,
+)
+from meanflock.cli.study_arguments import (
+    SEEDS,
+    backend_option,
+    jobs_option,
+    keys_or_list,
+    lists,
+    names,
+    progress_of,
+    scenario_option,
+    scheduler_option,
+    seeds_option,
+    store_in,
+)
+from meanflock.swarm.errors import BadInput
+
+if TYPE_CHECKING:
+    from meanflock.swarm.scenario import Scenario
+
+
+@click.command()
+@click.argument("methods", nargs=-1, required=True, metavar="METHOD…", shell_complete=completion.controllers)
+@scenario_option
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
+@seeds_option
+@jobs_option
+@click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
+@out_option("out/compare")
+@quiet_option
+def compare(
+    methods: tuple[str, ...],
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    record: bool,
+    out: Path,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Compare controllers over the same seeds.
+
+    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals, and a table with a row for each
+    flight as CSV and Parquet. Repeat an interrupted command to fly only what is missing.
+
+    \b
+    Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
+    """
+    from meanflock.studies import swept
+
+    swept.refuse_setting("method", given["settings"], "is what is compared")
+    scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
+    if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
+        from meanflock.studies import side_by_side
+        from meanflock.studies.runner import terminable
+    _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
+    if record:
+        with terminable(out):
+            side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
+            report([out / "compare.rrd"])
+
+
+@click.command(cls=lists("--methods"))
+@click.argument("swept", nargs=-1, required=True, metavar="KEY=V1,V2…", shell_complete=keys_or_list)
+@click.option(
+    "--methods",
+    multiple=True,
+    metavar="NAME…",
+    help="Controllers to sweep with.  [default: the scenario's]",
+    shell_complete=completion.controllers,
+)
+@scenario_option
+@scenario_arguments("uavs", "seed", "duration", "settings", "plugin")
+@seeds_option
+@jobs_option
+@out_option("out/sweep")
+@quiet_option
+def sweep(
+    swept: tuple[str, ...],
+    methods: tuple[str, ...],
+    file: Path | None,
+    seeds: int | None,
+    jobs: int,
+    out: Path,
+    quiet: bool,
+    settings: tuple[str, ...],
+    **given: Any,
+) -> None:
+    """Compare several values of one scenario key, or of several.
+
+    Several keys are a grid: all combinations of their values fly. Prints a table of means, and writes it as CSV and as
+    a plot with 95 % intervals, and a table with a row for each flight as CSV and Parquet. Repeat an interrupted command
+    to fly only what is missing.
+
+    \b
+    Example: meanflock sweep wind.sigma=0.1,0.3 uavs=9,25 --methods hjb mfgfl-hf
+    """
+    from meanflock.studies.swept import Grid, refuse_setting
+
+    grid = Grid.parse(swept)
+    of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
+    for varied in grid.keys:
+        varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
+    if methods:
+        refuse_setting("method", settings, "is what --methods names")
+    flown_by: list[str | None] = [*dict.fromkeys(names(methods))] or [None]
+    scenarios: dict[tuple[Any, ...], Scenario] = {}
+    for point in grid.points():
+        for name in flown_by:
+            one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
+            scenarios[point if grid.has_methods else (*point, str(one.method))] = one
+    keys = tuple(varied.key for varied in grid.keys)
+    columns = keys if grid.has_methods else (*keys, "method")
+    _fly("sweep", columns, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet)
+
+
+def _fly(
+    verb: str,
+    columns: tuple[str, ...],
+    scenarios: "Mapping[Any, Scenario]",
+    seeds: int,
+    jobs: int,
+    out: Path,
+    quiet: bool,
+) -> None:
+    """Fly all runs that `out` does not have; print the table of means, and write it, the runs, their table and a plot.
+
+    Args:
+        columns: names of the varied values.
+    """
+    from meanflock.cli.tables import console_for, means_table, payload_table
+    from meanflock.launch import memory
+    from meanflock.results.plots import comparison, plotstyle
+    from meanflock.results.quantities import with_unit
+    from meanflock.studies import flight_table, study
+    from meanflock.studies.means import Means
+    from meanflock.studies.runner import terminable
+
+    memory.check(scenarios.values())
+    warn_before_take_off(scenarios.values())
+    points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
+    with terminable(out):
+        with store_in(out) as store, progress_of(verb, quiet) as progress:
+            flown = study.fly_all(points, jobs, progress, store)
+        means = Means(tuple(map(with_unit, columns)), flown)
+        sizes = {one.uavs for one in scenarios.values()}
+        title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
+        for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
+            console_for(table).print(table)
+        study.save(flown.values(), out / "runs.jsonl")
+        report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
+        report(flight_table.write_tables(flight_table.flight_table(columns, flown), out))
+        report(plotstyle.write({verb: comparison.plot_points(columns, flown)}, out))
+
+
+@click.command()
+@number_option("--seeds", "K", 30, "Flights of each point; 2 for a quick look.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FIG",
+    help="fig2 … fig8, map or exchanged: fly only what it needs; repeatable.",
+)
+@click.option(
+    "--scenario",
+    "name",
+    metavar="NAME",
+    help="Judge this scenario instead: paper-slow, paper-printed, paper-exchanged or a file.  [default: paper]",
+)
+@jobs_option
+@backend_option
+@scheduler_option
+@click.option("--out", type=PATH, metavar="DIR", help="Where results are written.  [default: out/paper, or out/NAME]")
+@quiet_option
+def paper(
+    seeds: int,
+    only: tuple[str, ...],
+    name: str | None,
+    jobs: int,
+    backend: str,
+    scheduler: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Repeat the paper's experiments and test its claims.
+
+    Writes figures, tables, and a verdict for each claim. Repeat an interrupted command to fly only what is missing.
+
+    \b
+    Example: meanflock paper --seeds 2 --out out/paper
+    """
+    from meanflock.launch.doctor import tell_if_slow
+    from meanflock.studies.runner import terminable
+    from meanflock.swarm import scenario
+
+    _find_research()
+    from research.reproduction.experiments import run_grid
+    from research.reproduction.figures import FLOWN_FOR, chosen, draw
+    from research.reproduction.measure import measured
+    from research.reproduction.report import counts, write_report
+    from research.reproduction.verdict import evaluate
+
+    experiments = set().union(*(FLOWN_FOR[figure] for figure in chosen(only))) if only else None
+    file = None if name in (None, "paper") else Path(str(name))
+    base = scenario.load(file)
+    out = out or Path("out") / (file.stem if file else "paper")
+    tell_if_slow()
+    with terminable(out):
+        results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
+        with progress_of("theory", quiet) as progress:
+            theory = measured(out, jobs=jobs, progress=progress, scenario=base)
+        records = evaluate(results, theory)
+        draw(results, out / "figures", only)
+        paths = write_report(results, records, out, theory)
+    for verdict, number in counts(records).items():
+        click.echo(f"{verdict}: {number}", err=True)
+    report(paths)
+
+
+def _find_research() -> None:
+    """Make the package `research` of a checkout importable.
+
+    Raises:
+        BadInput: there is no such folder.
+    """
+    checkout = Path(meanflock.__file__).resolve().parents[1]
+    if not (checkout / "research" / "__init__.py").is_file():
+        raise BadInput(
+            "paper: the folder `research` is missing; it is in the source of meanflock, not in the installed "
+            "package. Get the source, install it with `pip install -e '.[ground]'`, and repeat the command"
+        )
+    if str(checkout) not in sys.path:
+        sys.path.append(str(checkout))  # worker processes inherit it

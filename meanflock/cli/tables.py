@@ -1,0 +1,91 @@
+"""Tables in a terminal: the means of a study in 80 columns, without numbers that are cut off."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from meanflock.channel.meter import TRAFFIC
+from meanflock.results import quantities
+from meanflock.studies.means import METRICS, Means
+
+WIDTH = 80  # of a terminal, at least
+_WIDE = 1000  # columns: wider than any table
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
+MEANS = (
+    "Means over n flights and all UAVs. Travel time: a UAV that never arrived counts with the duration, {:g} s. "
+    "Lower is better everywhere but in arrivals."
+)
+
+
+def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
+    """Table of means in 80 columns, without names that are cut off."""
+    note = MEANS.format(max(durations_s)) if len(set(durations_s)) == 1 else MEANS.replace(", {:g} s", "")
+    shown = _empty(means, title, note)
+    shown.add_column("n", justify="right", no_wrap=True)
+    rows = list(means.rows())
+    scale, prefix = _scale(rows)
+    for metric in METRICS:
+        shown.add_column(_heading(quantities.quantity(metric), prefix), justify="right", no_wrap=True)
+    for values, row in rows:
+        row["payload_bits"] /= scale
+        cells = ["–" if (mean := row[quantities.table_column(metric)]) is None else f"{mean:.4g}" for metric in METRICS]
+        cells[0] += f"/{row['uavs']}"  # of the arrivals
+        shown.add_row(*map(str, values), str(row["n"]), *cells)
+    if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
+        shown.padding = 0
+    return shown
+
+
+def payload_table(means: Means) -> Table:
+    """Table of the mean payload by kind of traffic, of those that any flight has."""
+    rows = list(means.rows())
+    scale, prefix = _scale(rows)
+    shown = _empty(means, "\npayload by kind of traffic", "")
+    kinds = [kind for kind in TRAFFIC.values() if any(row[f"{kind}_bits"] for _, row in rows)]
+    for kind in kinds:
+        shown.add_column(f"{kind}\n({prefix}bit)", justify="right", no_wrap=True)
+    for values, row in rows:
+        shown.add_row(*map(str, values), *(f"{row[f'{kind}_bits'] / scale:.4g}" for kind in kinds))
+    return shown
+
+
+def _empty(means: Means, title: str, note: str) -> Table:
+    """A table whose first columns are the varied values."""
+    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    shown.show_edge = False
+    shown.title_justify = "left"
+    shown.caption_justify = "left"
+    for name in means.names:
+        shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
+    return shown
+
+
+def _scale(rows: Sequence[tuple[tuple[Any, ...], dict[str, Any]]]) -> tuple[float, str]:
+    """The prefix of the unit of all payloads, and its size."""
+    most = max(row["payload_bits"] for _, row in rows)
+    return next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
+
+
+def _heading(quantity: quantities.Quantity, prefix: str) -> str:
+    """The heading of a column with its unit; bits have a prefix."""
+    unit = f"{prefix}bit" if quantity is quantities.PAYLOAD else quantity.unit or "1"
+    return f"{quantity.heading}\n({unit})"
+
+
+def _broken(name: str) -> str:
+    """A dotted key that may be broken into lines."""
+    return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")
+
+
+def console_for(table: Table) -> Console:
+    """Console on standard output, at least as wide as the table; a narrower terminal wraps lines."""
+    console, wide = Console(), Console(width=_WIDE)
+    wanted = wide.measure(table).maximum
+    for column in table.columns:
+        if not column.no_wrap:
+            cells = [wide.measure(cell) for cell in (column.header, *column.cells)]
+            wanted -= max(cell.maximum for cell in cells) - max(cell.minimum for cell in cells)
+    return console if console.width >= wanted else Console(width=wanted)

@@ -1,0 +1,81 @@
+"""The instants of a flight, as an export needs them."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from meanflock.results.flown import Flight, Flown, Piece
+from meanflock.results.series import per_uav, states_of
+from meanflock.results.stored_run import began
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import FlightEvent
+
+NANOSECONDS = 1_000_000_000
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST = datetime(2038, 1, 1, tzinfo=UTC)  # messages of ROS 2 count seconds in 32 bits
+
+
+class Instant(NamedTuple):
+    """A tick.
+
+    time_ns: see `time_ns`. row: in the table of its piece. states: [x, y, vx, vy] of each UAV. headings: the
+    quaternion [z, w] of each velocity, about the vertical axis. events: since the tick before.
+    """
+
+    time_ns: int
+    row: int
+    states: list[list[float]]
+    headings: list[list[float]]
+    status: list[int]
+    events: list[FlightEvent]
+
+
+def time_ns(flight: Flight, seconds: float) -> int:
+    """A simulated time on the clock of an export, ns."""
+    return flight.take_off_ns + round(seconds * NANOSECONDS)
+
+
+def take_off(text: str, folder: Path) -> int:
+    """A time of take-off, ns since 1970: a text in ISO 8601 with a time zone, or `run`: when the run in `folder` began.
+
+    Raises:
+        BadInput: it is none, before 1970, or after 2037.
+    """
+    expected = (
+        "give a time with a time zone as in 2026-11-21T10:15:00Z, from 1970 to 2037, or `run`: when the run began"
+    )
+    try:
+        at = began(folder) if text == "run" else datetime.fromisoformat(text)
+    except ValueError:
+        at = None
+    if at is None or at.tzinfo is None or not _EPOCH <= at < _LAST:
+        raise BadInput(f"--take-off {text}: {expected}")
+    return (at - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def instants(flight: Flight, piece: Piece) -> Iterator[Instant]:
+    """The ticks of a piece of a flight; the last one has all events that are left."""
+    states = states_of(piece.rows)
+    half = np.arctan2(states[..., 3], states[..., 2]) / 2
+    headings = np.stack([np.sin(half), np.cos(half)], axis=-1)
+    status = per_uav(piece.rows, "status")[..., 0]
+    times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
+    ticks = piece.rows["tick"].to_pylist()
+    events = piece.events
+    for row, tick in enumerate(ticks):
+        now = [event for event in events if event.tick <= tick] if row + 1 < len(ticks) else events
+        events = events[len(now) :]
+        yield Instant(times[row], row, states[row].tolist(), headings[row].tolist(), status[row].tolist(), now)
+
+
+def about(flown: Flown, finished: bool) -> dict[str, str]:
+    """The scenario in a few words."""
+    return {
+        "method": flown.method,
+        "uavs": str(flown.uavs),
+        "seed": str(flown.seed),
+        "finished": str(finished).lower(),
+    }

@@ -1,0 +1,180 @@
+"""Messages of ROS 2 that show a flight. Their types are known to Foxglove and to every distribution from Humble on."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from rosbags.typesys.stores import ros2_kilted as ros
+
+from meanflock.export.instants import NANOSECONDS, Instant
+from meanflock.results.event_log import event_level, event_text
+from meanflock.swarm import mission
+from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.mission import Mission
+from meanflock.swarm.wire.messages import Status
+
+Color = tuple[float, float, float]  # red, green, blue
+
+_MAP = "map"  # the frame of all positions: goal at the origin, x and y as in the scenario, z up
+_COLORS: dict[Status, Color] = {
+    Status.FLYING: (0.26, 0.56, 0.96),
+    Status.ARRIVED: (0.20, 0.73, 0.40),
+    Status.LOST: (0.85, 0.25, 0.22),
+}
+_GOAL: Color = (0.20, 0.73, 0.40)
+_OBSTACLE: Color = (0.55, 0.55, 0.58)
+_LENGTH_M = 4.0  # of the arrow of a UAV
+_HEIGHT_M = 4.0  # of an obstacle
+_LETTERS_M = 3.0  # height of the letters
+_STILL = ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0)
+_AHEAD = ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0)
+_NEWEST = ros.builtin_interfaces__msg__Time(0, 0)  # in a marker: follow the newest position of its frame
+_EMPTY = np.zeros(0, np.uint8)
+
+
+def transforms(at: Instant) -> Any:
+    """The frame of each UAV in the map."""
+    header = _header(at.time_ns)
+    each = [
+        ros.geometry_msgs__msg__TransformStamped(header, _name(uav), transform)
+        for uav, transform in enumerate(_transforms(at))
+    ]
+    return ros.tf2_msgs__msg__TFMessage(each)
+
+
+def poses(at: Instant) -> Any:
+    """The pose of each UAV."""
+    each = [
+        ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(x, y, 0.0), _heading(heading))
+        for (x, y, _, _), heading in zip(at.states, at.headings, strict=True)
+    ]
+    return ros.geometry_msgs__msg__PoseArray(_header(at.time_ns), each)
+
+
+def states(at: Instant) -> Any:
+    """Name, transform and velocity over ground of each UAV."""
+    names = [_name(uav) for uav in range(len(at.states))]
+    velocities = [
+        ros.geometry_msgs__msg__Twist(ros.geometry_msgs__msg__Vector3(vx, vy, 0.0), _STILL)
+        for _, _, vx, vy in at.states
+    ]
+    return ros.sensor_msgs__msg__MultiDOFJointState(_header(at.time_ns), names, _transforms(at), velocities, [])
+
+
+def uavs(status: Sequence[int]) -> Any:
+    """An arrow and a label for each UAV, in its frame."""
+    size = (_LENGTH_M, _LENGTH_M / 6, _LENGTH_M / 6)
+    markers = []
+    for uav, now in enumerate(map(Status, status)):
+        label = str(uav) if now == Status.FLYING else f"{uav} {now.name.lower()}"
+        arrow = ros.visualization_msgs__msg__Marker.ARROW
+        markers.append(_marker("uavs", uav, arrow, (0.0, 0.0, 0.0), size, _COLORS[now], frame=_name(uav)))
+        markers.append(_text(uav, (0.0, 0.0), label, _COLORS[now], frame=_name(uav)))
+    return ros.visualization_msgs__msg__MarkerArray(markers)
+
+
+def goals_and_obstacles(flown: Mission) -> Any:
+    """A disc for each goal, and a cylinder for each obstacle."""
+    goals = np.unique(mission.goals(flown), axis=0).tolist()
+    radius = flown.destination.radius
+    discs = [("goals", number, x, y, radius, 0.1, _GOAL, 0.4) for number, (x, y) in enumerate(goals)]
+    for number, (x, y, width) in enumerate(mission.obstacles(flown).tolist()):
+        discs.append(("obstacles", number, x, y, width, _HEIGHT_M, _OBSTACLE, 0.6))
+    cylinder = ros.visualization_msgs__msg__Marker.CYLINDER
+    markers = [
+        _marker(kind, number, cylinder, (x, y, 0.0), (2 * width, 2 * width, height), color, alpha)
+        for kind, number, x, y, width, height, color, alpha in discs
+    ]
+    if len(goals) == 1:
+        markers.append(_text(0, goals[0], "goal", _GOAL))
+    return ros.visualization_msgs__msg__MarkerArray(markers)
+
+
+def diagnostics(at: Instant, totals: Mapping[str, Any], reports: Mapping[str, Sequence[Any]]) -> Any:
+    """The totals of the swarm, and the status and the reports of each UAV."""
+    entries = [_diagnostic("swarm", "", 0, totals)]
+    for uav, status in enumerate(map(Status, at.status)):
+        level = 2 if status == Status.LOST else 0  # ERROR, OK
+        values = {key: each[uav] for key, each in reports.items()}
+        entries.append(_diagnostic(_name(uav), status.name.lower(), level, values))
+    return ros.diagnostic_msgs__msg__DiagnosticArray(_header(at.time_ns), entries)
+
+
+def event(time_ns: int, happened: FlightEvent) -> Any:
+    """An event as a line of a log."""
+    level = getattr(ros.rcl_interfaces__msg__Log, event_level(happened))
+    subject = f"meanflock.{happened.kind}"
+    return ros.rcl_interfaces__msg__Log(_time(time_ns), level, subject, event_text(happened), "", "", 0)
+
+
+def _name(uav: int) -> str:
+    """The name of a UAV, and of the frame that moves with it."""
+    return f"uav_{uav}"
+
+
+def _time(time_ns: int) -> Any:
+    return ros.builtin_interfaces__msg__Time(*divmod(time_ns, NANOSECONDS))
+
+
+def _header(time_ns: int) -> Any:
+    return ros.std_msgs__msg__Header(_time(time_ns), _MAP)
+
+
+def _heading(heading: Sequence[float]) -> Any:
+    z, w = heading
+    return ros.geometry_msgs__msg__Quaternion(0.0, 0.0, z, w)
+
+
+def _transforms(at: Instant) -> list[Any]:
+    return [
+        ros.geometry_msgs__msg__Transform(ros.geometry_msgs__msg__Vector3(x, y, 0.0), _heading(heading))
+        for (x, y, _, _), heading in zip(at.states, at.headings, strict=True)
+    ]
+
+
+def _diagnostic(subject: str, message: str, level: int, values: Mapping[str, Any]) -> Any:
+    pairs = [
+        ros.diagnostic_msgs__msg__KeyValue(key, "" if value is None else str(value)) for key, value in values.items()
+    ]
+    return ros.diagnostic_msgs__msg__DiagnosticStatus(level, f"meanflock: {subject}", message, subject, pairs)
+
+
+def _text(number: int, place: Sequence[float], words: str, color: Color, frame: str = _MAP) -> Any:
+    x, y = place
+    kind, size = ros.visualization_msgs__msg__Marker.TEXT_VIEW_FACING, (0.0, 0.0, _LETTERS_M)
+    return _marker("labels", number, kind, (x, y, _LENGTH_M / 2), size, color, text=words, frame=frame)
+
+
+def _marker(
+    namespace: str,
+    number: int,
+    kind: int,
+    place: tuple[float, float, float],
+    size: tuple[float, float, float],
+    color: Color,
+    alpha: float = 1.0,
+    text: str = "",
+    frame: str = _MAP,
+) -> Any:
+    header = ros.std_msgs__msg__Header(_NEWEST, frame)
+    return ros.visualization_msgs__msg__Marker(
+        header=header,
+        ns=namespace,
+        id=number,
+        type=kind,
+        action=ros.visualization_msgs__msg__Marker.ADD,
+        pose=ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(*place), _AHEAD),
+        scale=ros.geometry_msgs__msg__Vector3(*size),
+        color=ros.std_msgs__msg__ColorRGBA(*color, alpha),
+        lifetime=ros.builtin_interfaces__msg__Duration(0, 0),  # until the next scene
+        frame_locked=True,
+        points=[],
+        colors=[],
+        texture_resource="",
+        texture=ros.sensor_msgs__msg__CompressedImage(header, "", _EMPTY),
+        uv_coordinates=[],
+        text=text,
+        mesh_resource="",
+        mesh_file=ros.visualization_msgs__msg__MeshFile("", _EMPTY),
+        mesh_use_embedded_materials=False,
+    )

@@ -1,0 +1,85 @@
+"""Records of the rounds: an account of each that is open, and a hash of all models shared.
+
+Flights whose federations did the same, to the last bit, have equal hashes.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.plan import Plan
+from meanflock.swarm.wire.messages import Frames
+
+
+class Account(msgspec.Struct, array_like=True):
+    """Account of the uploads of one round.
+
+    Attributes:
+        participants: N_h. absent: those of them that were lost or paused.
+        sent: UAVs that sent, ascending.
+        copies: messages over links to other UAVs; a model in fragments is one message for each. arrived: those that
+            were there when the round was averaged.
+        received, late: UAVs whose upload, or a part of it, reached any UAV that averages in time, or later.
+        refused: UAVs whose upload was received and could not be averaged.
+        earlier: late uploads of the round before, which count in this one.
+    """
+
+    participants: int
+    absent: int
+    sent: list[int]
+    copies: int = 0
+    arrived: int = 0
+    earlier: int = 0
+    received: set[int] = set()
+    late: set[int] = set()
+    refused: set[int] = set()
+
+    def transmit(self, links: NDArray[np.int32], rows: NDArray[np.intp], is_late: NDArray[np.bool_]) -> None:
+        """Counts uploads on the air over links (K, 5), with `rows` (K,) messages each, and which of them are late."""
+        self.copies += int(rows.sum())
+        self.late.update(links[is_late, 1].tolist())
+
+    def receive(self, senders: Iterable[int], copies: int) -> None:
+        """Counts the mail of this round that is there when it is averaged."""
+        self.received.update(senders)
+        self.arrived += copies
+
+    def snapshot(self) -> list[Any]:
+        """All of it, for `restored`; sets are ascending lists."""
+        fields: list[Any] = msgspec.to_builtins(self, order="sorted")
+        return fields
+
+    @classmethod
+    def restored(cls, snapshot: list[Any]) -> "Account":
+        """The account of a snapshot."""
+        return msgspec.convert(snapshot, cls)
+
+
+class ModelsHash:
+    """Hash of the global models, as they are coded, in the order in which they are broadcast.
+
+    Where no global model goes by radio, as with the topology `neighbours`, the uploads count in their place.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        by_radio = [hop.label for hop in plan.hops if not hop.is_local]
+        self._label = by_radio[-1] if by_radio else None
+        self.digest = b""  # after the models so far; empty before the first
+
+    @property
+    def hexdigest(self) -> str | None:
+        """The hash as text; None if no model was sent."""
+        return self.digest.hex() or None
+
+    def add(self, frames: Iterable[Frames]) -> None:
+        """Add the models among the frames of a tick, sources ascending."""
+        for batch in frames:
+            if batch.kind == self._label:
+                form = f"{batch.round} {batch.payload.dtype.str} {batch.payload.shape}".encode()
+                whole = hashlib.sha256(self.digest + form + batch.source.astype("<i4").tobytes())
+                whole.update(np.ascontiguousarray(batch.payload).data)
+                self.digest = whole.digest()

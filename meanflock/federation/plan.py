@@ -1,0 +1,172 @@
+"""Plan: a scenario with its plug-ins made and their declarations read. What contradicts is refused here.
+
+A scenario is data and loads no plug-in. Whatever flies needs its plan, which is made once.
+"""
+
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.fragments import WHOLE
+from meanflock.federation.topology.base import Hop
+from meanflock.swarm import plugins
+from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.faults import LeaderLoss
+from meanflock.swarm.plugins import PluginKind
+from meanflock.swarm.scenario import Scenario, Sharing, with_payloads
+
+_PLAN = "plan"  # attribute of a scenario that keeps its plan
+LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
+
+
+class Group(NamedTuple):
+    """UAVs that one controller flies, behind one filter.
+
+    uavs: (M,) ascending. declared: the declarations of the controller.
+    """
+
+    uavs: NDArray[np.intp]
+    declared: Declared
+
+
+class Plan:
+    """All that is known of a flight before it begins.
+
+    Attributes:
+        given: the scenario as it was given.
+        scenario: the same, resolved: keys that were left out and depend on a plug-in have its values.
+        groups: the UAVs by controller. There is one group today.
+        hops: the hops of every round; none for methods without rounds.
+    """
+
+    def __init__(self, scenario: Scenario, declared: Declared | None = None) -> None:
+        """
+        Args:
+            scenario: what is flown.
+            declared: the declarations of its controller, where that is not found by its name; None: find it.
+
+        Raises:
+            BadInput: a plug-in is not installed here, its options do not fit, or keys and plug-ins contradict
+                each other.
+        """
+        if declared is None:
+            declared = declarations_of(controller(scenario), scenario.method)
+        self.given = scenario
+        self.scenario = _resolved(scenario, declared)
+        self.groups = (Group(np.arange(scenario.uavs), declared),)
+        if scenario.sharing != Sharing() and not declared.shares:
+            raise BadInput(
+                f"`[sharing]` is set, but controller {scenario.method!r} shares no states; remove that table, or set a "
+                "filter, which shares them: filter.kind=ecbf"
+            )
+        self._check_silence()
+        self.hops = self._hops()
+        for one in (scenario, self.scenario):
+            vars(one)[_PLAN] = self
+
+    @property
+    def declared(self) -> Declared:
+        """Declarations of the controller."""
+        return self.groups[0].declared
+
+    @property
+    def period_ticks(self) -> int:
+        """Ticks between rounds, n0."""
+        return self.scenario.period_ticks
+
+    @property
+    def keeps_residuals(self) -> bool:
+        """Returns whether UAVs store rounding errors of uploads, which are then narrower than the radio's floats."""
+        return self.declared.is_federated and self.scenario.federation.error_feedback and self.scenario.rounds_uploads
+
+    @property
+    def known(self) -> Scenario:
+        """The scenario that agents and leader get: without what no controller may know, and with the size of fragments
+        written out, so that they need no channel to know it."""
+        cuts = [hop.coding.cut for hop in self.hops]
+        slots = max((cut.slots for cut in cuts if cut is not None), default=WHOLE)
+        told = self.scenario.known()
+        return msgspec.structs.replace(told, federation=msgspec.structs.replace(told.federation, fragment=slots))
+
+    def leaders(self, tick: int = 0) -> int:
+        """Number of leader nodes in a tick: one, plus a standby for each loss with `standby`, minus the losses before.
+
+        0 or 1 without rounds.
+        """
+        losses = [fault for fault in self.scenario.faults if isinstance(fault, LeaderLoss)]
+        started = 1 + sum(fault.standby for fault in losses)
+        left = max(0, started - sum(fault.begins(self.scenario.dt) < tick for fault in losses))
+        if not self.declared.is_federated:
+            return min(left, 1)
+        return left if any(hop.role == "leader" for hop in self.hops) else 0
+
+    def _check_silence(self) -> None:
+        """Validates that the aggregation rule bears UAVs that send nothing."""
+        federation = self.scenario.federation
+        rule, threshold = federation.aggregation, federation.upload_threshold
+        if threshold and not getattr(plugins.load("aggregator", rule), "bears_silence", True):
+            raise BadInput(
+                f"scenario: `federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models "
+                "have settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
+            )
+
+    def _hops(self) -> tuple[Hop, ...]:
+        name, federation = topology_of(self.scenario), self.scenario.federation
+        kind = plugins.load("topology", name)
+        if federation.clusters > 1 and not getattr(kind, "bears_clusters", True):
+            raise BadInput(
+                f"scenario: `federation.clusters` is {federation.clusters}, but `federation.topology` is {name}; "
+                "set only one of them"
+            )
+        if name == LEADER and not self.declared.is_federated:
+            return ()
+        try:
+            return tuple(plugins.create("topology", name, {}, self.scenario, self.declared).hops())
+        except BadInput:
+            raise
+        except FAILURES as error:
+            raise BadInput(f"topology {name!r}: {last_line(error)}") from error
+
+
+def plan_of(scenario: Scenario) -> Plan:
+    """The plan of a scenario, made when it is first asked for.
+
+    Raises:
+        BadInput: see `Plan`.
+    """
+    plan: Plan | None = vars(scenario).get(_PLAN)
+    return plan or Plan(scenario)
+
+
+def topology_of(scenario: Scenario) -> str:
+    """Name of the topology of a scenario's rounds."""
+    return scenario.federation.topology or (CLUSTERS if scenario.federation.clusters > 1 else LEADER)
+
+
+def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
+    """Kind, name and fingerprint of every plug-in that a scenario needs; none is loaded.
+
+    Raises:
+        BadInput: a plug-in is not installed here.
+    """
+    wanted: tuple[tuple[PluginKind, str], ...] = (
+        ("controller", scenario.method),
+        ("aggregator", scenario.federation.aggregation),
+        ("channel", scenario.radio.model),
+        ("vehicle", scenario.vehicle.model),
+        ("topology", topology_of(scenario)),
+    )
+    if scenario.filter.kind != NO_FILTER:
+        wanted += (("filter", scenario.filter.kind),)
+    return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in wanted)
+
+
+def _resolved(scenario: Scenario, declared: Declared) -> Scenario:
+    """The scenario with the period of the controller, its recorded options and the payloads of the radio."""
+    whole = with_payloads(scenario)
+    federation = msgspec.structs.replace(whole.federation, period=scenario.federation.period or declared.period_ticks)
+    options: dict[str, Any] = scenario.controller | dict(declared.recorded)
+    return msgspec.structs.replace(whole, federation=federation, controller=options)

@@ -1,0 +1,371 @@
+"""Post: the world's part in the rounds. It carries, counts and keeps models, and never reads one."""
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.account import Account
+from meanflock.federation.mailbox import Letter, Mailbox, links_of
+from meanflock.federation.plan import Plan
+from meanflock.federation.schedule import Schedule
+from meanflock.federation.topology.base import Hop, Role
+from meanflock.federation.transmission import Reception, Transmission
+from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.state import Mask, contains
+from meanflock.swarm.wire.messages import FrameKind, Frames
+
+Indices: TypeAlias = NDArray[np.intp]
+
+_COUNTS = ("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest")  # of a snapshot
+
+
+class EventRecorder(Protocol):
+    """Records an event of a kind, with a text and the UAVs concerned."""
+
+    def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
+
+
+class Post:
+    """All that the world knows of the rounds.
+
+    Attributes:
+        rounds: rounds in which models were averaged. rounds_void: rounds in which nothing was: no model of another UAV
+            arrived, or the rule failed. A round after which the rule waits for more models is neither.
+        late: uploads that were delivered after their round had been averaged, and counted in the next one.
+        silent: participants, summed over rounds, that were awake and sent no model.
+        isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
+        rule_record: the state of the leader's aggregation rule, a record.
+        newest: number of the last letter that came.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._scenario = scenario = plan.scenario
+        self._schedule = Schedule(plan)
+        self._schedule.draw_ahead()
+        self._hops = self._schedule.hops
+        self.rounds = 0
+        self.rounds_void = 0
+        self.late = 0
+        self.silent = 0
+        self.isolated = 0
+        self.newest = 0
+        self._averaged = 0  # number of the last round that was
+        self._accounts: dict[int, Account] = {}  # of the rounds that are open
+        self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
+        self.rule_record = b""
+        self._cut = any(hop.coding.fragments is not None for hop in self._hops)
+        self._transmissions: list[Transmission] = []
+        self._reception = Reception(scenario.uavs)
+        self._has_failed = False  # whether the leader complained in this tick
+        self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
+        self._open: list[Mailbox] = []  # those that mail was sent to
+        # Ticks from the opening of a round until its uploads are averaged, by their label
+        self._uploads = {hop.mail.label: hop.after for hop in self._hops if hop.mail and hop.mail.mail is None}
+
+    # -- before a tick's requests -------------------------------------------------------------------------------
+
+    def deliver(self, tick: int, due: Sequence[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
+        """Keeps the mail among the frames that arrive now, for UAVs that are `awake` (N,); returns the rest."""
+        rest = []
+        for frames in due:
+            hop = self._schedule.sent(frames.kind, frames.round, tick)
+            found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
+            if found is None:
+                rest.append(frames)
+                if hop is not None and hop.is_last and self._cut:
+                    self._reception.receive(frames, awake)
+                continue
+            averaging, box = found
+            self.newest += 1
+            box.put(self.newest, frames, awake)
+            if (
+                self._scenario.federation.deadline is not None
+                and self._schedule.age(frames.round, tick) > averaging.after
+            ):
+                self.late += len(np.unique(frames.source[links_of(frames)[:, 0]]))
+        if len(rest) < len(due):
+            self._list_open()
+        return rest
+
+    @property
+    def letters(self) -> tuple[Letter, ...]:
+        """The mail that waits to be averaged; see `mailbox.mail_for`."""
+        return tuple(letter for box in self._open for letter in box.letters)
+
+    def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
+        """Returns whether the leader has anything to do in this tick. It has not while its UAV is lost or paused."""
+        return self._schedule.is_open(tick) and any(
+            bool(awake[hop.senders].any()) for hop in self._hops if hop.role == "leader"
+        )
+
+    # -- the frames that nodes send -----------------------------------------------------------------------------
+
+    def check(self, role: Role, frames: Frames) -> None:
+        """Validates frames that a node of some role sends in a round, but for their time and the node's UAVs.
+
+        Raises:
+            MessageRejected: `wrong-kind`, `wrong-shape` or `non-finite`.
+        """
+        hop = next(
+            (hop for hop in self._hops if hop.label == frames.kind and hop.role == role and not hop.is_local), None
+        )
+        if hop is None:
+            raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from a node of role {role}")
+        if not contains(hop.senders, frames.source).all():
+            raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
+        hop.coding.check(frames.source, frames.payload)
+
+    def check_refused(self, role: Role, tick: int, senders: NDArray[np.int32], uavs: NDArray[np.intp]) -> None:
+        """Validates that a node may refuse to average the models of `senders`: it averages in this tick, at `uavs`.
+
+        Raises:
+            MessageRejected: `wrong-shape`.
+        """
+        for hop in self._hops:
+            if hop.mail is None or hop.role != role:
+                continue
+            if role == "leader":
+                return
+            targets = hop.mail.targets
+            if self._schedule.number(hop, tick) and (
+                targets is None or bool(np.isin(targets[senders], uavs).any(axis=-1).all())
+            ):
+                return
+        raise MessageRejected("wrong-shape", "refused names uploads to others")
+
+    def round_error(self, frames: Frames, tick: int) -> MessageRejected | None:
+        """The reason why frames do not belong to a round that transmits in this tick; None where they do.
+
+        Frames of a kind go on the air as those of one round, so a node that names another would take all models there.
+        """
+        hop = self._hop(frames.kind, tick)
+        expected = 0 if hop is None else self._schedule.number(hop, tick)
+        is_last = any(one.is_last and one.label == frames.kind for one in self._hops)
+        if is_last and frames.round <= self._averaged:
+            return MessageRejected("duplicate", f"round {frames.round} has been averaged")
+        if hop is None or frames.round != expected:
+            return MessageRejected("wrong-round", f"{frames.kind.name} of round {frames.round}, expected {expected}")
+        if hop.mail is None:
+            participants = contains(self._schedule.participants(expected), frames.source)
+            if not participants.all():
+                outsiders = frames.source[~participants].tolist()
+                return MessageRejected("wrong-round", f"UAVs {outsiders} take no part in round {expected}")
+        return None
+
+    def refuse(self, uavs: Iterable[int]) -> None:
+        """Takes notice that a node did not average the models of some UAVs in this tick."""
+        self._refused.update(uavs)
+
+    def fail(self) -> None:
+        """Takes notice that the leader could not average in this tick, and said why."""
+        self._has_failed = True
+
+    # -- the frames that go on the air ----------------------------------------------------------------------------
+
+    def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
+        """Frames of UAVs that are awake (N,) on the air in this tick: of `frames`, sent just now, and earlier ones.
+
+        Models that are cut go in fragments, as many in a tick as their slots hold; all else goes at once.
+        """
+        if not self._cut:
+            return frames
+        on_air = []
+        for batch in frames:
+            hop = next((hop for hop in self._hops if hop.label == batch.kind), None)
+            if hop is None or hop.coding.fragments is None:
+                on_air.append(batch)
+                continue
+            wanted = np.ones((len(batch.source), hop.coding.count), dtype=bool)
+            for averaging, box in self._boxes:
+                if averaging is hop:
+                    wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
+            self._transmissions.append(Transmission(batch, hop.coding, wanted))
+        on_air += [cut for one in self._transmissions if (cut := one.next(awake)) is not None]
+        self._transmissions = [one for one in self._transmissions if not one.is_over]
+        return on_air
+
+    # -- after a tick's transmissions ---------------------------------------------------------------------------
+
+    def close(
+        self,
+        tick: int,
+        frames: Iterable[Frames],
+        on_air: Iterable[Frames],
+        links: NDArray[np.int32],
+        awake: NDArray[np.bool_],
+        has_leader: bool,
+        note: EventRecorder,
+    ) -> list[RoundEnded]:
+        """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
+
+        Args:
+            on_air: what was transmitted in this tick, over `links` (K, 5). has_leader: whether a node leads.
+        """
+        is_busy = self._schedule.is_busy(tick)
+        if is_busy:
+            self._open_accounts(tick, frames, awake)
+        self._follow(tick, on_air, links)
+        ended: list[RoundEnded] = []
+        if not is_busy:
+            return ended
+        if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
+            note("round", f"round {last}: {end}")
+        for hop, box in self._boxes:
+            if not (number := self._schedule.number(hop, tick)):
+                continue
+            self._receive(hop, box, number)
+            senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
+            if hop.is_local:
+                received = box.receivers(number) & awake
+                isolated, averaging = (int(np.count_nonzero(uavs)) for uavs in (awake & ~received, received))
+                self.isolated += isolated
+                found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
+                ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
+            elif hop.is_last:
+                reached = int(np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0)))
+                found = {"fragments": hop.coding.count, "reached": None if hop.coding.count > 1 else reached}
+                ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
+            else:
+                lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
+                for uav in hop.senders.tolist():
+                    if uav in lost or (box.addressed[uav] and uav not in senders):
+                        reason = "its relay is lost" if uav in lost else "its head is silent"
+                        note("void", f"round {number} goes on without the cluster of UAV {uav}: {reason}")
+            box.close(number)
+            self._list_open()
+        self._refused.clear()
+        self._has_failed = False
+        return ended
+
+    def snapshot(self) -> dict[str, Any]:
+        """All of it, for `restore`."""
+        return {
+            "counts": [getattr(self, name) for name in _COUNTS],
+            "rule": self.rule_record,
+            "transmissions": [one.snapshot() for one in self._transmissions],
+            "reception": self._reception.snapshot(),
+            "boxes": [box.snapshot() for _, box in self._boxes],
+            "accounts": [[number, account.snapshot()] for number, account in self._accounts.items()],
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Goes on where a snapshot was taken."""
+        for name, count in zip(_COUNTS, snapshot["counts"], strict=True):
+            setattr(self, name, int(count))
+        self.rule_record = bytes(snapshot["rule"])
+        self._transmissions = [Transmission.restored(one, self._hops) for one in snapshot["transmissions"]]
+        self._reception.restore(snapshot["reception"])
+        for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
+            box.restore(mail)
+        self._accounts = {number: Account.restored(account) for number, account in snapshot["accounts"]}
+        self._list_open()
+
+    def _other(self, awake: Mask) -> Mask:
+        """The UAVs that are awake (N,), without the one that averages for all."""
+        others = awake.copy()
+        others[self._hops[-1].senders] = False
+        return others
+
+    def _list_open(self) -> None:
+        self._open = [box for _, box in self._boxes if box.addressed.any()]
+
+    def _hop(self, label: FrameKind, tick: int) -> Hop | None:
+        """The hop of a label that transmits in this tick."""
+        return next(
+            (hop for hop in self._hops if hop.label == label and not hop.is_local and self._schedule.number(hop, tick)),
+            None,
+        )
+
+    def _open_accounts(self, tick: int, frames: Iterable[Frames], awake: NDArray[np.bool_]) -> None:
+        """Counts who sends in the rounds that open in this tick, and who is silent."""
+        for hop in self._hops:
+            if hop.mail is None and (number := self._schedule.number(hop, tick)):
+                sent = [uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()]
+                participants = self._schedule.participants(number)
+                present = int(awake[participants].sum())
+                self.silent += present - len(sent)
+                self._accounts[number] = Account(len(participants), len(participants) - present, sorted(sent))
+
+    def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
+        """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
+        for batch in on_air:
+            if self._cut and batch.kind == self._hops[-1].label:
+                self._reception.send(batch)
+            account = self._accounts.get(batch.round)
+            after = self._uploads.get(batch.kind, 0)
+            if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
+                continue
+            used = links[links[:, 3] == batch.kind]
+            rows = np.bincount(batch.source, minlength=self._scenario.uavs)[used[:, 1]]
+            is_late = age + self._scenario.delivery_ticks(np.maximum(used[:, 4], 0) // rows) > after
+            account.transmit(used, rows, is_late & (used[:, 4] >= 0))
+
+    def _receive(self, hop: Hop, box: Mailbox, number: int) -> None:
+        """Counts the uploads that are averaged in a hop."""
+        account = self._accounts.get(number)
+        if account is not None and hop.mail is not None and hop.mail.mail is None:
+            account.receive(*box.arrived(number))
+            account.earlier += len(box.arrived(number - 1)[0])
+            account.refused |= self._refused
+
+    def _end(
+        self, hop: Hop, number: int, tick: int, awake: Mask, has_leader: bool, averaged: int, **found: Any
+    ) -> RoundEnded:
+        """Counts a round that ends.
+
+        Args:
+            averaged: number of UAVs that averaged in it. found: further fields of the round.
+        """
+        account = self._accounts.pop(number, Account(0, 0, []))
+        received = account.received
+        has_others = bool(received - account.refused - {self._scenario.federation.leader})
+        leads = hop.role == "leader"
+        outcome: Literal["averaged", "waiting", "void"] = "void"
+        reason = ""
+        if averaged:
+            self.rounds += 1
+            self._averaged = number
+            outcome = "averaged"
+        elif leads and awake[hop.senders].any() and has_leader and has_others and not self._has_failed:
+            outcome = "waiting"
+        else:
+            self.rounds_void += 1
+            reason = "no model of another UAV was averaged"
+            if leads and not awake[hop.senders].any():
+                reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
+            elif leads and not has_leader:
+                reason = "there is no leader"
+            elif has_others:
+                reason = "the aggregation rule failed"
+        receiver, copy = self._terms
+        return RoundEnded(
+            tick,
+            number,
+            number * self._schedule.period,
+            outcome,
+            reason,
+            participants=account.participants,
+            absent=account.absent,
+            sent=tuple(account.sent),
+            received=tuple(sorted(received)),
+            late=tuple(sorted(account.late - received)),
+            refused=tuple(sorted(account.refused)),
+            receiver=receiver,
+            copies=account.copies,
+            arrived=account.arrived,
+            copy=copy,
+            earlier=account.earlier,
+            **found,
+        )
+
+    @cached_property
+    def _terms(self) -> tuple[int | None, str]:
+        """The receiver of the uploads, if it is one UAV, and the name of their copies, if an upload has several."""
+        upload = next(hop for hop in self._hops if hop.mail is None)
+        targets = [] if upload.targets is None else np.unique(upload.targets[upload.senders]).tolist()
+        copies = "fragments" if upload.coding.fragments is not None else "" if targets else "copies"
+        return targets[0] if len(targets) == 1 else None, copies

@@ -1,0 +1,112 @@
+"""Schedule of the rounds: when each hop of a round transmits and who takes part, known to all nodes beforehand."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.plan import Plan
+from meanflock.federation.topology.base import Hop
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.seeds import generator
+from meanflock.swarm.state import contains
+from meanflock.swarm.wire.messages import FrameKind
+
+_DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do
+_DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
+
+
+class Schedule:
+    """The rounds k = 1, 2 … of a flight; none for methods that share no model.
+
+    Attributes:
+        hops: of every round, in order.
+        period: ticks between two rounds, n0; 0 without rounds.
+    """
+
+    def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
+        """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
+        self._scenario = scenario = plan.scenario
+        self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
+        self.hops: tuple[Hop, ...] = plan.hops
+        self.period = plan.period_ticks if self.hops else 0
+        self._phases = {hop.after % self.period for hop in self.hops}
+        self._over = 0  # ticks from the opening of a round to the last arrival of its last fragment; 0 for whole models
+        if self.hops and self.hops[-1].coding.fragments is not None and not self.hops[-1].is_local:
+            self._over = self.hops[-1].after + self.hops[-1].coding.ticks - 1 + scenario.hop_ticks
+            self._phases.add(self._over % self.period)
+        self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
+
+    def is_busy(self, tick: int) -> bool:
+        """Returns whether any hop may transmit in this tick."""
+        return self.period > 0 and tick % self.period in self._phases
+
+    def opens(self, tick: int) -> int:
+        """The round that opens in this tick (tick = k·n0), or 0."""
+        return tick // self.period if self.period and tick > 0 and tick % self.period == 0 else 0
+
+    def number(self, hop: Hop, tick: int) -> int:
+        """The round whose `hop` transmits in this tick, when all earlier mail has arrived or is lost; or 0."""
+        return self.opens(tick - hop.after)
+
+    def ends(self, tick: int) -> int:
+        """The round whose global model has arrived in this tick, in fragments, or is lost; or 0."""
+        return self.opens(tick - self._over) if self._over else 0
+
+    def closes(self, tick: int) -> int:
+        """The round whose last hop transmits in this tick, or 0."""
+        return self.number(self.hops[-1], tick) if self.hops else 0
+
+    def sent(self, label: FrameKind, number: int, tick: int) -> Hop | None:
+        """The hop that transmitted the frames of a label and round that arrive in this tick; None for none."""
+        age = self.age(number, tick)
+        return next((hop for hop in reversed(self.hops) if hop.label == label and hop.after < age), None)
+
+    def age(self, number: int, tick: int) -> int:
+        """Ticks since a round opened."""
+        return tick - number * self.period
+
+    def is_open(self, tick: int) -> bool:
+        """Returns whether mail of a round may arrive in this tick, or its last hop transmit."""
+        return self.period > 0 and tick > self.period and (tick - 1) % self.period < self.hops[-1].after
+
+    def participants(self, number: int) -> NDArray[np.intp]:
+        """𝒩_h of a round: N_h UAVs, ascending."""
+        return self._draws(number)[0]
+
+    def rows(self, number: int) -> NDArray[np.intp]:
+        """The places of the participants of a round among `uavs`, ascending."""
+        return self._draws(number)[1]
+
+    def draw_ahead(self) -> None:
+        """Draws the participants of the flight's rounds, or of the first of very many, while nobody waits."""
+        if not self.period:
+            return
+        most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
+        self._draw_next(1, min(most, self._scenario.max_ticks // self.period))
+
+    def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        if number not in self._drawn:
+            self._draw_next(number, _DRAWN_AT_ONCE)
+        return self._drawn[number]
+
+    def _draw_next(self, first: int, count: int) -> None:
+        self._drawn = {}
+        for number in range(first, first + count):
+            participants = drawn(self._scenario, number)
+            rows = np.flatnonzero(contains(participants, self._uavs))
+            rows.flags.writeable = False
+            self._drawn[number] = participants, rows
+
+
+def drawn(scenario: Scenario, number: int) -> NDArray[np.intp]:
+    """The participants of a round of a scenario, ascending; not to be written to."""
+    return _drawn(scenario.seed, scenario.uavs, scenario.participants, number)
+
+
+@lru_cache(maxsize=_DRAWN_AHEAD)  # processes that are forked from one have those of their flight already
+def _drawn(seed: int, uavs: int, participants: int, number: int) -> NDArray[np.intp]:
+    draw = generator(seed, "participants", number)
+    found = np.sort(draw.choice(uavs, participants, replace=False))
+    found.flags.writeable = False
+    return found

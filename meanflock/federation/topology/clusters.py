@@ -1,0 +1,104 @@
+"""Heads of clusters average for the leader: two levels instead of one."""
+
+import numpy as np
+
+from meanflock.federation import coding
+from meanflock.federation.topology.base import Hop, Topology
+from meanflock.swarm import plugins
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+from meanflock.swarm.wire.messages import FrameKind
+
+
+class Division:
+    """The clusters of a scenario: K groups of neighbouring UAV numbers, as equal as can be.
+
+    Attributes:
+        cluster: (N,) the cluster ⌊iK/N⌋ of UAV i. sizes: (K,) UAVs in each. heads: (K,) UAVs, ascending: the leader's
+        UAV h in its own cluster, the lowest in every other. head_of: (N,) the UAV that heads the cluster of UAV i.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        count, leader = scenario.federation.clusters, scenario.federation.leader
+        self.cluster = np.arange(scenario.uavs) * count // scenario.uavs
+        self.sizes = np.bincount(self.cluster, minlength=count)
+        self.heads = np.searchsorted(self.cluster, np.arange(count))
+        self.heads[self.cluster[leader]] = leader
+        self.head_of = self.heads[self.cluster]
+
+
+class Clusters(Topology):
+    """Participants upload to the heads of their clusters; the leader averages and broadcasts the heads' means."""
+
+    name = "clusters"
+
+    def hops(self) -> tuple[Hop, ...]:
+        scenario = self.scenario
+        leader = scenario.federation.leader
+        self._check()
+        division = Division(scenario)
+        cut = coding.cut_of_models(scenario, self.declared)
+        uploads, broadcasts = (
+            coding.of_uploads(scenario, self.declared, cut),
+            coding.of_broadcasts(scenario, self.declared, cut),
+        )
+        averages = coding.of_relays(scenario, self.declared, division.sizes[division.cluster], cut)
+        relays = uploads.ticks - 1 + scenario.deadline_ticks
+        after = relays + averages.ticks - 1 + scenario.hop_ticks
+        least = after + 1 if broadcasts.fragments is None else after + broadcasts.ticks - 1 + scenario.hop_ticks
+        if scenario.period_ticks < least:
+            raise ValueError(
+                f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "
+                f"{scenario.period_ticks} has no room for two hops of up to {after} ticks in all; take at least {least}"
+            )
+        upload = Hop(
+            FrameKind.UPLOAD,
+            0,
+            "agent",
+            np.arange(scenario.uavs),
+            division.head_of[:, None],
+            uploads,
+        )
+        relay = Hop(
+            FrameKind.RELAY,
+            relays,
+            "agent",
+            division.heads,
+            np.full((scenario.uavs, 1), leader),
+            averages,
+            mail=upload,
+        )
+        model = Hop(
+            FrameKind.GLOBAL,
+            after,
+            "leader",
+            np.array([leader]),
+            None,
+            broadcasts,
+            mail=relay,
+            is_last=True,
+        )
+        return upload, relay, model
+
+    def _check(self) -> None:
+        """Raises ValueError where clusters cannot do what the rest of the scenario asks."""
+        scenario, federation = self.scenario, self.scenario.federation
+        count, bits = federation.clusters, scenario.radio.bits_per_float
+        asked = f"`federation.clusters` is {count}, but"
+        if count > scenario.uavs:
+            raise ValueError(f"{asked} `uavs` is {scenario.uavs}; a cluster holds at least one")
+        if not self.declared.is_federated:
+            raise ValueError(
+                f"{asked} `method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+            )
+        if not getattr(plugins.load("aggregator", federation.aggregation), "bears_means", False):
+            raise ValueError(
+                f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
+                "means; take fedavg, or one cluster"
+            )
+        exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
+        if (largest := -(-scenario.uavs // count)) > exact:
+            raise ValueError(
+                f"{asked} a cluster of {largest} UAVs is more than a {bits}-bit float counts exactly, {exact}; take "
+                "more clusters or wider floats"
+            )

@@ -1,0 +1,135 @@
+"""Memory that a swarm needs, and available memory of this machine or container."""
+
+from bisect import bisect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from meanflock.federation.plan import plan_of
+from meanflock.launch import forks
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import POSITION
+
+MEGABYTE = 2**20
+# Measured values plus a quarter. Private memory of a process; shared memory is counted once.
+AGENT_MB = 17 if forks.SAFE else 28  # forked from a loaded process, or started separately
+IN_PROCESS_MB = 220  # all rooms and the recorder in one process
+NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
+UAV_KB = 50
+PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick; or models: the mail
+FAR_PAIR_BYTES = 60  # if the UAVs do not reach all others
+
+_SMALL_MB = 500  # a flight in this process that is never refused
+_ROWS = 25  # UAVs in a process, as advice for too many processes
+
+_V1_NO_LIMIT = 2**60  # cgroup v1 means no limit by a huge number
+
+
+def pair_bytes(scenario: Scenario) -> int:
+    """Bytes that a flight needs for each pair of UAVs, if memory grows with N²; else 0."""
+    plan = plan_of(scenario)
+    if plan.declared.pairwise:
+        return PAIR_BYTES
+    to_all = [hop for hop in plan.hops if hop.targets is None and not hop.is_local]
+    if all(len(hop.senders) < scenario.uavs for hop in to_all):
+        return 0
+    places = starts(scenario)[:, POSITION]
+    largest = float(np.linalg.norm(np.ptp(places, axis=0)))
+    return PAIR_BYTES if all(largest <= (hop.range_m or largest) for hop in to_all) else FAR_PAIR_BYTES
+
+
+def needed_mb(uavs: int, processes: int, pair_bytes: int = 0) -> int:
+    """Estimate of the resident memory of a run, MB, rather too high.
+
+    Args:
+        processes: number of agents' processes; 0: all in one process. pair_bytes: of each pair of UAVs.
+    """
+    fixed = NETWORKED_MB + AGENT_MB * processes if processes else IN_PROCESS_MB
+    return fixed + UAV_KB * uavs // 1024 + pair_bytes * uavs * uavs // MEGABYTE
+
+
+def shortage(uavs: int, processes: int, pair_bytes: int = 0) -> tuple[str, str]:
+    """Needed and available memory in words, and what to do if it is too little; empty if it is enough."""
+    needed, (available, limit) = needed_mb(uavs, processes, pair_bytes), available_mb()
+    where = f"{processes} processes" if processes else "one process"
+    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {limit}"
+    if needed <= available:
+        return found, ""
+    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), pair_bytes) <= available
+    remedy = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
+    if pair_bytes and not crowded:
+        each = uavs // processes if processes else uavs
+        most = bisect(range(uavs), available, key=lambda n: needed_mb(n, -(-n // each) if processes else 0, pair_bytes))
+        pairs = "each UAV stores the states of all others, or sends its model to all, so memory grows with N²"
+        remedy = f"{pairs}: --uavs {most - 1}, or a --method without it" if most > 1 else f"{pairs}: another --method"
+    return found, remedy
+
+
+def check(flown: Iterable[Scenario]) -> None:
+    """Check that each of some flights in this process, one after the other, fits into memory.
+
+    Raises:
+        BadInput: one does not; the text has the memory that it needs.
+    """
+    for scenario in flown:
+        uavs, pairs = scenario.uavs, pair_bytes(scenario)
+        if needed_mb(uavs, 0, pairs) < _SMALL_MB:
+            continue
+        found, remedy = shortage(uavs, 0, pairs)
+        if remedy:
+            raise BadInput(f"memory: {found}; {remedy}")
+
+
+def available_mb(root: Path = Path("/")) -> tuple[int, str]:
+    """Available memory, MB, and the name of the limit."""
+    machine = psutil.virtual_memory().available
+    allowed = min(_allowances(root), default=machine)
+    if allowed < machine:
+        return max(0, allowed) // MEGABYTE, "left of this container's limit"
+    return machine // MEGABYTE, "available"
+
+
+def _allowances(root: Path) -> Iterator[int]:
+    """Bytes left in the control group of this process, and in each of its parents."""
+    try:
+        lines = (root / "proc/self/cgroup").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            mount, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            mount = root / "sys/fs/cgroup/memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        group = mount / path.strip("/")
+        for place in (
+            group,
+            *group.parents,
+        ):  # in a container the path may be that of the host; then the limit is at the mount
+            if place == mount or mount in place.parents:
+                left = _left(place, *names)
+                if left is not None:
+                    yield left
+
+
+def _left(group: Path, limit: str, used: str, reclaimable: str) -> int | None:
+    """Bytes left in a control group; None without a limit."""
+    try:
+        most = (group / limit).read_text(encoding="ascii").strip()
+        if most == "max" or int(most) >= _V1_NO_LIMIT:
+            return None
+        cache = [
+            int(line.split()[1])
+            for line in (group / "memory.stat").read_text(encoding="ascii").splitlines()
+            if line.split()[0] == reclaimable
+        ]
+        return int(most) - int((group / used).read_text(encoding="ascii")) + sum(cache)
+    except (OSError, ValueError):
+        return None

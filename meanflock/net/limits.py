@@ -1,0 +1,117 @@
+"""Limits of the length of messages to the world, from the scenario and the declarations of its plug-ins."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from meanflock.federation.averager import Rule
+from meanflock.federation.plan import Plan
+from meanflock.net import keys
+from meanflock.net.bus import Quota
+from meanflock.net.members import LEADER
+from meanflock.swarm import mission, state
+from meanflock.swarm.declared import MAX_BROADCASTS, controller
+from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
+from meanflock.swarm.plugins.guard import check_memory
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+
+JOIN_BYTES, RECEIVED_BYTES = 256, 64
+_NO_NODE = Quota("", 0)  # of keys that belong to no node
+_OVERHEAD_BYTES = 1024
+_FRAME_BYTES = 64  # of a batch, around its numbers
+_NUMBER_BYTES = 8
+_MOST_BYTES = 512 * 2**20  # of an Act, whatever the scenario
+
+
+class Limits:
+    """Longest Acts of a flight. The memory of a controller is measured on one UAV, because all UAVs have arrays
+    alike.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
+        whole models for the rule."""
+        declared, uavs = plan.declared, plan.scenario.uavs
+        memory = _initial_memory(plan)
+        rule = Rule(plan)
+        rule.check_radio(plan)
+        state_of_rule = control.encode_record(rule.begin())
+        numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
+        numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
+        numbers += sum(hop.coding.width for hop in plan.hops if hop.role == "agent" and not hop.is_local)
+        self._row = _NUMBER_BYTES * numbers + len(memory)
+        if plan.scenario.federation.upload_threshold:
+            self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
+        if any(hop.is_local for hop in plan.hops):  # a UAV that averages stores its model and a state of the rule
+            self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
+        last = plan.hops[-1].coding if plan.hops else None
+        if last is not None and last.fragments is not None:  # the global model, and its fragments that were received
+            self._row += (_NUMBER_BYTES * last.fragments.cut.size + 1) * last.count + _FRAME_BYTES
+        self._fixed = (
+            _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs
+        )  # 8: numbers of the UAVs that it refuses or loses
+        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
+
+    def act(self, rows: int) -> int:
+        """Most bytes of an Act of a node with so many UAVs; 0 for the leader."""
+        return self._fixed + (self._row * rows if rows else self._leader)
+
+
+def _initial_memory(plan: Plan) -> bytes:
+    """Initial memory of the controller for UAV 0, as a record.
+
+    Raises:
+        BadInput: `init` fails, the model has another size than declared, or a checkpoint cannot store the memory.
+    """
+    scenario, wanted = plan.scenario, (1, plan.declared.parameters)
+    flyer = controller(scenario)
+    starts = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+    try:
+        memory = flyer.init(np.arange(1), starts.astype(np.float64))  # as agents receive it
+        # The agent reports a memory of another form.
+        one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
+        if wanted[1] and one_row:
+            model = flyer.get(memory)
+            if (shape := np.shape(model)) != wanted:
+                raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+            flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # fails if it cannot take a model
+        check_memory("memory", memory)
+        return control.encode_record(memory)
+    except BadInput:
+        raise
+    except FAILURES as error:
+        text = f"controller {scenario.method!r} failed in `init` with UAV 0: {last_line(error)}"
+        raise BadInput(text) from error
+
+
+class Quotas:
+    """Quota of every key that the world listens on; may be called from any thread."""
+
+    def __init__(self, run: str, scenario: Scenario, limits: Limits, rows_at_most: int | None = None) -> None:
+        """`rows_at_most`: UAVs one agent may hold; None: as many as there are."""
+        self._run = run
+        rows = min(rows_at_most or scenario.uavs, scenario.uavs)
+        self._agent = min(limits.act(rows), _MOST_BYTES)
+        self._leader = min(limits.act(0), _MOST_BYTES)
+        self.largest = max(self._agent, self._leader, JOIN_BYTES, RECEIVED_BYTES)  # of all, bytes
+        self._cached = lru_cache(maxsize=4096)(self._quota)
+
+    def __call__(self, key: str) -> Quota:
+        """The sender of the messages under `key`, and the most bytes of one of them."""
+        return self._cached(key)
+
+    def _quota(self, key: str) -> Quota:
+        if key == keys.received(self._run):
+            return Quota(key, RECEIVED_BYTES)
+        if key in (keys.telemetry(self._run), keys.observed(self._run)):
+            return Quota(key, 0)
+        try:
+            name = keys.node_of(key).partition(".")[0]  # nodes that succeed each other in a place share its quota
+        except MessageRejected:
+            return _NO_NODE
+        if key.endswith("/join"):
+            return Quota(f"{name} joining", JOIN_BYTES)
+        if not key.endswith("/act"):
+            return Quota(name, 0)
+        return Quota(name, self._leader if name == LEADER else self._agent)

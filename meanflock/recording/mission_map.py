@@ -1,0 +1,259 @@
+"""The fixed parts of the map of a recording: mission, wind, scale, and the key to its marks and colours.
+
+The map is in metres with the goal at the origin and y up. The key stands left of the mission.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from meanflock.recording import drawing
+from meanflock.recording.drawing import Part, Point, circle
+from meanflock.results.series import Reported
+from meanflock.swarm import mission, state
+from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
+from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.base import MeanWind
+
+ROOM = 0.22  # around a goal, as a share of the way there
+MARGIN = 0.04  # around all that is shown, as a share of the longer side
+KEY_PX = 260.0  # width of the key, enough for its words in every window
+_WINDOW_PX = 1920.0  # width of the window for which the key is laid out
+_SINGLE_PX = 960.0, 545.0  # size there of a flight's map beside its plots
+_MAPS_PX, _TITLE_PX = 730.0, 30.0  # heights there of the maps of several flights together, and of the title of each
+ARROWS = 14  # of the wind, along the longer side of the map
+ARROW = 0.8  # length of the longest arrow, as a share of their distance
+_COLUMNS = 2  # of the key
+_ROW = 1 / 12  # of the key's height, at most
+_SAMPLE, _SCALE = 0.16, 0.7  # lengths of a sample, and at most of the scale's bar, in columns of the key
+
+Corners = tuple[NDArray[np.float64], NDArray[np.float64]]  # lower left and upper right, (2,) m
+
+
+class Layout(NamedTuple):
+    """The place of the key: middle of its upper left sample, width of a column, height of a row, length of a sample,
+    all in m.
+    """
+
+    left: float
+    top: float
+    column: float
+    row: float
+    sample: float
+
+
+# -- where things are ----------------------------------------------------------------------------------------------
+
+
+def is_about_its_start(scenario: Scenario) -> bool:
+    """Returns whether the goals are where other UAVs start, as in a swap."""
+    low, high = start_box(scenario)
+    return _way_m(scenario) < 0.25 * float((high - low).max())
+
+
+def box(scenario: Scenario) -> Corners:
+    """The mission on the map: all starts, all obstacles, all goals with room to overshoot."""
+    first, last = start_box(scenario)
+    goals, discs = mission.goals(scenario), mission.obstacles(scenario)
+    room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
+    low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
+    for x, y, radius in discs.tolist():
+        low, high = np.minimum(low, (x - radius, y - radius)), np.maximum(high, (x + radius, y + radius))
+    return low, high
+
+
+def shape(maps: int) -> tuple[int, int]:
+    """Rows and columns in which a window shows so many maps."""
+    columns = math.ceil(math.sqrt(maps))
+    return math.ceil(maps / columns), columns
+
+
+def key_box(scenario: Scenario, maps: int) -> Corners:
+    """The place of the key, left of the mission, on one of several `maps` in a window."""
+    low, high = box(scenario)
+    wide, tall = (high - low) + 2 * MARGIN * float((high - low).max())
+    rows, columns = shape(maps)
+    view = (_WINDOW_PX / columns, _MAPS_PX / rows - _TITLE_PX) if maps > 1 else _SINGLE_PX
+    metre_px = min((view[0] - KEY_PX) / wide, view[1] / tall)
+    middle, half = (low[1] + high[1]) / 2, view[1] / metre_px / 2 / (1 + 2 * MARGIN)
+    return np.array([low[0] - KEY_PX / metre_px, middle - half]), np.array([low[0], middle + half])
+
+
+def start_box(scenario: Scenario) -> Corners:
+    """The box around all starts, with a margin of one spacing."""
+    places = mission.starts(scenario)[:, state.POSITION]
+    return places.min(axis=0) - scenario.start.spacing, places.max(axis=0) + scenario.start.spacing
+
+
+def layout(scenario: Scenario, words: int, maps: int = 1) -> Layout:
+    """The layout of a key of so many `words`, on one of several `maps`.
+
+    The key begins level with the mission, or is centred where it is higher than the mission.
+    """
+    low, high = key_box(scenario, maps)
+    column = float(high[0] - low[0]) / _COLUMNS
+    lines = 2 + math.ceil(words / _COLUMNS)
+    row = float(high[1] - low[1]) * min(_ROW * shape(maps)[0], 1 / lines)
+    mission_low, mission_high = box(scenario)
+    top = max(float(mission_high[1]), float(mission_low[1] + mission_high[1] + lines * row) / 2)
+    return Layout(low[0] + column / 2, top - row / 2, column, row, _SAMPLE * column)
+
+
+def _way_m(scenario: Scenario) -> float:
+    low, high = start_box(scenario)
+    return math.hypot(*(_middle(mission.goals(scenario)) - (low + high) / 2))
+
+
+def _middle(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    return (places.min(axis=0) + places.max(axis=0)) / 2
+
+
+# -- the mission ---------------------------------------------------------------------------------------------------
+
+
+def log(part: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> None:
+    """Logs all fixed parts of one of several `maps`."""
+    _log_field(part, scenario)
+    _log_obstacles(part, scenario)
+    _log_start(part, scenario)
+    _log_goals(part, scenario)
+    _log_key(part, scenario, reported, maps)
+
+
+def _log_start(part: Part, scenario: Scenario) -> None:
+    low, high = start_box(scenario)
+    if not scenario.start.positions and mission.formation(scenario.start) in mission.GRIDS:
+        corners = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
+        part.line("map/start", corners, drawing.GREY, 1.0)
+    else:
+        part.dots("map/start", mission.starts(scenario)[:, state.POSITION], drawing.GREY, 2.5)
+    part.label("map/start/label", (float(low[0] + high[0]) / 2, float(low[1])), "start", drawing.GREY)
+
+
+def _log_goals(part: Part, scenario: Scenario) -> None:
+    goals, radius = mission.goals(scenario), scenario.destination.radius
+    if (goals == goals[0]).all():
+        x, y = goals[0].tolist()
+        part.line("map/goal", circle((x, y), radius), drawing.GREEN, 1.5)
+        part.label("map/goal/label", (x, y - radius), "goal", drawing.GREEN)
+        return
+    part.dots("map/goal", goals, drawing.GREEN, 1.2)
+    edge = goals[:, 1].max() if is_about_its_start(scenario) else goals[:, 1].min()  # the other has the start's label
+    part.label("map/goal/label", (float(_middle(goals)[0]), float(edge)), "goals", drawing.GREEN)
+
+
+def _log_obstacles(part: Part, scenario: Scenario) -> None:
+    discs = mission.obstacles(scenario)
+    if not len(discs):
+        return
+    names = [f"obstacle {number}" for number in range(len(discs))]
+    filled = rr.Points2D(discs[:, :2], radii=discs[:, 2], colors=[drawing.DISC], labels=names, show_labels=False)
+    part.log("map/obstacles", filled)
+    edges = [circle((x, y), radius) for x, y, radius in discs.tolist()]
+    outline = rr.LineStrips2D(edges, colors=[drawing.GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0)
+    part.log("map/obstacles/edges", outline)
+
+
+def _log_field(part: Part, scenario: Scenario) -> None:
+    """Logs arrows of a wind that depends on the place; the longest arrow fills its place."""
+    wind = MeanWind(scenario.flown())
+    if wind.uniform:
+        return
+    low, high = box(scenario)
+    step = float((high - low).max()) / ARROWS
+    places = np.stack(np.meshgrid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True))), axis=-1)
+    places = places.reshape(-1, 2)
+    velocity = wind(np.concatenate([places, np.zeros_like(places)], axis=-1))
+    vectors = velocity * (ARROW * step / np.sqrt(state.dot(velocity, velocity)).max())
+    arrows = rr.Arrows2D(
+        vectors=vectors,
+        origins=places - vectors / 2,
+        colors=[drawing.BREEZE],
+        radii=rr.Radius.ui_points(1.2),
+        draw_order=-1.0,
+    )
+    part.log("map/wind", arrows)
+
+
+# -- the key -------------------------------------------------------------------------------------------------------
+
+
+def _log_key(part: Part, scenario: Scenario, reported: Reported, maps: int) -> None:
+    samples = _samples(scenario)
+    left, top, column, row, size = layout(scenario, len(samples), maps)
+    _log_mean_wind(part, scenario, (left, top), 0.6 * row)
+    _log_scale(part, (left + column, top), _SCALE * column)
+    _log_colours(part, left, left + column, top - row, 0.2 * size, reported.has_phi_g)
+    for number, (word, color, outline, thickness) in enumerate(samples):
+        at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
+        entity = f"map/legend/{word.replace(' ', '_')}"
+        part.line(entity, outline * size / 2 + at, color, thickness)
+        part.label(f"{entity}/word", (at[0], at[1] - 0.2 * size), word, color)
+
+
+def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], float]]:
+    """The entries of the key: word, colour, a sample of size 1 and its thickness in points."""
+    across, ring = np.array([(-1.0, 0.0), (1.0, 0.0)]), circle((0.0, 0.0), 0.5)
+    samples = [
+        ("delivered", drawing.GREEN, across, 1.5),
+        ("outage", drawing.RED, across, 1.5),
+        ("collision", drawing.COLLISION, 0.7 * drawing.STAR, 1.2),
+    ]
+    if scenario.obstacles:
+        samples.append(("obstacle", drawing.GREY, ring, 1.0))
+        samples.append(("obstacle hit", drawing.HIT, 0.7 * drawing.CROSS, 1.5))
+    if scenario.federation.clusters > 1:
+        samples.append(("head", drawing.HEAD, ring, 2.0))
+    of_faults = {
+        Pause: ("frozen", drawing.FROZEN, ring, 2.0),
+        Partition: ("cut off", drawing.CUT, ring, 2.0),
+        Jam: ("jammed", drawing.JAMMED, circle((0.0, 0.0), 0.8), 1.2),
+        Gust: ("gust", drawing.GUST, across, 1.0),
+        Kill: ("lost", drawing.GREY, ring, 2.0),
+    }
+    kinds = {type(fault) for fault in scenario.faults}
+    return samples + [sample for kind, sample in of_faults.items() if kind in kinds]
+
+
+def _log_colours(part: Part, left: float, right: float, y: float, gap: float, by_phi_g: bool) -> None:
+    """Logs a bar with the colours of φ_G, or of speed, and labels its ends."""
+    if by_phi_g:
+        entity = "map/legend/phi_G"
+        low = f"φ_G ≤ {drawing.PHI_G_LOW:g}"
+        high = f"≥ {drawing.PHI_G_HIGH:g} s⁻²"
+    else:
+        entity = "map/legend/speed"
+        low = "speed 0"
+        high = f"≥ {drawing.SPEED_HIGH:g} m/s"
+    marks = np.linspace(left, right, 33)
+    strips = np.stack([np.stack([marks[:-1], marks[1:]], axis=-1), np.full((32, 2), y)], axis=-1)  # (32, 2, 2)
+    colors = drawing.viridis(np.linspace(0, 1, 32))
+    part.log(entity, rr.LineStrips2D(strips.astype(np.float32), colors=colors, radii=rr.Radius.ui_points(3.0)))
+    part.label(f"{entity}/low", (left, y - gap), low, drawing.GREY)
+    part.label(f"{entity}/high", (right, y - gap), high, drawing.GREY)
+
+
+def _log_mean_wind(part: Part, scenario: Scenario, at: Point, length: float) -> None:
+    """Logs an arrow with the direction of the mean wind; the word has its speed."""
+    wind = np.array(scenario.flown().wind.mean)
+    speed = float(np.hypot(*wind))
+    if speed:
+        arrow = wind / speed * length
+        tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
+        radii = rr.Radius.ui_points(1.5)
+        arrows = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[drawing.GUST], radii=radii, draw_order=1.0)
+        part.log("map/legend/wind", arrows)
+    word = f"mean wind {speed:.2g} m/s" if speed else "no mean wind"
+    part.label("map/legend/wind/word", at, word, drawing.GUST)
+
+
+def _log_scale(part: Part, at: Point, most_m: float) -> None:
+    """Logs a bar of 1, 2 or 5 times a power of ten metres, at most `most_m` long."""
+    power = 10.0 ** math.floor(math.log10(most_m))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
+    ends = np.array([(-length / 2, 0.0), (length / 2, 0.0)])
+    part.line("map/legend/scale", ends + at, drawing.WHITE, 1.5)
+    part.label("map/legend/scale/word", at, f"{length:g} m", drawing.WHITE)

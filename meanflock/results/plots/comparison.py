@@ -1,0 +1,133 @@
+"""Plots of many flights: methods side by side, and a parameter swept."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from meanflock.results import statistics
+from meanflock.results.plots import plotstyle
+from meanflock.results.quantities import COMPARED, FIELDS, number, with_unit
+
+Floats = NDArray[np.float64]
+Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
+
+_METHOD = "method"
+FLIGHTS_BELOW = 0.32  # of the distance of two rows
+
+
+def _panels(metrics: Sequence[str], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
+    """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
+    rows = -(-len(metrics) // 2)
+    figure = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
+    axes = list(figure.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
+    for letter, metric, ax in zip("abcdefghij", metrics, axes, strict=False):
+        plotstyle.titled(ax, letter, FIELDS[metric].remarked)
+    for ax in axes[len(metrics) :]:
+        ax.set_visible(False)
+    return figure, axes
+
+
+def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
+    """A panel a metric, a method a row: the mean with its 95 % interval over seeds, and below it a pale dot a run.
+
+    runs: by method the summaries of its runs.
+    """
+    methods, looks = list(runs), plotstyle.looks(runs)
+    with plotstyle.style():
+        figure, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
+        for key, ax in zip(COMPARED, axes, strict=False):
+            for place, method in enumerate(methods):
+                values = np.array([number(summary, key) for summary in runs[method]])
+                _row(ax, place, values, looks[method])
+            ax.set_ylim(len(methods) - 0.4, -0.5)
+            ax.set_yticks(range(len(methods)), methods)
+            ax.grid(visible=False, axis="y")
+            ax.set_xlabel(plotstyle.axis(key))
+            ax.xaxis.set_major_locator(MaxNLocator(6, integer=key in ("arrived", "collisions")))
+            if key.startswith("payload_bits"):
+                plotstyle.bit_axis(ax.xaxis)
+            if key == "arrived":
+                most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
+                ax.set_xlim(0.0, most)
+            _never_negative(ax)
+        _explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
+    return figure
+
+
+def _never_negative(ax: Axes) -> None:
+    """Begins the x axis just left of 0 where it would begin farther left: no metric here is negative."""
+    left, right = ax.get_xlim()
+    if left <= 0.0:
+        right = max(right, 1.0) if ax.dataLim.x1 <= 0.0 else right
+        ax.set_xlim(-0.03 * right, 1.03 * right)
+
+
+def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
+    """A method's mean and its interval, and its flights below them, where neither covers them."""
+    estimate = statistics.mean(values)
+    pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "markeredgewidth": 0.0, "alpha": 0.45}
+    ax.plot(values, np.full(len(values), place + FLIGHTS_BELOW), color=look.colour, **pale)
+    if estimate.bounded:
+        ax.plot([max(estimate.low, 0.0), estimate.high], [place, place], color=look.colour, linewidth=2.0)
+    mean: dict[str, Any] = {"marker": look.marker, "markersize": 6, "markeredgecolor": "white"}
+    ax.plot([estimate.value], [place], color=look.colour, **mean)
+
+
+def _explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
+    """Explain points and bars, below all panels."""
+    least, most = min(flights), max(flights)
+    caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
+    figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
+
+
+def plot_points(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+    """A study: methods side by side, or a sweep.
+
+    Args:
+        names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
+    """
+    if tuple(names) == (_METHOD,):
+        return plot_compare({method: summaries for (method,), summaries in points.items()})
+    return plot_sweep(names, points)
+
+
+def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+    """A panel a metric along the first swept key: mean over seeds with 95 % interval, a line for each method and each
+    combination of the other keys.
+
+    Values that are not all numbers are put side by side. Arguments as for `plot_points`.
+    """
+    key = next((name for name in names if name != _METHOD), _METHOD)
+    along = list(names).index(key)
+    values = list(dict.fromkeys(point[along] for point in points))
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    places = np.array(values if numeric else range(len(values)), dtype=np.float64)
+    lines: dict[str, dict[Any, Summaries]] = {}
+    for point, summaries in points.items():
+        others = [f"{name}={value}" for name, value in zip(names, point, strict=True) if name not in (key, _METHOD)]
+        lines.setdefault(", ".join([str(summaries[0][_METHOD]), *others]), {})[point[along]] = summaries
+    looks = plotstyle.looks(lines)
+    with plotstyle.style():
+        figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
+        for metric, ax in zip(COMPARED[:4], axes, strict=True):
+            for place, (line, flown) in enumerate(lines.items()):
+                offset = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
+                estimates = [
+                    statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
+                ]
+                plotstyle.dots(ax, looks[line], places + offset, estimates)
+            ax.set_ylabel(plotstyle.axis(metric))
+            if metric.startswith("payload_bits"):
+                plotstyle.bit_axis(ax.yaxis)
+            if not numeric:
+                ax.set_xticks(places, [str(value) for value in values])
+        for ax in axes[-2:]:
+            ax.set_xlabel(with_unit(key))
+        plotstyle.legend(figure, list(lines), markers=True, looks=looks)
+        _explained(figure, [len(summaries) for summaries in points.values()])
+    return figure

@@ -1,0 +1,343 @@
+"""The style of every figure: a colour, marker and dash a method, units on every axis, equal bytes for equal data."""
+
+import io
+import re
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import matplotlib as mpl
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from meanflock.results.quantities import axis_label
+from meanflock.results.statistics import Estimate
+from meanflock.swarm import durable
+from meanflock.swarm.errors import BadInput
+
+Floats = NDArray[np.float64]
+Dash = tuple[float, tuple[float, ...]]
+
+
+class Look(NamedTuple):
+    """Style of a method: colour, marker, dashes and width of its lines, in points."""
+
+    colour: str
+    marker: str
+    dash: Dash
+    width: float = 1.4
+
+
+# Okabe and Ito's palette, for every common colour vision; marker and dash carry the same information.
+LOOKS = {
+    "hjb": Look("#D55E00", "s", (0, (5, 1.6))),
+    "mfg": Look("#7F7F7F", "D", (0, (1, 1.2))),
+    "mfgfl-h": Look("#E69F00", "^", (0, (3, 1, 1, 1))),
+    "mfgfl-f": Look("#009E73", "v", (0, (2, 1))),
+    "mfgfl-hf": Look("#0072B2", "o", (0, ()), 1.9),
+    "offline": Look("#CC79A7", "X", (0, (6, 1, 1, 1, 1, 1))),
+}
+# For methods without a look of their own: chosen by the name, unless another method of the figure has it.
+OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
+OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
+OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
+NAMES = {
+    "hjb": "Hjb",
+    "mfg": "Mfg",
+    "mfgfl-h": "MfgFL-H",
+    "mfgfl-f": "MfgFL-F",
+    "mfgfl-hf": "MfgFL-HF",
+    "offline": "Offline",
+}
+
+COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is 8 to 9 points here, 6 to 7 in print
+PAGE_IN = 7.6
+DPI = 200
+
+STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
+    "linestyle": "",
+    "marker": "*",
+    "markersize": 6.5,
+    "color": "#CC2222",
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+}
+CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E69F00"}  # an obstacle hit
+INK = "#222222"
+PALE = "#9A9A9A"
+GOAL = "#2E8B57"
+RING: dict[str, Any] = {  # the goal, in a legend
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 6,
+    "color": GOAL,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1.6,
+}
+PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
+LETTERS_IN = 14.0  # letters of a title that an inch has room for
+_TEX = {  # longer names first
+    "φ_A(T_avg)": r"\phi_A(T_\mathrm{avg})",
+    "φ_C(T_avg)": r"\phi_C(T_\mathrm{avg})",
+    "T_avg": r"T_\mathrm{avg}",
+    "φ_A": r"\phi_A",
+    "φ_C": r"\phi_C",
+    "φ_G": r"\phi_G",
+    "|e_H|": "|e_H|",
+    "|e_F|": "|e_F|",
+}
+_SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
+
+VARIED = {  # labels of the coordinates of a study
+    "uavs": "number of UAVs $N$",
+    "period": "ticks a round $n_0$",
+    "sigma": r"wind $\sigma$ (m s$^{-1}$ s$^{-1/2}$)",
+}
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 2.8,
+    "ytick.major.size": 2.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 4.2,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.05,
+    "figure.constrained_layout.w_pad": 0.05,
+    "savefig.dpi": DPI,
+    "svg.hashsalt": "meanflock",
+    "svg.fonttype": "path",  # looks the same on a machine without the font
+}
+
+_LEGEND_LETTERS = 112  # in a line of a legend
+_HANDLE_LETTERS = 8  # that a line and the space beside it take
+_LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
+
+
+def name(method: str) -> str:
+    """A method as the paper writes it."""
+    return NAMES.get(method, method)
+
+
+def look(method: str) -> Look:
+    """A method's preferred look."""
+    at = crc32(method.encode())
+    colour, marker = OTHER_COLOURS[at % len(OTHER_COLOURS)], OTHER_MARKERS[at % len(OTHER_MARKERS)]
+    return LOOKS.get(method, Look(colour, marker, OTHER_DASHES[at % len(OTHER_DASHES)]))
+
+
+def colour(method: str) -> str:
+    """A method's colour in every figure."""
+    return look(method).colour
+
+
+def looks(methods: Iterable[str]) -> dict[str, Look]:
+    """Looks of the methods of one figure; two share a colour or marker only if no other is free."""
+    named = list(dict.fromkeys(methods))
+    found = {method: look(method) for method in named if method in LOOKS}
+    for method in named:
+        if method not in found:
+            own = look(method)
+            tone = _free(own.colour, OTHER_COLOURS, "colour", found.values())
+            shape = _free(own.marker, OTHER_MARKERS, "marker", found.values())
+            found[method] = own._replace(colour=tone, marker=shape)
+    return {method: found[method] for method in named}
+
+
+def _free(own: str, others: Sequence[str], part: str, taken: Iterable[Look]) -> str:
+    """The preferred value if it is free, else the next free one, else the preferred one."""
+    first = others.index(own)
+    papers, has = ([getattr(each, part) for each in looks] for looks in (LOOKS.values(), taken))
+    return next((each for each in (*others[first:], *others[:first], *papers) if each not in has), own)
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Context with our plot settings, which override the user's `matplotlibrc`."""
+    with mpl.style.context(["default", _RC]):
+        yield
+
+
+class _Shown(Figure):
+    """A figure that a notebook shows as a picture, whatever its backend is."""
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        with style():
+            self.savefig(drawn, format="png")
+        return drawn.getvalue()
+
+
+def figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure on the Agg canvas; no global state, no window."""
+    result = _Shown(figsize=(width_in, height_in))
+    FigureCanvasAgg(result)
+    return result
+
+
+def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
+    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
+
+    The layout is computed for the PNG, and reused for the SVG.
+
+    Raises:
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written: --out DIR") from error
+    paths = []
+    layout = drawing.get_layout_engine()
+    for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        drawn = io.BytesIO()
+        with style():
+            drawing.savefig(drawn, format=form, metadata=metadata)
+        paths.append(durable.put(folder / f"{name}.{form}", drawn.getbuffer()))
+        with mpl.rc_context(_LAID_OUT):
+            drawing.set_layout_engine()
+    drawing.set_layout_engine(layout)
+    return paths
+
+
+def write(figures: Mapping[str, Figure], out: Path) -> list[Path]:
+    """Writes every figure as `out`/name.png and .svg.
+
+    Raises:
+        BadInput: the folder cannot be made.
+        RunFailed: the disk is full.
+    """
+    return [path for name, drawing in figures.items() for path in save(drawing, out, name)]
+
+
+def axis(field: str) -> str:
+    """The label of an axis: symbol and unit of a field, or a coordinate of a study."""
+    return VARIED.get(field) or tex(axis_label(field))
+
+
+def letter(number: int) -> str:
+    """Letter of a panel, counted from 0: a, b, … z, aa, ab, …"""
+    first, second = divmod(number, len(ascii_lowercase))
+    return (ascii_lowercase[first - 1] if first else "") + ascii_lowercase[second]
+
+
+def titled(ax: Axes, letter: str, text: str) -> None:
+    """Set a panel's letter and title, flush left, broken into lines that fit."""
+    place, drawing = ax.get_subplotspec(), ax.get_figure(root=True)
+    assert drawing is not None
+    columns = place.get_gridspec().ncols if place is not None else 1
+    room = int(LETTERS_IN * drawing.get_figwidth() / columns)
+    lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
+    ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
+
+
+def tex(text: str) -> str:
+    """A name with its symbols set as mathematics."""
+    return _SYMBOL.sub(lambda found: f"${_TEX[found.group()]}$", text)
+
+
+def legend(
+    drawing: Figure,
+    methods: Sequence[str],
+    markers: bool = False,
+    extra: Sequence[Line2D] = (),
+    looks: Mapping[str, Look] | None = None,
+) -> None:
+    """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper."""
+    handles = []
+    for method in methods:
+        seen = look(method) if looks is None else looks[method]
+        handle = Line2D([], [], color=seen.colour, label=name(method) if looks is None else method)
+        handle.set_linestyle("-" if markers else seen.dash)
+        handle.set_marker(seen.marker if markers else "")
+        handles.append(handle)
+    handles += list(extra)
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), 4, _LEGEND_LETTERS // (longest + _HANDLE_LETTERS)))
+    drawing.legend(handles=handles, loc="outside upper center", ncols=columns, handlelength=2.6, columnspacing=1.4)
+
+
+def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None, high: Floats | None = None) -> None:
+    """A method's line over x, and a band where one is given."""
+    if low is not None and high is not None:
+        ax.fill_between(x, low, high, color=colour(method), alpha=0.16, linewidth=0)
+    seen = look(method)
+    ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
+
+
+def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:
+    """Paths `(T, N, 2)` in one colour, or coloured by φ_G `(T, N)`."""
+    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
+    look: dict[str, Any] = {"colors": colour}
+    if not isinstance(colour, str):
+        look = {"array": colour[1:].ravel(), **PHI_G}
+    ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
+
+
+def dots(ax: Axes, seen: Look, x: Floats, estimates: Sequence[Estimate]) -> None:
+    """A method's points with their intervals, joined; an end that is not finite is not drawn."""
+    y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
+    bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
+    ax.errorbar(
+        x,
+        y,
+        yerr=np.maximum(bars, 0.0),
+        color=seen.colour,
+        marker=seen.marker,
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+        linewidth=1.3,
+        elinewidth=1.0,
+        capsize=2.0,
+        capthick=0.9,
+    )
+
+
+def log_axis(ax: Axes) -> None:
+    """A logarithmic y axis; with 1 and 3 of every decade written out where it spans less than two."""
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    narrow = high < 100 * low
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if narrow else (1.0,), numticks=8))
+    if narrow:
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def bit_axis(axis: Axis) -> None:
+    """Ticks of bits as 500 k, 2 M."""
+    axis.set_major_formatter(EngFormatter())

@@ -1,0 +1,48 @@
+"""Learning curves of one run: diagnostics and metrics at the end of each round, over rounds, time, bits or airtime."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from meanflock.results.flown import flown_keys
+from meanflock.results.plots import plotstyle
+from meanflock.results.rounds_table import MEAN, METRIC, OVER, rounds_table, stored_rounds
+from meanflock.results.run_folder import EVENTS
+from meanflock.swarm.errors import BadInput
+
+_LABELS = {"rounds": "round", "seconds": "time (s)", "bits": "payload (bit)", "airtime": "airtime (s)"}
+_PANEL_IN = 2.1  # height
+
+
+def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
+    """`learning`: a panel for each diagnostic and metric of the rounds in `folder`, over a key of `OVER`.
+
+    Raises:
+        BadInput: no run there, a damaged file, or a run without rounds or without diagnostics.
+    """
+    table = rounds_table(stored_rounds(folder / EVENTS), flown_keys(folder).dt)
+    names = [name for name in table.column_names if name.startswith((MEAN, METRIC))]
+    if not table.num_rows or not names:
+        missing = "no round" if not table.num_rows else "rounds, but no diagnostics or metrics"
+        raise BadInput(f"{folder}: the run has {missing}; fly a method that learns and shares, such as mfgfl-hf")
+    x = table[OVER[over]].to_numpy()
+    averaged = np.array(table["outcome"].to_pylist()) == "averaged"
+    columns = min(2, len(names))
+    rows = math.ceil(len(names) / columns)
+    with plotstyle.style():
+        drawing = plotstyle.figure(plotstyle.COLUMN_IN * columns, _PANEL_IN * rows + 0.3)
+        axes = drawing.subplots(rows, columns, squeeze=False).ravel()
+        for number, (ax, name) in enumerate(zip(axes, names, strict=False)):
+            y = table[name].to_numpy(zero_copy_only=False)
+            ax.plot(x, y, color=plotstyle.INK)
+            ax.plot(x[averaged], y[averaged], "o", color=plotstyle.INK, markersize=3.0)
+            ax.plot(x[~averaged], y[~averaged], "o", color=plotstyle.INK, markersize=3.0, markerfacecolor="white")
+            plotstyle.titled(ax, plotstyle.letter(number), name.removeprefix(METRIC).replace(MEAN, "mean "))
+            ax.set_xlabel(_LABELS[over])
+            if over == "bits":
+                plotstyle.bit_axis(ax.xaxis)
+        for ax in axes[len(names) :]:
+            ax.set_visible(False)
+    return {f"learning-over-{over}": drawing}

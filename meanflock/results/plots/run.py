@@ -1,0 +1,287 @@
+"""Plots of one run: paths on the map, and a panel for every quantity of its time series.
+
+They need neither the controller nor the plug-ins of the run.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+
+from meanflock.channel.meter import TRAFFIC
+from meanflock.results.event_log import stored_lines
+from meanflock.results.flown import Flown, flown_keys
+from meanflock.results.plots import plotstyle
+from meanflock.results.quantities import FIELDS, PHI_G, quantity
+from meanflock.results.run_folder import EVENTS, flown_rows
+from meanflock.results.series import diagnostics_in, per_uav, span_where
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import Status
+
+log = logging.getLogger("meanflock.plots")
+
+Floats = NDArray[np.float64]
+
+MAX_POINTS = 1500  # of a curve, or instants of a path
+_MAX_SEGMENTS = 60_000  # of all paths
+
+
+class Shown(NamedTuple):
+    """A run for its pictures: its time series, its scenario, and its events as rows of events.jsonl."""
+
+    table: pa.Table
+    scenario: Flown | Scenario
+    events: Sequence[Mapping[str, Any]]
+
+
+def stored(folder: Path, columns: list[str] | None = None) -> Shown:
+    """The run in `folder`, with some columns of its time series, or all.
+
+    Raises:
+        BadInput: no run there, or one that never wrote a row.
+    """
+    return Shown(flown_rows(folder, columns), flown_keys(folder), _events(folder / EVENTS))
+
+
+def plot_run(folder: Path) -> dict[str, Figure]:
+    """`paths` and `curves` of the run in `folder`; raises as `stored`."""
+    run = stored(folder)
+    return {"paths": plot_paths(run), "curves": plot_curves(run)}
+
+
+# -- paths ---------------------------------------------------------------------------------------------------------
+
+
+@plotstyle.style()
+def plot_paths(run: Shown) -> Figure:
+    """The paths of all UAVs on the map, with collisions, obstacles and goals."""
+    table, flown = run.table, run.scenario
+    position = per_uav(table, "x_m", "y_m")
+    ticks, uavs, _ = position.shape
+    step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
+    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
+    ax = figure.subplots()
+    shaded = PHI_G in diagnostics_in(table.schema)
+    plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
+    ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
+    ax.plot(*position[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
+    collisions = places_of(run.events, "collision", position)
+    if (counted := int(_line(table, "collisions")[-1])) != len(collisions):
+        log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)
+    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
+    if len(flown.obstacles):
+        hits = places_of(run.events, "hit", position)
+        ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
+    _draw_mission(ax, flown)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.05)
+    ax.set_xlabel("$x$ (m)")
+    ax.set_ylabel("$y$ (m)")
+    end = _line(table, "sim_time_s")[-1]
+    arrived = int(_line(table, "arrived")[-1])
+    name = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
+    plotstyle.titled(ax, "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s")
+    figure.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
+    if shaded:
+        label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
+        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
+    return figure
+
+
+def places_of(events: Iterable[Mapping[str, Any]], kind: str, position: Floats) -> Floats:
+    """Mean positions of the UAVs at events of a kind, (K, 2), m; `position` is (T, N, 2)."""
+    ticks, uavs, _ = position.shape
+    places = [
+        position[event["tick"], event["uavs"]].mean(axis=0)
+        for event in events
+        if event["kind"] == kind
+        and event.get("uavs")
+        and 0 <= event["tick"] < ticks
+        and all(0 <= uav < uavs for uav in event["uavs"])
+    ]
+    return np.array(places).reshape(-1, 2)
+
+
+def _events(path: Path) -> list[dict[str, Any]]:
+    """Kind, tick and UAVs of the events in a file; lines that cannot be read are skipped, as the last after a kill."""
+    found = []
+    for text in stored_lines(path) if path.exists() else ():
+        try:
+            row = json.loads(text)
+            uavs = [int(uav) for uav in row.get("uavs", ())]
+            found.append({"kind": str(row["kind"]), "tick": int(row["tick"]), "uavs": uavs})
+        except (ValueError, TypeError, KeyError, AttributeError):
+            continue
+    return found
+
+
+def _draw_mission(ax: Axes, flown: Flown | Scenario) -> None:
+    """Draws goals and obstacles over the paths, and names them in the legend."""
+    goals, radius = mission.goals(flown), flown.destination.radius
+    for x, y, size in mission.obstacles(flown).tolist():
+        ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
+    if len(flown.obstacles):
+        ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
+    if (goals == goals[0]).all():
+        for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
+            ax.add_patch(Circle(tuple(goals[0]), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
+        ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
+    else:
+        marks = np.unique(goals, axis=0)
+        ax.plot(*marks.T, linestyle="", marker="x", markersize=2.4, color=plotstyle.GOAL, zorder=5, label="goals")
+
+
+# -- curves --------------------------------------------------------------------------------------------------------
+
+
+@plotstyle.style()
+def plot_curves(run: Shown) -> Figure:
+    """A panel for every quantity of the time series."""
+    panels = _Panels(run.table, plotstyle.colour(run.scenario.method)).all()
+    rows = -(-len(panels) // 2)
+    figure = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+    for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
+        panel.draw(ax)
+        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
+        ax.set_ylabel(panel.label)
+        ax.margins(x=0.0)
+    if len(panels) < axes.size:
+        axes[-1, -1].set_visible(False)
+        axes[-2, -1].xaxis.set_tick_params(labelbottom=True)
+        axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
+    for ax in axes[-1]:
+        ax.set_xlabel(plotstyle.axis("t_s"))
+    return figure
+
+
+def _grid(table: pa.Table, column: str) -> Floats:
+    """A column of lists as (T, N)."""
+    return per_uav(table, column)[..., 0].astype(np.float64)
+
+
+def _line(table: pa.Table, column: str) -> Floats:
+    """A column of numbers, (T,)."""
+    return np.asarray(table.column(column).to_numpy(), dtype=np.float64)
+
+
+class _Panel(NamedTuple):
+    """A plot over time. label: of its y axis."""
+
+    title: str
+    label: str
+    draw: Callable[[Axes], None]
+
+
+class _Panels:
+    """The panels of a time series."""
+
+    def __init__(self, table: pa.Table, tone: str) -> None:
+        """`tone`: the colour of the lines."""
+        self._table, self._tone = table, tone
+        self._step = max(1, table.num_rows // MAX_POINTS)
+        self._times = _line(table, "sim_time_s")[:: self._step]
+        self._uavs = len(table["x_m"][0])
+
+    def all(self) -> list[_Panel]:
+        """The panels of every flight, then those of the controller's reports."""
+        axis, arrived = plotstyle.axis, FIELDS["arrived"].name
+        speed = np.hypot(_grid(self._table, "vx_m_s"), _grid(self._table, "vy_m_s"))
+        panels = [
+            _Panel(_ranged("energy_J"), axis("energy_J"), partial(self._span, _grid(self._table, "energy_J"))),
+            _Panel(_ranged("speed_mean_m_s"), axis("speed_mean_m_s"), partial(self._span, speed)),
+            _Panel(FIELDS["payload_bits.total"].name, axis("payload_bits.total"), self._bits),
+            _Panel(FIELDS["phi_A"].remarked, axis("phi_A"), self._alignment),
+            _Panel("collision risk φ_C", axis("phi_C"), self._risk),
+            _Panel(f"{arrived} and collisions", "UAVs, pairs", self._arrived),
+            *map(self._diagnostic, diagnostics_in(self._table.schema)),
+        ]
+        if self._table["weight_spread"].null_count < self._table.num_rows:
+            panels.append(_Panel(FIELDS["weight_spread"].name, axis("weight_spread"), self._spread))
+        return panels
+
+    def _diagnostic(self, name: str) -> _Panel:
+        measured, values = quantity(name), _grid(self._table, name)
+        if self._table["tick"][0].as_py() == 0:
+            values[0] = np.nan  # before the first report
+        values[_grid(self._table, "status") == Status.LOST] = np.nan  # a lost UAV reports nothing
+        label = plotstyle.axis(name)
+        if measured.logarithmic:
+            return _Panel(f"{measured.name}, mean", label, partial(self._size, np.abs(values)))
+        return _Panel(f"{measured.name}: mean, max, min", label, partial(self._span, values, from_zero=False))
+
+    def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
+        rows = values[:: self._step]
+        mean, low, high = span_where(rows, np.isfinite(rows)).T
+        ax.fill_between(self._times, low, high, color=self._tone, alpha=0.18, linewidth=0)
+        ax.plot(self._times, mean, color=self._tone)
+        if from_zero:
+            ax.set_ylim(bottom=0.0)
+        elif not np.nan_to_num(rows).any():  # without this the axis would have ticks of ±0.04
+            ax.set_ylim(0.0, 1.0)
+
+    def _size(self, sizes: Floats, ax: Axes) -> None:
+        rows = sizes[:: self._step]
+        mean = span_where(rows, np.isfinite(rows))[:, 0]
+        if np.nanmax(mean, initial=0.0) > 0:
+            ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
+            plotstyle.log_axis(ax)
+        else:
+            ax.annotate("the residual is zero", (0.5, 0.5), xycoords="axes fraction", ha="center")
+            ax.set_yticks([])
+
+    def _plot(self, ax: Axes, column: str, **look: Any) -> None:
+        ax.plot(self._times, _line(self._table, column)[:: self._step], **{"color": self._tone, **look})
+
+    def _bits(self, ax: Axes) -> None:
+        bits = np.sum([_line(self._table, f"{name}_bits") for name in TRAFFIC.values()], axis=0)
+        ax.plot(self._times, bits[:: self._step], color=self._tone)
+        ax.set_ylim(bottom=0.0)
+        plotstyle.bit_axis(ax.yaxis)
+
+    def _alignment(self, ax: Axes) -> None:
+        self._plot(ax, "phi_A")
+        ax.set_ylim(bottom=0.0)
+
+    def _risk(self, ax: Axes) -> None:
+        self._plot(ax, "phi_C", label="with self-pairs")
+        self._plot(ax, "phi_C_distinct", label="distinct pairs", linestyle="--")
+        _legend(ax)
+
+    def _arrived(self, ax: Axes) -> None:
+        self._plot(ax, "arrived", label=f"arrived, of {self._uavs}")
+        self._plot(
+            ax,
+            "collisions",
+            label=f"collisions ({FIELDS['collisions'].unit})",
+            color=plotstyle.STAR["color"],
+            linewidth=1.0,
+        )
+        _legend(ax)
+
+    def _spread(self, ax: Axes) -> None:
+        spread = _line(self._table, "weight_spread")
+        reported = np.isfinite(spread)
+        ax.plot(_line(self._table, "sim_time_s")[reported], spread[reported], color=self._tone)
+        ax.set_ylim(bottom=0.0)
+
+
+def _ranged(field: str) -> str:
+    return f"{FIELDS[field].name}: mean, max, min"
+
+
+def _legend(ax: Axes) -> None:
+    """Adds a legend with room above the lines."""
+    ax.set_ylim(0.0, 1.3 * ax.dataLim.y1 if ax.dataLim.y1 > 0 else 1.0)
+    ax.legend(loc="upper left", fontsize=7, ncols=2, borderaxespad=0.2)

@@ -1,0 +1,28 @@
+"""A scenario: every number a run depends on, with its unit, its bounds and the paper's value as default."""
+
+from meanflock.swarm.scenario.scenario import (  # noqa: F401
+    LATER,
+    Scenario,
+    decode,
+    encode,
+    load,
+    read_faults,
+    schema,
+    with_payloads,
+)
+from meanflock.swarm.scenario.tables import (  # noqa: F401
+    Destination,
+    Energy,
+    Federation,
+    Filter,
+    Metrics,
+    Obstacle,
+    Payload,
+    Radio,
+    Sharing,
+    Start,
+    Truth,
+    Vehicle,
+    Wind,
+)
+from meanflock.swarm.scenario.values import as_builtins, toml_text, validated  # noqa: F401

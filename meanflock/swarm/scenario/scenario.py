@@ -1,0 +1,368 @@
+"""A scenario: its tables, checks of their combinations, quantities derived from them, and its forms (TOML, JSON)."""
+
+import importlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
+
+import msgspec
+import numpy as np
+from msgspec import Meta, field
+from numpy.typing import NDArray
+
+from meanflock.swarm import mission, paths, toml
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.faults import Fault
+from meanflock.swarm.scenario import mean_field, tables
+from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, with_keys
+from meanflock.swarm.toml import Table as _Table
+from meanflock.swarm.wire.control import FLOAT_OF_BITS
+
+# Keys that enter the hash only if they differ from their default, so that older scenarios keep their hash.
+LATER = (
+    "faults",
+    "federation.aggregation",
+    "federation.tolerance",
+    "federation.byzantine_fraction",
+    "federation.byzantine_kind",
+    "federation.payload",
+    "federation.broadcast_payload",
+    "federation.error_feedback",
+    "federation.upload_threshold",
+    "federation.deadline",
+    "federation.fragment",
+    "federation.clusters",
+    "federation.range_m",
+    "federation.topology",
+    "federation.options",
+    "controller",
+    "radio.plausible_speed",
+    *("radio.model", "radio.options", "vehicle.model", "vehicle.options"),
+    *("pace", "pace.wait_share", "pace.wait_window_s", "pace.rejoins", "pace.rejoin_ticks"),
+    *("wind.field_rms", "wind.field_length", "wind.field_modes", "vehicle.power_speed", "truth"),
+    *("start.formation", "start.radius", "start.positions", "start.group", "start.interval"),
+    *("destination.goals", "destination.positions", "obstacles"),
+    *("cost.separation", "cost.separation_range", "learner.multinomial"),
+    *("learner.exchanged_rounds", "learner.act_after_s", "wind.common"),
+    "filter",
+    *("sharing", "energy", "vehicle.acceleration_max"),
+)
+
+
+class _Validating(msgspec.StructMeta):
+    """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
+
+    def __call__(cls, **keys: Any) -> "Scenario":
+        return with_keys({}, keys, cast("type[Scenario]", cls), "scenario")
+
+
+class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validating):
+    """Everything that a run depends on. Immutable. Equal scenarios fly equal trajectories.
+
+    Keys are those of a scenario file. A key that is left out has its default; all defaults together are the paper's
+    scenario. A table is a dict or the table of another scenario, and a dotted key sets one key of a table:
+
+        mf.Scenario(uavs=9, method="hjb", wind={"sigma": 0.2, "drag": 0.1})
+        mf.Scenario(uavs=9, method="hjb", **{"wind.sigma": 0.2, "wind.drag": 0.1})
+
+    `method` and the options of plug-ins are validated when the scenario is flown: until then a plug-in may be
+    registered.
+
+    Raises:
+        BadInput: unknown key, wrong type, value out of range, keys that contradict each other, or a key that has
+            no effect without another. The message names the key, its value, the bound, and how to fix it.
+    """
+
+    method: Annotated[str, Meta(description="name of the controller of the UAVs; see `meanflock plugins`")] = "mfgfl-hf"
+    controller: Annotated[dict[str, Any], Meta(description="options of that controller")] = field(default_factory=dict)
+    uavs: Annotated[int, Meta(ge=1, le=100_000, description="N, number of UAVs")] = 25
+    seed: Annotated[int, Meta(ge=0, le=2**62, description="seed of all random numbers")] = 1
+    dt: Annotated[float, Meta(ge=1e-6, le=1e3, description="length of a tick, s")] = 0.1
+    duration: Annotated[float, Meta(gt=0, description="simulated time at which the flight ends at the latest, s")] = (
+        300.0
+    )
+    stop: Annotated[
+        Literal["arrival", "duration"], Meta(description="the flight ends when all UAVs have arrived, or at `duration`")
+    ] = "arrival"
+    start: tables.Start = field(default_factory=tables.Start)
+    destination: tables.Destination = field(default_factory=tables.Destination)
+    obstacles: Annotated[
+        tuple[tables.Obstacle, ...], Meta(max_length=1000, description="discs that no UAV should enter")
+    ] = ()
+    wind: tables.Wind = field(default_factory=tables.Wind)
+    truth: tables.Truth = field(default_factory=tables.Truth)
+    cost: mean_field.Cost = field(default_factory=mean_field.Cost)
+    learner: mean_field.Learner = field(default_factory=mean_field.Learner)
+    density: mean_field.Density = field(default_factory=mean_field.Density)
+    offline: mean_field.Offline = field(default_factory=mean_field.Offline)
+    filter: tables.Filter = field(default_factory=tables.Filter)
+    sharing: tables.Sharing = field(default_factory=tables.Sharing)
+    federation: tables.Federation = field(default_factory=tables.Federation)
+    radio: tables.Radio = field(default_factory=tables.Radio)
+    vehicle: tables.Vehicle = field(default_factory=tables.Vehicle)
+    energy: tables.Energy = field(default_factory=tables.Energy)
+    metrics: tables.Metrics = field(default_factory=tables.Metrics)
+    pace: tables.Pace = field(default_factory=tables.Pace)
+    faults: Annotated[tuple[Fault, ...], Meta(description="the fault script")] = ()
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None: ...
+
+    @classmethod
+    def load(cls, source: str | Path, **settings: Any) -> Self:
+        """Reads a scenario and sets some of its keys.
+
+        Args:
+            source: a TOML file, or the name of a shipped scenario: `"swap"`.
+            settings: any dotted key, `**{"wind.sigma": 0.2}`; a whole table as a dict replaces that table.
+
+        Raises:
+            BadInput: no such file or scenario, bad TOML, or an invalid scenario.
+        """
+        if not isinstance(source, str | Path):
+            raise BadInput(f"scenario: {source!r}; give the name of a shipped one, a TOML file or a Scenario")
+        path = paths.given(source)
+        path = path if path.suffix else toml.FOLDER / f"{path}.toml"
+        return with_keys(toml.read(path, "scenario"), settings, cls, str(source))
+
+    def replace(self, **settings: Any) -> Self:
+        """A copy with some keys set; this scenario stays as it is.
+
+        Args:
+            settings: any dotted key, `**{"wind.sigma": 0.2}`; a whole table as a dict replaces that table.
+
+        Raises:
+            BadInput: the copy is an invalid scenario.
+        """
+        return with_keys(as_builtins(self), settings, type(self), "scenario")
+
+    def save(self, path: str | Path) -> Path:
+        """Writes every key that is set to a TOML file, from which `load` returns an equal scenario.
+
+        Returns:
+            The path of the file.
+
+        Raises:
+            BadInput: no file can be made there, or an option of a plug-in is None, which TOML cannot express.
+            RunFailed: the disk is full.
+        """
+        from meanflock.swarm import durable  # only here: nodes write no files
+
+        text = toml_text(self).encode()
+        path = paths.given(path)
+        with durable.replacing(path) as file:
+            durable.write(file, text)
+        return path
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.federation.leader >= self.uavs:
+            raise ValueError(
+                f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
+            )
+        if self.duration < self.dt:
+            raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
+        for key, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
+            if drag is not None and self.dt * drag >= 2:
+                raise ValueError(f"`dt` {self.dt} s is unstable with `{key}` {drag} 1/s; keep dt·drag < 2")
+        for key in ("payload", "broadcast_payload"):
+            wanted, radio_bits = getattr(self.federation, key), self.radio.bits_per_float
+            if wanted is not None and _bits(wanted) > radio_bits:
+                raise ValueError(
+                    f"`federation.{key}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"{radio_bits}; take a narrower payload or a wider float"
+                )
+        longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
+        if (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
+            raise ValueError(
+                f"`federation.deadline` {deadline} s is later than an upload can arrive, {longest:g} s: "
+                "`radio.latency_threshold_slots` times `radio.coherence_time_s`; take less, or leave it out"
+            )
+        mission.check(self)
+        widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
+        if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
+            raise ValueError(
+                f"`start` places a UAV {farthest:g} m out, and a float of the radio, `radio.bits_per_float` "
+                f"{self.radio.bits_per_float}, holds {widest:g} at most; start nearer, or take a wider float"
+            )
+        for number, fault in enumerate(self.faults):
+            if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
+                raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+
+    @property
+    def period_ticks(self) -> int:
+        """Ticks between rounds, n0: by the scenario, else by the controller, which is then made.
+
+        Raises:
+            BadInput: the controller is asked for, and the scenario cannot be flown here.
+        """
+        return self.federation.period or int(_plan_of(self).period_ticks)
+
+    @property
+    def participants(self) -> int:
+        """Number of UAVs that upload in a round, N_h, at least one."""
+        return max(1, round(self.federation.fraction * self.uavs))
+
+    @property
+    def upload_payload(self) -> tables.Payload:
+        """Number format of uploads."""
+        return self.federation.payload or self.radio_payload
+
+    @property
+    def broadcast_payload(self) -> tables.Payload:
+        """Number format of the global model."""
+        return self.federation.broadcast_payload or self.radio_payload
+
+    @property
+    def rounds_uploads(self) -> bool:
+        """Returns whether the floats of uploads are narrower than the radio's floats."""
+        return _bits(self.upload_payload) < self.radio.bits_per_float
+
+    @property
+    def radio_payload(self) -> tables.Payload:
+        """Number format of the radio's floats."""
+        return cast(tables.Payload, f"float{self.radio.bits_per_float}")
+
+    @property
+    def max_ticks(self) -> int:
+        """Number of ticks until `duration`."""
+        return max(1, round(self.duration / self.dt))
+
+    def delivery_ticks(self, slots: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Ticks until a message that took so many slots is delivered: max(1, ⌈slots θ/dt⌉), same shape.
+
+        A quotient within 1e-9 of a whole number counts as that number.
+        """
+        ticks = slots * self.radio.coherence_time_s / self.dt
+        return np.maximum(1, np.ceil(ticks * (1.0 - 1e-9))).astype(np.intp)
+
+    @property
+    def hop_ticks(self) -> int:
+        """Ticks after which a message has arrived or is lost."""
+        return int(self.delivery_ticks(np.array(self.radio.latency_threshold_slots)))
+
+    @property
+    def deadline_ticks(self) -> int:
+        """Ticks after which the uploads of a round are averaged."""
+        if self.federation.deadline is None:
+            return self.hop_ticks
+        return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
+
+    def known(self) -> "Scenario":
+        """The scenario that agents and leader get: without `[truth]` and `[energy]`, which no controller may use."""
+        if self.truth == tables.Truth() and self.energy == tables.Energy():
+            return self
+        return msgspec.structs.replace(self, truth=tables.Truth(), energy=tables.Energy())
+
+    def flown(self) -> "Scenario":
+        """The scenario of the world's vehicles, with drag and wind of `[truth]`."""
+        true, wind = self.truth, self.wind
+        drag = wind.drag if true.drag is None else true.drag
+        mean = wind.mean if true.wind is None else true.wind
+        return msgspec.structs.replace(self, wind=msgspec.structs.replace(wind, drag=drag, mean=mean))
+
+    def resolved(self) -> "Scenario":
+        """The same scenario, with the defaults that depend on plug-ins filled in; these are then made.
+
+        Raises:
+            BadInput: it cannot be flown here, and was not resolved where it was flown.
+        """
+        try:
+            whole: Scenario = _plan_of(self).scenario
+        except BadInput:
+            if self.federation.period is None:
+                raise
+            whole = with_payloads(self)  # of a run whose plug-in or file is not here
+        return whole
+
+    def sha256(self) -> str:
+        """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
+        # The default payloads depend on the radio's floats.
+        plain = with_payloads(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
+        table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(plain)
+        for path in LATER:
+            *parents, key = path.split(".")
+            part, standard = table, default
+            for parent in parents:
+                part, standard = part.get(parent, {}), standard[parent]
+            if key in part and part[key] == standard[key]:
+                del part[key]
+        import hashlib  # only here: it loads OpenSSL, which agents do not need
+
+        return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
+
+
+def with_payloads(scenario: Scenario) -> Scenario:
+    """The same scenario, with the number formats of models written out."""
+    payloads = {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
+    return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, **payloads))
+
+
+def _plan_of(scenario: Scenario) -> Any:
+    """The plan of a scenario. Its module is loaded by name, as a plug-in is: only a scenario that is flown needs it."""
+    return importlib.import_module("meanflock.federation.plan").plan_of(scenario)
+
+
+def _bits(payload: tables.Payload) -> int:
+    """Bits of a weight in this format."""
+    return 8 * np.dtype(payload).itemsize
+
+
+class _Script(_Table, frozen=True):
+    """A file with faults only."""
+
+    faults: tuple[Fault, ...]
+
+
+def encode(scenario: Scenario) -> bytes:
+    """Canonical JSON, keys sorted."""
+    return msgspec.json.encode(scenario, order="sorted")
+
+
+def decode(raw: bytes) -> Scenario:
+    """A scenario from JSON.
+
+    Raises:
+        BadInput: not a valid scenario.
+    """
+    try:
+        return msgspec.json.decode(raw, type=Scenario)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise BadInput(f"scenario: {error}") from error
+
+
+def read_faults(path: Path) -> list[dict[str, Any]]:
+    """The `[[faults]]` of a TOML file that has nothing else, for `load(..., faults=...)`.
+
+    Raises:
+        BadInput: unreadable file, or not a fault script; the message names the file, the fault and the key.
+    """
+    table = toml.read(path, "fault script")
+    if set(table) != {"faults"}:
+        raise BadInput(f"{path}: a fault script has [[faults]] and nothing else, see scenarios/faults.toml")
+    validated(table, _Script, str(path))
+    faults: list[dict[str, Any]] = table["faults"]
+    return faults
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, with units and bounds."""
+    return msgspec.json.schema(Scenario)
+
+
+def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Scenario:
+    """Reads a TOML file (None: the paper's scenario), then applies `a.b=c` settings, then named options.
+
+    Raises:
+        BadInput: unreadable file, bad TOML, unknown key, wrong type or value out of range, or a key that has no
+            effect without another; the message names the file or setting, the key and the bound.
+    """
+    table: dict[str, Any] = {}
+    where = "scenario"
+    if path is not None:
+        where = str(path)
+        table = toml.read(path, "scenario file")
+    single = [toml.apply(table, setting) for setting in settings]
+    table.update({name: value for name, value in options.items() if value is not None})
+    return validated(table, Scenario, where, single)

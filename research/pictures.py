@@ -1,0 +1,36 @@
+"""Draws the README's pictures: flies the paper's scenario and takes screenshots of its recordings.
+
+Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-drivers libgl1 libegl1.
+"""
+
+import tempfile
+from pathlib import Path
+
+from meanflock.launch.options import Options
+from meanflock.launch.run import fly
+from meanflock.results.run_folder import RECORDING
+
+from meanflock.net import process
+from meanflock.recording.viewer import screenshot
+from meanflock.studies import published, side_by_side
+from meanflock.swarm import scenario
+
+AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way
+PICTURES = published.DOCS / "pictures"
+COMPARED = ("mfgfl-hf", "plan")  # the paper's method, and one without learning or radio
+
+
+def main() -> None:
+    """Draws both pictures."""
+    PICTURES.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as out:
+        run = fly(scenario.load(None, seed=1), Options(out=Path(out), in_process=True))
+        screenshot(run.folder / RECORDING, PICTURES / "swarm.png", at_s=AT_S)
+        both = Path(out) / "compare.rrd"
+        side_by_side.record({name: scenario.load(None, method=name, seed=1) for name in COMPARED}, both)
+        screenshot(both, PICTURES / "compare.png", at_s=AT_S)
+    print(PICTURES)
+
+
+if __name__ == "__main__":
+    process.main(main)
