@@ -19,8 +19,9 @@ from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import check_memory, check_same_form
-from meanflock.swarm.seeds import generator, random_state, set_random_state
+from meanflock.swarm.kept import Kept
+from meanflock.swarm.plugins.guard import check_memory
+from meanflock.swarm.seeds import generator
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices = NDArray[np.intp]
@@ -28,8 +29,10 @@ NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick without frames; shared,
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
-class Medium:
+class Medium(Kept):
     """The emulated radio of one run."""
+
+    kept = ("draw", "memory", "under_way", "meter")
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
@@ -38,8 +41,8 @@ class Medium:
         self.meter = Meter(radio, scenario.uavs)
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
-        self._memory = _begun(self._channel, radio.model, scenario.uavs)
-        self._rng = generator(scenario.seed, "radio")
+        self.memory = _begun(self._channel, radio.model, scenario.uavs)
+        self.draw = generator(scenario.seed, "radio")
         self._targets = {hop.label: hop.targets for hop in hops}
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
@@ -74,28 +77,20 @@ class Medium:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""
         return self._in_flight.pop(tick, [])
 
-    def snapshot(self) -> dict[str, Any]:
-        """Frames under way, the random state, the memory of the channel and the meter, for `restore`."""
-        return {
-            "draw": random_state(self._rng),
-            "memory": self._memory,
-            "in_flight": [
-                [due, int(f.kind), f.round, f.source, f.payload, f.links, f.slots]
-                for due, batches in sorted(self._in_flight.items())
-                for f in batches
-            ],
-            "meter": self.meter.snapshot(),
-        }
+    @property
+    def under_way(self) -> list[list[Any]]:
+        """The frames that were not delivered yet, each batch after the tick in which it will be."""
+        return [
+            [due, int(f.kind), f.round, f.source, f.payload, f.links, f.slots]
+            for due, batches in sorted(self._in_flight.items())
+            for f in batches
+        ]
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continues from a snapshot; raises TypeError or ValueError if it has another memory of the channel."""
-        check_same_form(f"channel {self._scenario.radio.model!r}: memory", snapshot["memory"], self._memory)
-        self._memory = snapshot["memory"]
-        set_random_state(self._rng, snapshot["draw"])
+    @under_way.setter
+    def under_way(self, stored: list[list[Any]]) -> None:
         self._in_flight.clear()
-        for due, kind, *fields in snapshot["in_flight"]:
+        for due, kind, *fields in stored:
             self._in_flight[due].append(Frames(FrameKind(kind), *fields))
-        self.meter.restore(snapshot["meter"])
 
     def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
         links = self._links(batch, states)
@@ -141,10 +136,10 @@ class Medium:
         try:
             distance = self._distance(states, links)
             message = Message(tick, bits, links.source, links.target, distance, states[:, state.POSITION])
-            for array in self._memory.values():
+            for array in self.memory.values():
                 array.flags.writeable = False
-            answer = self._channel.carry(dict(self._memory), message, self._rng)
-            self._memory, slots, delivered = carried(answer, self._memory, count)
+            answer = self._channel.carry(dict(self.memory), message, self.draw)
+            self.memory, slots, delivered = carried(answer, self.memory, count)
             if reach < math.inf and len(beyond := np.flatnonzero(distance > reach)):
                 slots, delivered = self._failed(distance > reach, slots, delivered)
                 distance = np.delete(distance, beyond)

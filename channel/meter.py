@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import distinct
 from meanflock.swarm.wire.messages import FrameKind
@@ -117,8 +118,10 @@ class Traffic:
     expected_delivered_slots: float | None = 0.0
 
 
-class Meter:
+class Meter(Kept):
     """The counters of a run, by kind of traffic and by link."""
+
+    kept = ("totals", "table", "marked")
 
     def __init__(self, radio: Radio, uavs: int) -> None:
         self.traffic = {kind: Traffic() for kind in FrameKind}
@@ -190,7 +193,7 @@ class Meter:
 
     def links(self) -> list[list[int]]:
         """Rows [source, target, sent, outages] of all links that were used, ascending."""
-        table: list[list[int]] = self._table().tolist()
+        table: list[list[int]] = self.table.tolist()
         return table
 
     def total(self, name: str) -> float:
@@ -208,29 +211,28 @@ class Meter:
             self._figures = *self.bits(), self.total("delivered"), self.total("outages"), self.total("airtime_s")
         return self._figures
 
-    def snapshot(self) -> dict[str, Any]:
-        """The counters so far, for `restore`."""
-        return {
-            "traffic": [asdict(self.traffic[kind]) for kind in FrameKind],
-            "links": self._table(),
-            "marked": self.marked,
-        }
+    @property
+    def totals(self) -> list[dict[str, Any]]:
+        """Totals of each kind of frame."""
+        return [asdict(self.traffic[kind]) for kind in FrameKind]
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continues with the counters of a snapshot."""
+    @totals.setter
+    def totals(self, stored: list[dict[str, Any]]) -> None:
         self._figures = None
-        self.traffic = {kind: Traffic(**totals) for kind, totals in zip(FrameKind, snapshot["traffic"], strict=True)}
-        self._last = None
-        self._times = 0
-        self.marked = snapshot["marked"]
-        source, target, sent, outages = snapshot["links"].T
-        self._used = Used(source.astype(np.intp) * self.uavs + target, sent.astype(np.int32), outages.astype(np.int32))
+        self.traffic = {kind: Traffic(**totals) for kind, totals in zip(FrameKind, stored, strict=True)}
 
-    def _table(self) -> NDArray[np.int32]:
+    @property
+    def table(self) -> NDArray[np.int32]:
         """`links` as an array `(K, 4)`."""
         self._enter()
         used = self._used
         return np.stack([*np.divmod(used.pair, self.uavs), used.sent, used.outages], axis=-1).astype(np.int32)
+
+    @table.setter
+    def table(self, stored: NDArray[np.int32]) -> None:
+        self._last, self._times = None, 0
+        source, target, sent, outages = stored.T
+        self._used = Used(source.astype(np.intp) * self.uavs + target, sent.astype(np.int32), outages.astype(np.int32))
 
     def _enter(self) -> None:
         if self._last is not None:

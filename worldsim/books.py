@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.swarm import state
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.state import Floats, Mask
@@ -18,13 +19,6 @@ from meanflock.worldsim.vehicles.base import Hidden, Physics
 _HASHED = np.dtype("<f8")
 _BLOCK_TICKS = 50
 _BLOCK_STATES = 2500  # a block has so many ticks, but not more states than this, so that it stays in the caches
-_ARRAYS = {  # and their types in a snapshot
-    "energy": "<f8",
-    "distance": "<f8",
-    "effort": "<f8",
-    "speed_sum": "<f8",
-    "ticks_on_way": "<i4",
-}
 
 
 def block_ticks(uavs: int) -> int:
@@ -55,7 +49,7 @@ class TrajectoryHash:
         return str(self._hash.hexdigest())
 
 
-class Books:
+class Books(Kept):
     """Sums over the ticks of a flight. `add` enters a tick, and `settle` adds all entered ticks to the sums.
 
     Attributes, of the settled ticks:
@@ -66,6 +60,8 @@ class Books:
         ticks_on_way: (N,), number of ticks on the way.
         speed_max: largest speed of a UAV on the way, m/s.
     """
+
+    kept = ("energy", "distance", "effort", "speed_sum", "ticks_on_way", "speed_max")
 
     def __init__(self, scenario: Scenario, physics: Physics, states: state.States) -> None:
         """`states`: (N, 4), those of tick 0."""
@@ -168,20 +164,6 @@ class Books:
         """Begin the hash anew with the states (tick + 1, N, 4) of all settled ticks."""
         self._hash = TrajectoryHash(history)
 
-    def snapshot(self) -> dict[str, Any]:
-        """The sums, for `restore`; the hash needs the states of all ticks."""
-        self.settle()
-        arrays = {name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()}
-        return {**arrays, "speed_max": self.speed_max}
-
-    def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
-        """Continue with a snapshot and the states (tick + 1, N, 4) of all ticks; KeyError or ValueError if it does not
-        fit."""
-        for name in _ARRAYS:
-            getattr(self, name)[...] = snapshot[name]
-        self.speed_max = float(snapshot["speed_max"])
-        self.rehash(history)
-
 
 def sums(begin: Floats, rows: Floats) -> Floats:
     """Sums of `begin` (N,) and the first, the first two, … of rows (k, N), in this order: (k, N)."""
@@ -190,11 +172,13 @@ def sums(begin: Floats, rows: Floats) -> Floats:
     return np.add.accumulate(result, axis=0) if len(result) > 1 else result  # one row of many UAVs takes long there
 
 
-class Noise:
+class Noise(Kept):
     """Standard normal numbers of the motion, (N, 2) in each tick. Those of two UAVs correlate with `wind.common`.
 
     With a common part each tick draws a row more, after those of the UAVs, which all UAVs share.
     """
+
+    kept = ("draw",)
 
     def __init__(self, scenario: Scenario) -> None:
         self._draw = generator(scenario.seed, "wind")
@@ -216,16 +200,17 @@ class Noise:
             return drawn
         return math.sqrt(1.0 - self._common) * drawn[:-1] + math.sqrt(self._common) * drawn[-1]
 
-    def snapshot(self) -> dict[str, Any]:
-        """State of the generator after the numbers used, for `restore`; it does not depend on the length of a block."""
+    @property
+    def draw(self) -> dict[str, Any]:
+        """State of the generator after the numbers used; it does not depend on the length of a block."""
         draw = generator(0, "wind")
         set_random_state(draw, self._begin)
         draw.standard_normal((self._used, *self._shape[1:]))
         return random_state(draw)
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue with a snapshot; ValueError if it is of another kind of generator."""
-        set_random_state(self._draw, snapshot)
-        self._begin = snapshot
+    @draw.setter
+    def draw(self, state: dict[str, Any]) -> None:
+        set_random_state(self._draw, state)
+        self._begin = state
         self._block = self._block[:0]
         self._used = 0

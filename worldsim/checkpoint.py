@@ -22,7 +22,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 
-SCHEMA = 12
+SCHEMA = 13
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 MAX_BYTES = 512 * 2**20
@@ -123,7 +123,7 @@ class Resumption:
     @property
     def tick(self) -> int:
         """The first tick to fly."""
-        return int(self.checkpoint["flight"]["tick"])
+        return int(self.checkpoint["world"]["flight"]["tick"])
 
     @property
     def block(self) -> int:

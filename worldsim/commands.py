@@ -4,13 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.worldsim.books import block_ticks, sums
 
 _NOBODY = np.zeros(0, dtype=np.intp)
 
 
-class Commands:
+class Commands(Kept):
     """The current command of each UAV, and the diagnostics of the flight.
 
     Diagnostics are added up for a block of ticks at once, in the order of the ticks.
@@ -18,28 +19,20 @@ class Commands:
     Attributes:
         accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
         diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
+        largest: (K,), maximum of |diagnostics| over the ticks that were settled.
+        summed: (K,), sum of the diagnostics of UAVs on the way over these ticks.
     """
+
+    kept = ("accelerations", "largest", "summed")
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
-        self._largest: Floats = np.zeros(diagnostics)
-        self._summed: Floats = np.zeros(diagnostics)
+        self.largest: Floats = np.zeros(diagnostics)
+        self.summed: Floats = np.zeros(diagnostics)
         self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
         self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
-
-    @property
-    def largest(self) -> Floats:
-        """(K,), maximum of |diagnostics| over the flight."""
-        self._settle()
-        return self._largest
-
-    @property
-    def summed(self) -> Floats:
-        """(K,), sum of the diagnostics of UAVs on the way over the flight."""
-        self._settle()
-        return self._summed
 
     def store(self, numbers: Floats, replied: Mask, awake: Mask, on_way: Mask) -> NDArray[np.intp]:
         """Store the numbers (N, 2 + K) of the UAVs that replied and are awake.
@@ -65,18 +58,18 @@ class Commands:
             self.accelerations[...] = numbers[:, : state.AXES]
         self.diagnostics = numbers[:, state.AXES :]
         if on_way is not self._on_way or len(self._block) == self._most:
-            self._settle()
+            self.settle()
             self._on_way = on_way
         self._block.append(self.diagnostics)
         return diverged
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
         """Add the diagnostics of the ticks since the last call to the sums."""
         if not self._block:
             return
         block = np.stack(self._block)  # (k, N, K)
         self._block = []
         sizes = np.abs(block.transpose(2, 0, 1), order="C")  # much faster than a maximum along few columns
-        self._largest = np.maximum(self._largest, np.maximum.reduce(sizes, axis=(1, 2)))
+        self.largest = np.maximum(self.largest, np.maximum.reduce(sizes, axis=(1, 2)))
         of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
-        self._summed = sums(self._summed, of_ticks)[-1]
+        self.summed = sums(self.summed, of_ticks)[-1]

@@ -2,12 +2,12 @@
 
 import logging
 from collections import Counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import MessageRejected, printable
+from meanflock.swarm.kept import Kept
 
 log = logging.getLogger("meanflock.world")
 
@@ -15,7 +15,7 @@ MAX_DROP_EVENTS = 100  # rejected messages in log and record; the counters count
 _AT_ONCE = 2**15  # weights whose deviations stay in a processor's cache
 
 
-class Counters:
+class Counters(Kept):
     """Counters of the protocol, from take-off on, resumes included. Flight and radio have counters of their own.
 
     World and crew count here.
@@ -34,6 +34,11 @@ class Counters:
         drops: messages that world and crew rejected, by reason.
         refused: messages that the bus kept from them, by reason; not in a checkpoint.
     """
+
+    kept = (
+        *("held", "deadline_misses", "steered", "nodes_lost", "nodes_rejoined", "uploads_refused", "states_refused"),
+        *("implausible", "spread", "drops"),
+    )
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
@@ -75,27 +80,6 @@ class Counters:
     def dropped(self) -> Counter[str]:
         """Messages rejected by the world or the bus, by reason. Safe to read from any thread."""
         return self.drops.copy() + self.refused.copy()
-
-    def snapshot(self, wall_s: float) -> dict[str, Any]:
-        """The counters, for `restore`."""
-        return {
-            **self._numbers(),
-            "wall_s": wall_s,
-            "spread": self.spread,
-            "drops": dict(self.drops),
-            "implausible": sorted(self.implausible),
-        }
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue with the counts of a snapshot."""
-        for name, number in self._numbers().items():
-            setattr(self, name, type(number)(snapshot.get(name, 0)))
-        self.spread = snapshot["spread"]
-        self.drops = Counter(snapshot["drops"])
-        self.implausible = set(snapshot["implausible"])
-
-    def _numbers(self) -> dict[str, int | float]:
-        return {name: value for name, value in vars(self).items() if isinstance(value, int | float)}
 
 
 def weight_spread(models: NDArray[np.float64]) -> float:

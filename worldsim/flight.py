@@ -4,7 +4,7 @@ UAVs move straight within a tick, so encounters are closest approaches of segmen
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.swarm import mission, state
 from meanflock.swarm.events import Event, FlightEvent
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.messages import Status
@@ -52,7 +53,7 @@ def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m
     return Pairs(near, found[:count], nearest_m)
 
 
-class Encounters:
+class Encounters(Kept):
     """Encounters of one flight: each pair counts once, and each UAV once for each disc. A checkpoint contains them.
 
     Attributes:
@@ -63,6 +64,8 @@ class Encounters:
         nearest_m: least distance of any two UAVs in the air; infinite if there never were two.
         expected: number of pairs that may touch in the next tick: twice those of the last.
     """
+
+    kept = ("collided", "collided_at_ticks", "touched", "closest_approach_m", "hit")
 
     def __init__(self, scenario: Scenario) -> None:
         self.collided: set[Pair] = set()
@@ -78,6 +81,10 @@ class Encounters:
     def closest_approach_m(self) -> float | None:
         """Least distance of any two UAVs in the air; None if there never were two."""
         return self.nearest_m if math.isfinite(self.nearest_m) else None
+
+    @closest_approach_m.setter
+    def closest_approach_m(self, distance: float | None) -> None:
+        self.nearest_m = math.inf if distance is None else float(distance)
 
     def meet(self, seen: Pairs, on_way: NDArray[np.bool_], after: state.States) -> list[Pair]:
         """Add the close pairs of a tick.
@@ -117,40 +124,14 @@ class Encounters:
         self.hit |= new
         return [(uav, disc) for uav, disc in np.argwhere(new).tolist()]
 
-    def snapshot(self) -> dict[str, Any]:
-        """The encounters, for `restore`."""
-        return {
-            "collided": sorted(self.collided),
-            "collided_at_ticks": sorted(self.collided_at_ticks),
-            "touched": sorted(self.touched),
-            "nearest_m": self.closest_approach_m,
-            "hit": self.hit.astype("u1"),
-        }
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue with a snapshot; KeyError or ValueError if it does not fit."""
-        self.collided = {(first, second) for first, second in snapshot["collided"]}
-        self.collided_at_ticks = {(first, second) for first, second in snapshot["collided_at_ticks"]}
-        self.touched = {(first, second) for first, second in snapshot["touched"]}
-        self.nearest_m = math.inf if snapshot["nearest_m"] is None else float(snapshot["nearest_m"])
-        self.hit[...] = snapshot["hit"]
-
 
 # Numbers of the array's own type: comparing with a member of the enumeration converts it each time.
 FLYING = np.uint8(Status.FLYING)
 ARRIVED = np.uint8(Status.ARRIVED)
 LOST = np.uint8(Status.LOST)
 
-_SCALARS = ("tick", "steps", "clipped", "speed_difference_sum", "speed_difference_squared_error", "near_sum")
-_ARRAYS = {  # and their types in a snapshot
-    "states": "<f8",
-    "status": "u1",
-    "arrival_tick": "<i4",
-    "arrival_energy": "<f8",
-}
 
-
-class Flight:
+class Flight(Kept):
     """All quantities of the UAVs. Arrays have one row a UAV.
 
     `states` and the arrays of `hidden` are new after every tick. `on_way`, `waiting` and `idle` are new when a UAV
@@ -164,6 +145,7 @@ class Flight:
         waiting: (N,), UAVs that have not left the ground yet; None if all have.
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
+        noise: of the motion.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         steps: number of commands of UAVs that are not lost, one for each UAV and tick.
@@ -175,6 +157,11 @@ class Flight:
         last_arrival: tick of the last arrival so far; -1 for none.
         events: events of the last tick; the owner empties the list.
     """
+
+    kept = (
+        *("tick", "steps", "clipped", "speed_difference_sum", "speed_difference_squared_error", "near_sum"),
+        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "noise"),
+    )
 
     def __init__(self, scenario: Scenario) -> None:
         n = scenario.uavs
@@ -198,7 +185,7 @@ class Flight:
         self.any_lost = False
         self.last_arrival = -1
         self.books = Books(scenario, self._physics, self.states)
-        self._noise = Noise(scenario)
+        self.noise = Noise(scenario)
         self._sort()
         self._observe(self.states, self.on_way)
 
@@ -324,7 +311,7 @@ class Flight:
         self.steps += len(accelerations) - (int(np.count_nonzero(self.lost)) if self.any_lost else 0)
         felt = accelerations if gust is None else accelerations + gust
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
-        moved = self._physics.step(self.states, self.hidden, felt, self._noise.next(), waiting)
+        moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting)
         self.tick += 1
         self.states = moved.states
         self.hidden = moved.hidden
@@ -341,43 +328,19 @@ class Flight:
         self._observe(before, on_way)
         self._arrive(on_way, diverged)
 
-    def snapshot(self) -> dict[str, Any]:
-        """The flight, for `restore`. It lacks the hash, which needs the states of all ticks."""
-        return {
-            **{name: getattr(self, name) for name in _SCALARS},
-            **{name: getattr(self, name).astype(kind) for name, kind in _ARRAYS.items()},
-            "hidden": self.hidden,
-            "books": self.books.snapshot(),
-            "encounters": self.encounters.snapshot(),
-            "wind": self._noise.snapshot(),
-        }
-
-    def restore(self, snapshot: dict[str, Any], history: Floats) -> None:
-        """Continue from a snapshot.
-
-        Args:
-            snapshot: of `snapshot`.
-            history: (tick + 1, N, 4), the states of all ticks until then.
-
-        Raises:
-            ValueError: the history does not end in the state of the snapshot, or an array does not fit.
-        """
-        for name in _SCALARS:
-            setattr(self, name, type(getattr(self, name))(snapshot[name]))
-        if snapshot["hidden"].keys() != self.hidden.keys():
-            raise ValueError(f"it has {sorted(snapshot['hidden'])} of the vehicle, expected {sorted(self.hidden)}")
-        self.states = self.states.copy()
-        for name, part in self.hidden.items():
-            self.hidden[name] = np.array(snapshot["hidden"][name], dtype=part.dtype).reshape(part.shape)
-        for name in _ARRAYS:
-            getattr(self, name)[...] = snapshot[name]
+    def restored(self) -> None:
         self._sort()
         self.last_arrival = int(self.arrival_tick.max())
-        self.encounters.restore(snapshot["encounters"])
-        self._noise.restore(snapshot["wind"])
+
+    def rehash(self, history: Floats) -> None:
+        """Continue the hash with the states (tick + 1, N, 4) of all ticks, which no checkpoint has.
+
+        Raises:
+            ValueError: they do not end in the states of this tick.
+        """
         if history.shape != (self.tick + 1, *self.states.shape) or history[-1].tobytes() != self.states.tobytes():
             raise ValueError(f"the time series does not end in the states of tick {self.tick}")
-        self.books.restore(snapshot["books"], history)
+        self.books.rehash(history)
 
     def _sort(self) -> None:
         """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""

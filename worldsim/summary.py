@@ -131,6 +131,7 @@ def protocol_summary(world: World, schedule: Schedule | None, *, can_be_steered:
     """
     counters, post, commands = world.counters, world.post, world.commands
     names = world.plan.declared.diagnostics
+    commands.settle()
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     summed = dict(zip(names, commands.summed.tolist(), strict=True))
     ticks = world.flight.ticks_on_way

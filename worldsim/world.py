@@ -13,6 +13,7 @@ from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import Event, RoundEnded
+from meanflock.swarm.kept import Kept, restore, state_of
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
@@ -26,7 +27,7 @@ from meanflock.worldsim.tick import Acts, Loss, News, Return, Row, Senses
 REPORT_EVERY_TICKS = 10
 
 
-class World:
+class World(Kept):
     """One flight: a value and its next value. It knows no bus, no clock and no node.
 
     A tick is `move(acts, absent)` with an answer to `ask()`. Other threads may read the attributes, and must not change
@@ -42,6 +43,8 @@ class World:
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
+
+    kept = ("flight", "air", "counters", "post", "models", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -67,7 +70,7 @@ class World:
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
         if resume is not None:
-            self._restore(resume)
+            self._resume(resume)
         else:
             self.air.meter.initial(state.SIZE * scenario.radio.bits_per_float)  # the mission plan
 
@@ -166,34 +169,15 @@ class World:
             memories: of the controllers. wall_s: wall-clock time flown so far. block: number of the block of telemetry
                 that carries the checkpoint.
         """
-        return encoded(
-            self.scenario,
-            {
-                "block": block,
-                "flight": self.flight.snapshot(),
-                "air": self.air.snapshot(),
-                "counters": self.counters.snapshot(wall_s),
-                "post": self.post.snapshot(),
-                "models": self.models.digest,
-                "commands": self.commands.accelerations,
-                "largest": self.commands.largest,
-                "summed": self.commands.summed,
-                "memory": memories.arrays,
-            },
-        )
+        parts = {"block": block, "wall_s": wall_s, "world": state_of(self), "memory": memories.arrays}
+        return encoded(self.scenario, parts)
 
-    def _restore(self, resume: Resumption) -> None:
+    def _resume(self, resume: Resumption) -> None:
         resume.check(self.scenario)
-        checkpoint = resume.checkpoint
         try:
-            self.flight.restore(checkpoint["flight"], resume.history)
-            self.air.restore(checkpoint["air"])
-            self.counters.restore(checkpoint["counters"])
-            self.post.restore(checkpoint["post"])
-            self.models.digest = bytes(checkpoint["models"])
-            self.commands.accelerations[...] = checkpoint["commands"]
-            self.commands.largest[...] = checkpoint["largest"]
-            self.commands.summed[...] = checkpoint["summed"]
+            restore(self, resume.checkpoint["world"])
+            self.counters.wall_s = float(resume.checkpoint["wall_s"])
+            self.flight.rehash(resume.history)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"the run cannot be resumed: {error}") from error
 

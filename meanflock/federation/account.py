@@ -5,13 +5,13 @@ Flights whose federations did the same, to the last bit, have equal hashes.
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.plan import Plan
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.wire.messages import Frames
 
 
@@ -48,22 +48,14 @@ class Account(msgspec.Struct, array_like=True):
         self.received.update(senders)
         self.arrived += copies
 
-    def snapshot(self) -> list[Any]:
-        """All of it, for `restored`; sets are ascending lists."""
-        fields: list[Any] = msgspec.to_builtins(self, order="sorted")
-        return fields
 
-    @classmethod
-    def restored(cls, snapshot: list[Any]) -> "Account":
-        """The account of a snapshot."""
-        return msgspec.convert(snapshot, cls)
-
-
-class ModelsHash:
+class ModelsHash(Kept):
     """Hash of the global models, as they are coded, in the order in which they are broadcast.
 
     Where no global model goes by radio, as with the topology `neighbours`, the uploads count in their place.
     """
+
+    kept = ("digest",)
 
     def __init__(self, plan: Plan) -> None:
         by_radio = [hop.label for hop in plan.hops if not hop.is_local]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.topology.base import Hop, Role
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -24,13 +25,15 @@ class Letter(NamedTuple):
     frames: Frames
 
 
-class Mailbox:
+class Mailbox(Kept):
     """The mail of all UAVs that average for one hop, until the round is averaged.
 
     Attributes:
         letters: the mail, oldest first.
         addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
     """
+
+    kept = ("addressed", "mail")
 
     def __init__(self, hop: Hop, uavs: int) -> None:
         self.letters: list[Letter] = []
@@ -86,21 +89,14 @@ class Mailbox:
         self.letters = [letter for letter in self.letters if letter.frames.round > number]
         self.addressed[:] = False
 
-    def snapshot(self) -> list[Any]:
-        """The mail, for `restore`."""
-        frames = [
-            [number, int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for number, _, f in self.letters
-        ]
-        return [np.flatnonzero(self.addressed).astype(np.int32), frames]
+    @property
+    def mail(self) -> list[list[Any]]:
+        """The letters as plain values."""
+        return [[number, int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for number, _, f in self.letters]
 
-    def restore(self, snapshot: list[Any]) -> None:
-        """Goes on with the mail of a snapshot."""
-        addressed, letters = snapshot
-        self.addressed[:] = False
-        self.addressed[addressed] = True
-        self.letters = [
-            Letter(number, self._hop, Frames(FrameKind(kind), *fields)) for number, kind, *fields in letters
-        ]
+    @mail.setter
+    def mail(self, stored: list[list[Any]]) -> None:
+        self.letters = [Letter(number, self._hop, Frames(FrameKind(kind), *fields)) for number, kind, *fields in stored]
 
 
 def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None, after: int = 0) -> tuple[Frames, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, Literal, Protocol, TypeAlias
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,12 +16,11 @@ from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
-
-_COUNTS = ("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest")  # of a snapshot
 
 
 class EventRecorder(Protocol):
@@ -29,7 +29,7 @@ class EventRecorder(Protocol):
     def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
-class Post:
+class Post(Kept):
     """All that the world knows of the rounds.
 
     Attributes:
@@ -41,6 +41,11 @@ class Post:
         rule_record: the state of the leader's aggregation rule, a record.
         newest: number of the last letter that came.
     """
+
+    kept = (
+        *("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest", "rule_record"),
+        *("transmissions", "_reception", "_mailboxes", "accounts"),
+    )
 
     def __init__(self, plan: Plan) -> None:
         self._scenario = scenario = plan.scenario
@@ -62,6 +67,7 @@ class Post:
         self._reception = Reception(scenario.uavs)
         self._has_failed = False  # whether the leader complained in this tick
         self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
+        self._mailboxes = [box for _, box in self._boxes]
         self._open: list[Mailbox] = []  # those that mail was sent to
         # Ticks from the opening of a round until its uploads are averaged, by their label
         self._uploads = {hop.mail.label: hop.after for hop in self._hops if hop.mail and hop.mail.mail is None}
@@ -241,27 +247,25 @@ class Post:
         self._has_failed = False
         return ended
 
-    def snapshot(self) -> dict[str, Any]:
-        """All of it, for `restore`."""
-        return {
-            "counts": [getattr(self, name) for name in _COUNTS],
-            "rule": self.rule_record,
-            "transmissions": [one.snapshot() for one in self._transmissions],
-            "reception": self._reception.snapshot(),
-            "boxes": [box.snapshot() for _, box in self._boxes],
-            "accounts": [[number, account.snapshot()] for number, account in self._accounts.items()],
-        }
+    @property
+    def transmissions(self) -> list[list[Any]]:
+        """The models in fragments that are being transmitted."""
+        return [one.fields() for one in self._transmissions]
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Goes on where a snapshot was taken."""
-        for name, count in zip(_COUNTS, snapshot["counts"], strict=True):
-            setattr(self, name, int(count))
-        self.rule_record = bytes(snapshot["rule"])
-        self._transmissions = [Transmission.restored(one, self._hops) for one in snapshot["transmissions"]]
-        self._reception.restore(snapshot["reception"])
-        for (_, box), mail in zip(self._boxes, snapshot["boxes"], strict=True):
-            box.restore(mail)
-        self._accounts = {number: Account.restored(account) for number, account in snapshot["accounts"]}
+    @transmissions.setter
+    def transmissions(self, stored: list[list[Any]]) -> None:
+        self._transmissions = [Transmission.of_fields(fields, self._hops) for fields in stored]
+
+    @property
+    def accounts(self) -> list[tuple[int, Any]]:
+        """Number and account of each round that is open; sets are ascending lists."""
+        return [(number, msgspec.to_builtins(one, order="sorted")) for number, one in self._accounts.items()]
+
+    @accounts.setter
+    def accounts(self, stored: list[tuple[int, Any]]) -> None:
+        self._accounts = {number: msgspec.convert(one, Account) for number, one in stored}
+
+    def restored(self) -> None:
         self._list_open()
 
     def _other(self, awake: Mask) -> Mask:
@@ -271,7 +275,7 @@ class Post:
         return others
 
     def _list_open(self) -> None:
-        self._open = [box for _, box in self._boxes if box.addressed.any()]
+        self._open = [box for box in self._mailboxes if box.addressed.any()]
 
     def _hop(self, label: FrameKind, tick: int) -> Hop | None:
         """The hop of a label that transmits in this tick."""

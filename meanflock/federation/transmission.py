@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from meanflock.federation.coding import Coding
 from meanflock.federation.mailbox import links_of
 from meanflock.federation.topology.base import Hop
+from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -49,22 +50,24 @@ class Transmission:
         rows = rows.reshape(-1, rows.shape[2]) if going.all() else rows[sender, place]
         return Frames(frames.kind, frames.round, frames.source[sender], rows)
 
-    def snapshot(self) -> list[Any]:
-        """All of it, for `restore`."""
+    def fields(self) -> list[Any]:
+        """All of it, as plain values."""
         frames = self._frames
         fields = [int(frames.kind), frames.round, frames.source, frames.payload]
         return [*fields, self._wanted, self._sent]
 
     @classmethod
-    def restored(cls, snapshot: list[Any], hops: Iterable[Hop]) -> "Transmission":
-        """The transmission of a snapshot, in one of the hops of a round."""
-        kind, number, source, payload, wanted, sent = snapshot
+    def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
+        """The transmission with these `fields`, in one of the hops of a round."""
+        kind, number, source, payload, wanted, sent = fields
         hop = next(hop for hop in hops if hop.label == kind)
         return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
 
 
-class Reception:
+class Reception(Kept):
     """Counts of the fragments of a global model that each UAV received."""
+
+    kept = ("_sent", "_received")
 
     def __init__(self, uavs: int) -> None:
         self._sent = 0  # fragments that were broadcast
@@ -88,12 +91,3 @@ class Reception:
         whole, some = np.count_nonzero(received >= sent), np.count_nonzero(received)
         parts = f"whole by {whole} UAVs, in part by {some - whole}, not at all by {len(received) - some}"
         return f"{sent} fragments of the global model were received {parts}"
-
-    def snapshot(self) -> list[Any]:
-        """All of it, for `restore`."""
-        return [self._sent, self._received]
-
-    def restore(self, snapshot: list[Any]) -> None:
-        """Goes on with the counts of a snapshot."""
-        self._sent = int(snapshot[0])
-        self._received = snapshot[1].copy()

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 from meanflock.channel.base import Channel, Message
 from meanflock.channel.medium import Medium
 from meanflock.channel.meter import Links, Meter
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
+from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins, state
+from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.faults.dying import dead, resumed
@@ -201,15 +202,15 @@ def test_a_large_swarm_takes_memory_for_links_that_are_used_only() -> None:
             links = Links.between(FrameKind.UPLOAD, sources, rows, to, uavs)
             for _ in range(2):
                 meter.count(FrameKind.UPLOAD, 1, links, np.ones(len(sources), dtype=int), sources != 2, None)
-        snapshot = meter.snapshot()
+        stored = state_of(meter)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert peak < 16 * 2**20
     times = np.isin(senders, senders[::2]) * 2 + 2 + (senders < senders[5]) * 2
-    assert snapshot["links"].tolist() == [[s, leader, n, n * (s == 2)] for s, n in zip(senders, times, strict=True)]
+    assert stored["table"].tolist() == [[s, leader, n, n * (s == 2)] for s, n in zip(senders, times, strict=True)]
     again = Meter(scenario().radio, uavs)
-    again.restore(snapshot)
+    restore(again, stored)
     again.count(FrameKind.UPLOAD, 1, links, np.ones(5, dtype=int), np.ones(5, dtype=bool), None)
     assert again.links()[0] == [0, leader, 7, 0]
 
@@ -240,7 +241,7 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     assert (total.sent, total.delivered, total.slots, total.delivered_slots) == (20, 6, 6 + 2 * 14, 6)
     assert (total.expected_outages, total.expected_delivered_slots) == (None, None)
     again = Medium(plan_of(scenario("uavs=5", "radio.model=disk")))
-    again.restore(medium.snapshot())
+    restore(again, state_of(medium))
     assert again.meter.traffic == medium.meter.traffic
 
 

@@ -20,12 +20,12 @@ from meanflock.launch import certs
 from meanflock.launch.forking import Forker
 from meanflock.launch.processes import Swarm
 from meanflock.launch.resume import back
+from meanflock.net.session import LEASE
 from meanflock.recording.replay import complete, recorded, verify
 from meanflock.results.run_folder import CHECKPOINT
 from meanflock.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import ProcessDied
-from meanflock.net.session import LEASE
 from tests.controller_files import controller_file
 from tests.faults.by_hand import ENDLESS, Flight, Processes, ends_by_itself, ticks_of
 from tests.faults.conftest import honest

@@ -3,9 +3,9 @@
 import json
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.federation import coding
@@ -15,6 +15,7 @@ from meanflock.federation.memory import Trigger
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
+from meanflock.launch.engine import Engine
 from meanflock.recording.plots import percentages
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded, fields_of, round_of
@@ -280,7 +281,7 @@ def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
     account.transmit(links, np.array([3, 3, 3, 3]), links[:, 4] > 5)
     account.receive([0, 2], 5)
     account.refused, account.earlier = {2}, 1
-    account = Account.restored(account.snapshot())
+    account = msgspec.convert(msgspec.to_builtins(account, order="sorted"), Account)
     late = tuple(sorted(account.late - account.received))
     assert (account.received, late, account.copies, account.arrived) == ({0, 2}, (4,), 12, 5)
     ended = RoundEnded(

@@ -16,8 +16,8 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.image import imread
 
-from meanflock.launch import doctor
 from meanflock.cli import display
+from meanflock.launch import doctor
 from meanflock.launch.engine import Engine
 from meanflock.recording import viewer
 from meanflock.recording.recorder import Recorder

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-from meanflock.cli.command import main
 
 import meanflock as mf
+from meanflock.cli.command import main
 from tests.commands import printed
 
 SCRIPT = Path(__file__).with_name("rclpy_reads.py")

@@ -6,11 +6,12 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 from meanflock.agent.controllers.base import Broadcast
+from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
 from meanflock.testing import ConformanceError
 from tests.testing.good import (
@@ -286,5 +287,5 @@ def test_a_wrong_channel_or_vehicle_ends_the_run_with_its_mistake(wrong: Any, ex
 
 def test_a_checkpoint_with_another_memory_of_a_channel_is_refused() -> None:
     medium = flown(Remembering).world.air
-    with pytest.raises(ValueError, match=r"channel 'good': memory\['last'\] is \(4,\) float64"):
-        medium.restore(medium.snapshot() | {"memory": {"last": np.zeros(4)}})
+    with pytest.raises(ValueError, match=r"memory\['last'\] is \(4,\) float64"):
+        restore(medium, state_of(medium) | {"memory": {"last": np.zeros(4)}})

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from meanflock import kernels
+from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
 from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.flight import Flight
@@ -55,7 +56,8 @@ def large() -> Flight:
 def test_a_summary_has_the_standard_error_and_a_resumed_flight_the_same() -> None:
     flight, resumed = large(), Flight(large().scenario)
     ticks = [flight.states]
-    resumed.restore(flight.snapshot(), np.array([resumed.states] * 2 + ticks))
+    restore(resumed, state_of(flight))
+    resumed.rehash(np.array([resumed.states] * 2 + ticks))
     for each in (flight, resumed):
         each.advance(np.zeros((EXACT + 1, 2)))
     found, again = flight_summary(flight), flight_summary(resumed)

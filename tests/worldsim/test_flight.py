@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 from meanflock import kernels
+from meanflock.launch.engine import Engine
 from meanflock.swarm import state
+from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.commands import Commands
@@ -135,9 +136,10 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
     touched, collided, at_ticks, hit, nearest = set(), set(), set(), set(), math.inf
     for tick in range(80):
         if tick == 40:
-            events, snapshot = flight.events, flight.snapshot()
+            events, snapshot = flight.events, state_of(flight)
             flight = Flight(flight.scenario)
-            flight.restore(snapshot, np.array(history))
+            restore(flight, snapshot)
+            flight.rehash(np.array(history))
         before, flying = flight.states, flight.on_way.copy()
         aloft = flight.launch_tick <= tick
         wanted = draw.normal(size=(12, 2)) * 12.0 - 0.5 * (before[:, state.POSITION] - [93.0, 1.5])
@@ -261,6 +263,8 @@ def test_diagnostics_are_summed_tick_by_tick(uavs: int, columns: int) -> None:
         total = total + np.add.reduce(counted[on_way], axis=0)
         largest = np.maximum(largest, np.abs(counted).max(axis=0))
         if tick % 31 == 0:
+            commands.settle()
             np.testing.assert_array_equal(commands.summed, total)
+    commands.settle()
     np.testing.assert_array_equal(commands.summed, total)
     np.testing.assert_array_equal(commands.largest, largest)

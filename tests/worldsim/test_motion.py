@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 
 from meanflock.federation.plan import plan_of
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import Kept
 from meanflock.swarm import plugins, state
+from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.swarm.seeds import generator
 from meanflock.worldsim.books import Noise
@@ -75,7 +76,7 @@ def test_common_noise_goes_on_with_a_resumed_flight() -> None:
     whole, first, second = Noise(flown), Noise(flown), Noise(flown)
     for _ in range(70):  # in the second block of 50 ticks
         whole.next(), first.next()
-    second.restore(first.snapshot())
+    restore(second, state_of(first))
     for _ in range(70):
         np.testing.assert_array_equal(second.next(), whole.next())
 

@@ -102,6 +102,7 @@ def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: i
     given[2, column] = given[4, 0] = size
     assert commands.store(given, np.arange(5) != 4, each, each).tolist() == [2]  # 4 has not replied
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]
+    commands.settle()
     assert commands.largest.max() < BEYOND_SENSE
 
 

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from meanflock.bridge.mavlink import Reader
 from meanflock.bridge.mavlink import Setpoint as Read
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.kept import restore, state_of
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.steering import Setpoint, Steered
 from meanflock.worldsim.tick import Acts, Senses
@@ -96,7 +97,7 @@ def test_what_came_before_take_off_is_discarded() -> None:
 def test_a_resumed_flight_knows_that_it_was_steered() -> None:
     counted, resumed = Counters(), Counters()
     counted.steered = 1
-    resumed.restore(counted.snapshot(1.0))
+    restore(resumed, state_of(counted))
     assert resumed.steered == 1
 
 
