@@ -4,14 +4,14 @@ from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
-from meanflock.launch.engine import Engine
 
 from benchmarks.bare_numpy import learner_operations
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from meanflock import kernels
-from meanflock.agent.controllers.mean_field.learner import Learner, tables
+from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner, tables
 from meanflock.kernels import reference
 from meanflock.kernels.mean_field.layout import NUMBERS
+from meanflock.launch.engine import Engine
 from meanflock.swarm import mission, scenario, state
 from meanflock.swarm.scenario import Scenario
 
@@ -37,7 +37,7 @@ def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Calla
     """One step of the learner on so many rows, from the same weights every time."""
     flown: Scenario = scenario.load(None, method=method, uavs=uavs)
     plan = mission.starts(flown)
-    weights = Learner(flown, learns_density=method != "hjb").init(uavs, plan)
+    weights = MeanFieldLearner(flown, learns_density=method != "hjb").init(uavs, plan)
     prepared = backend.prepare(tables(flown))
     states = plan.copy()
     states[:, state.VELOCITY] = np.array(flown.wind.mean)

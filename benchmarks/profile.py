@@ -35,7 +35,7 @@ Part = tuple[str, str]  # "module:name" or "module:Class.name", label
 
 LEARNER: list[Part] = [
     ("meanflock.kernels:learn", "the learners' kernel"),
-    ("meanflock.agent.controllers.mean_field.learner:Learner.step", "learner, the rest"),
+    ("meanflock.agent.controllers.mean_field.learner:MeanFieldLearner.step", "learner, the rest"),
     ("meanflock.agent.node:Agent.act", "agent: inbox, outbox, checks"),
     ("meanflock.net.client:NodeClient.handle", "agent: protocol"),
 ]

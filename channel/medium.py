@@ -19,9 +19,9 @@ from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.seeds import generator
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices = NDArray[np.intp]
@@ -29,10 +29,10 @@ NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick without frames; shared,
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
-class Medium(Kept):
+class Medium(Stateful):
     """The emulated radio of one run."""
 
-    kept = ("draw", "memory", "under_way", "meter")
+    stored = ("draw", "memory", "under_way", "meter")
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""

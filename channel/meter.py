@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import distinct
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind
 
 Indices = NDArray[np.intp]
@@ -118,10 +118,10 @@ class Traffic:
     expected_delivered_slots: float | None = 0.0
 
 
-class Meter(Kept):
+class Meter(Stateful):
     """The counters of a run, by kind of traffic and by link."""
 
-    kept = ("totals", "table", "marked")
+    stored = ("totals", "table", "marked")
 
     def __init__(self, radio: Radio, uavs: int) -> None:
         self.traffic = {kind: Traffic() for kind in FrameKind}

@@ -171,5 +171,5 @@ def _fly(
             return study.fly_all(points, jobs, show, Store(paths.given(out)))
         with TemporaryFolder() as folder:
             return study.fly_all(points, jobs, show, Store(folder.path), keeps=False)
-    except study.Interrupted as error:
+    except study.StudyInterrupted as error:
         raise KeyboardInterrupt(str(error)) from None

@@ -9,7 +9,7 @@ from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
+from meanflock.launch.station import StoredTelemetry
 from meanflock.results.quantities import check_diagnostics
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of, with_settings
@@ -77,7 +77,7 @@ class Prepared(NamedTuple):
 
     scenario: Scenario
     engine: Engine
-    memory: Kept
+    memory: StoredTelemetry
     outputs: "Outputs | None"
 
     def finish(self) -> Run:
@@ -105,7 +105,7 @@ def prepared(
     warn_of_lost_models([flown])
     outputs = None
     run_id = f"{flown.method}-s{flown.seed}"
-    kept = Kept()
+    kept = StoredTelemetry()
     sinks: list[BlockSink] = [kept]
     if out is not None:
         from meanflock.launch.options import Options, records

@@ -11,7 +11,7 @@ from meanflock.results.quantities import number as figure
 from meanflock.swarm.errors import BadInput, printable
 
 if TYPE_CHECKING:
-    from meanflock.results.plots.run import Shown
+    from meanflock.results.plots.run import RunPicture
     from meanflock.studies.means import Means
 
 _FIGURES = ("t_avg_s", "energy_mean_J", "payload_bits.total", "phi_A", "phi_C_distinct")
@@ -19,7 +19,7 @@ _PICTURE = "float:left;width:300px;margin-right:1em"
 _RIGHT, _LEFT = "text-align:right", "text-align:left"
 
 
-def html_of_run(flown: Mapping[str, Any], folder: Path | None, shown: "Callable[[], Shown]") -> str:
+def html_of_run(flown: Mapping[str, Any], folder: Path | None, shown: "Callable[[], RunPicture]") -> str:
     """A picture of what is `shown` of a run, if it can be drawn, and the main figures of its summary `flown`."""
     rows = [("arrived", f"{flown['arrived']} of {flown['uavs']} UAVs; {flown['lost']} lost")]
     rows += [("collisions", f"{flown['collisions']} pairs")]
@@ -48,7 +48,7 @@ def html_of_means(means: "Means") -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{_joined(rows)}</tbody></table>"
 
 
-def _picture(shown: "Callable[[], Shown]") -> str:
+def _picture(shown: "Callable[[], RunPicture]") -> str:
     try:
         from meanflock.results.plots.thumbnail import thumbnail
 

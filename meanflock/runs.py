@@ -27,7 +27,7 @@ from meanflock.swarm.wire.messages import Telemetry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from meanflock.results.plots.run import Shown
+    from meanflock.results.plots.run import RunPicture
 
 What: TypeAlias = Literal["paths", "curves"]
 Progress = Callable[[int, int], None]  # ticks written, and all ticks
@@ -159,11 +159,11 @@ class Run:
             from meanflock.results.plots.run import plot_curves, plot_paths
         return plot_paths(self._shown()) if what == "paths" else plot_curves(self._shown())
 
-    def _shown(self) -> "Shown":
+    def _shown(self) -> "RunPicture":
         """The run for its pictures."""
-        from meanflock.results.plots.run import Shown
+        from meanflock.results.plots.run import RunPicture
 
-        return Shown(self._rows(), self.scenario, self.events)
+        return RunPicture(self._rows(), self.scenario, self.events)
 
     def _repr_html_(self) -> str:
         return html_of_run(self.summary, self.folder, self._shown)

@@ -1,12 +1,12 @@
 """Measures the cost of clusters relative to one leader, and writes the table of scaling.md."""
 
 import numpy as np
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.net import process
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced
@@ -59,7 +59,7 @@ def main() -> None:
 
 def measure(flown: Scenario) -> dict[str, float]:
     """Cost of the uplink of a round; means over the rounds of one flight."""
-    summary = Engine(flown, "clusters", sinks=[record := Kept()]).complete()
+    summary = Engine(flown, "clusters", sinks=[record := StoredTelemetry()]).complete()
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], flown.federation.leader
     links = np.concatenate([block.links for block in record.blocks])

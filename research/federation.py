@@ -18,7 +18,7 @@ from meanflock.net import process
 from meanflock.results import statistics
 from meanflock.studies import published
 from meanflock.studies.leaderboard import missions
-from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.studies.markdown import replaced, table
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
@@ -145,7 +145,7 @@ def scenario(case: Case, seed: int) -> Scenario:
     kind, where, way = case
     ways = {"calm": WAYS, "trouble": TROUBLED, "late": LATE, "sparing": SPARING, "left": LEFT.get(where, {})}
     method = METHODS.get(kind) or METHODS.get(way, "fed-lspi")
-    row = Row(way, method, settings=ECBF | ways[kind][way] | TROUBLES.get(where, {}))
+    row = BoardRow(way, method, settings=ECBF | ways[kind][way] | TROUBLES.get(where, {}))
     mission = MISSIONS.get(where, where)
     (found,) = missions.chosen([mission])
     return row.scenario(found.table(), seed, mission)

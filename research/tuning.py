@@ -20,7 +20,7 @@ from meanflock.net import process
 from meanflock.studies import published
 from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights, missions
-from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.studies.store import Store
 from meanflock.studies.study import Summaries
 from meanflock.swarm.errors import BadInput
@@ -43,10 +43,10 @@ class Arm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     candidates: tuple[dict[str, Any], ...]
     settings: dict[str, Any] = {}  # msgspec copies it
 
-    def scenario(self, candidate: int, mission: missions.Mission, seed: int) -> Scenario:
+    def scenario(self, candidate: int, mission: missions.BoardMission, seed: int) -> Scenario:
         """The flight of a candidate."""
         options = {f"{self.options}.{key}": value for key, value in self.candidates[candidate].items()}
-        return Row(self.name, self.method, settings=self.settings | options).scenario(
+        return BoardRow(self.name, self.method, settings=self.settings | options).scenario(
             mission.table(), seed, mission.name
         )
 
@@ -152,7 +152,7 @@ def _best(arm: Arm, flown: Mapping[int, Summaries]) -> list[int]:
 
 def _flown(
     wanted: Mapping[str, tuple[Arm, Sequence[int], Sequence[int]]],
-    every: Sequence[missions.Mission],
+    every: Sequence[missions.BoardMission],
     jobs: int,
     out: Path,
 ) -> dict[tuple[str, int], Summaries]:

@@ -3,16 +3,16 @@
 from typing import Any
 
 import numpy as np
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.results import event_log
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Event
 from meanflock.worldsim.checkpoint import Resumption
 
 
-class Record(Kept):
+class Record(StoredTelemetry):
     """The telemetry of a flight, and what its events say."""
 
     @property

@@ -84,6 +84,16 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     TopologicalSorter({name: needed(path) for name, path in NAMES.items()}).prepare()  # a CycleError names the circle
 
 
+def test_a_noun_is_one_class() -> None:
+    """The options of a plug-in are its class `Options`, wherever it is."""
+    found: dict[str, list[str]] = {}
+    for path in MODULES:
+        for node in nodes(path):
+            if isinstance(node, ast.ClassDef) and node.name != "Options":
+                found.setdefault(node.name.lstrip("_"), []).append(name_of(path))
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
 GROUND = (  # where a person stands
     *map(name_of, DOOR),
     "research/",

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from meanflock.swarm import state
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.stateful import Stateful
 from meanflock.worldsim.vehicles.base import Hidden, Physics
 
 _HASHED = np.dtype("<f8")
@@ -49,7 +49,7 @@ class TrajectoryHash:
         return str(self._hash.hexdigest())
 
 
-class Books(Kept):
+class Books(Stateful):
     """Sums over the ticks of a flight. `add` enters a tick, and `settle` adds all entered ticks to the sums.
 
     Attributes, of the settled ticks:
@@ -61,7 +61,7 @@ class Books(Kept):
         speed_max: largest speed of a UAV on the way, m/s.
     """
 
-    kept = ("energy", "distance", "effort", "speed_sum", "ticks_on_way", "speed_max")
+    stored = ("energy", "distance", "effort", "speed_sum", "ticks_on_way", "speed_max")
 
     def __init__(self, scenario: Scenario, physics: Physics, states: state.States) -> None:
         """`states`: (N, 4), those of tick 0."""
@@ -172,13 +172,13 @@ def sums(begin: Floats, rows: Floats) -> Floats:
     return np.add.accumulate(result, axis=0) if len(result) > 1 else result  # one row of many UAVs takes long there
 
 
-class Noise(Kept):
+class Noise(Stateful):
     """Standard normal numbers of the motion, (N, 2) in each tick. Those of two UAVs correlate with `wind.common`.
 
     With a common part each tick draws a row more, after those of the UAVs, which all UAVs share.
     """
 
-    kept = ("draw",)
+    stored = ("draw",)
 
     def __init__(self, scenario: Scenario) -> None:
         self._draw = generator(scenario.seed, "wind")

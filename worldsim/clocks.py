@@ -31,7 +31,7 @@ def factor(text: str) -> float:
     return value
 
 
-class Schedule:
+class TickSchedule:
     """Begin and end of each tick of a flight that follows the wall clock, on the monotonic clock."""
 
     def __init__(self, factor: float, dt: float) -> None:

@@ -4,14 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
+from meanflock.swarm.stateful import Stateful
 from meanflock.worldsim.books import block_ticks, sums
 
 _NOBODY = np.zeros(0, dtype=np.intp)
 
 
-class Commands(Kept):
+class Commands(Stateful):
     """The current command of each UAV, and the diagnostics of the flight.
 
     Diagnostics are added up for a block of ticks at once, in the order of the ticks.
@@ -23,7 +23,7 @@ class Commands(Kept):
         summed: (K,), sum of the diagnostics of UAVs on the way over these ticks.
     """
 
-    kept = ("accelerations", "largest", "summed")
+    stored = ("accelerations", "largest", "summed")
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
         self.accelerations: state.Plane = np.zeros((uavs, state.AXES))

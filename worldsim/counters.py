@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import MessageRejected, printable
-from meanflock.swarm.kept import Kept
+from meanflock.swarm.stateful import Stateful
 
 log = logging.getLogger("meanflock.world")
 
@@ -15,7 +15,7 @@ MAX_DROP_EVENTS = 100  # rejected messages in log and record; the counters count
 _AT_ONCE = 2**15  # weights whose deviations stay in a processor's cache
 
 
-class Counters(Kept):
+class Counters(Stateful):
     """Counters of the protocol, from take-off on, resumes included. Flight and radio have counters of their own.
 
     World and crew count here.
@@ -35,7 +35,7 @@ class Counters(Kept):
         refused: messages that the bus kept from them, by reason; not in a checkpoint.
     """
 
-    kept = (
+    stored = (
         *("held", "deadline_misses", "steered", "nodes_lost", "nodes_rejoined", "uploads_refused", "states_refused"),
         *("implausible", "spread", "drops"),
     )

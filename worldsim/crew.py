@@ -18,7 +18,7 @@ from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
 from meanflock.worldsim.checkpoint import Memories, Resumption
-from meanflock.worldsim.clocks import Schedule
+from meanflock.worldsim.clocks import TickSchedule
 from meanflock.worldsim.tick import Acts, News, Note, Row, Senses
 from meanflock.worldsim.world import KILLED, World
 
@@ -132,7 +132,7 @@ class LocalCrew:
         uavs = scenario.uavs
         size = uavs if rows_at_most is None else rows_at_most
         self._plan = plan
-        self._encoded = scenarios.encode(plan.known)
+        self._encoded = scenarios.encode(plan.node_scenario)
         self._starts = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
         self.agents: list[Agent] = []
         for group in plan.groups:
@@ -273,7 +273,7 @@ class Paced:
     def __init__(
         self,
         crew: Crew,
-        schedule: Schedule,
+        schedule: TickSchedule,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.swarm import mission, state
 from meanflock.swarm.events import Event, FlightEvent
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.books import Books, Noise
@@ -53,7 +53,7 @@ def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m
     return Pairs(near, found[:count], nearest_m)
 
 
-class Encounters(Kept):
+class Encounters(Stateful):
     """Encounters of one flight: each pair counts once, and each UAV once for each disc. A checkpoint contains them.
 
     Attributes:
@@ -65,7 +65,7 @@ class Encounters(Kept):
         expected: number of pairs that may touch in the next tick: twice those of the last.
     """
 
-    kept = ("collided", "collided_at_ticks", "touched", "closest_approach_m", "hit")
+    stored = ("collided", "collided_at_ticks", "touched", "closest_approach_m", "hit")
 
     def __init__(self, scenario: Scenario) -> None:
         self.collided: set[Pair] = set()
@@ -131,7 +131,7 @@ ARRIVED = np.uint8(Status.ARRIVED)
 LOST = np.uint8(Status.LOST)
 
 
-class Flight(Kept):
+class Flight(Stateful):
     """All quantities of the UAVs. Arrays have one row a UAV.
 
     `states` and the arrays of `hidden` are new after every tick. `on_way`, `waiting` and `idle` are new when a UAV
@@ -158,7 +158,7 @@ class Flight(Kept):
         events: events of the last tick; the owner empties the list.
     """
 
-    kept = (
+    stored = (
         *("tick", "steps", "clipped", "speed_difference_sum", "speed_difference_squared_error", "near_sum"),
         *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "noise"),
     )

@@ -16,7 +16,7 @@ from meanflock.swarm.faults import Kill
 from meanflock.swarm.provenance import provenance
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
-from meanflock.worldsim.clocks import Schedule
+from meanflock.worldsim.clocks import TickSchedule
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.world import World
 
@@ -124,7 +124,7 @@ def _observed(bill: Traffic) -> dict[str, Any]:
     }
 
 
-def protocol_summary(world: World, schedule: Schedule | None, *, can_be_steered: bool = False) -> dict[str, Any]:
+def protocol_summary(world: World, schedule: TickSchedule | None, *, can_be_steered: bool = False) -> dict[str, Any]:
     """Fields from the protocol.
 
     `schedule`: of a flight in real time. `can_be_steered`: whether clients could steer UAVs.
@@ -172,7 +172,7 @@ def summary(
     mode: str,
     wall_time_s: float,
     *,
-    schedule: Schedule | None = None,
+    schedule: TickSchedule | None = None,
     can_be_steered: bool = False,
     blocks_dropped: int = 0,
 ) -> dict[str, Any]:

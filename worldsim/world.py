@@ -13,8 +13,8 @@ from meanflock.federation.post import Post
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import Event, RoundEnded
-from meanflock.swarm.kept import Kept, restore, state_of
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
+from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
 from meanflock.worldsim.commands import Commands
@@ -27,7 +27,7 @@ from meanflock.worldsim.tick import Acts, Loss, News, Return, Row, Senses
 REPORT_EVERY_TICKS = 10
 
 
-class World(Kept):
+class World(Stateful):
     """One flight: a value and its next value. It knows no bus, no clock and no node.
 
     A tick is `move(acts, absent)` with an answer to `ask()`. Other threads may read the attributes, and must not change
@@ -44,7 +44,7 @@ class World(Kept):
         commands: the commands of the last tick.
     """
 
-    kept = ("flight", "air", "counters", "post", "models", "commands")
+    stored = ("flight", "air", "counters", "post", "models", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """

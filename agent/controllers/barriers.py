@@ -53,7 +53,7 @@ class BarrierOptions(base.Options, frozen=True):
     ] = 6.0
 
 
-class Barrier(Filter):
+class HalfPlaneFilter(Filter):
     """Base class of these filters: override `half_planes`.
 
     The limit `acceleration_max_m_s2` is on the motion: drag and mean wind, as known before take-off, are subtracted and
@@ -99,7 +99,7 @@ class Barrier(Filter):
         return np.where(changed, wanted + (admitted - motion), wanted), infeasible
 
 
-class Ecbf(Barrier):
+class Ecbf(HalfPlaneFilter):
     """Exponential control barrier functions: keep every two UAVs, and every UAV and obstacle, apart.
 
     Of all commands with ḧ + 2kḣ + k²h ≥ 0 for each h = ‖Δr‖² − D², the nearest to the controller's.
@@ -114,7 +114,7 @@ class Ecbf(Barrier):
         rate_1_s: Rate = 3.0
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
-        """ḧ + 2kḣ + k²h ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
+        """ḧ + 2kḣ + k²h ≥ 0 of each pair, solved for the acceleration, see `HalfPlaneFilter`."""
         away, closing = near.away, near.closing
         along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
         speed = closing[..., 0] * closing[..., 0] + closing[..., 1] * closing[..., 1]
@@ -123,7 +123,7 @@ class Ecbf(Barrier):
         return np.where(near.present[..., None], away / length[..., None], 0.0), bounds / length
 
 
-class Braking(Barrier):
+class Braking(HalfPlaneFilter):
     """Barriers with the braking distance: no pair closes faster than it can stop, one tick of delay included.
 
     Of all commands with ḣ + kh ≥ 0 for each h = v_stop(‖Δr‖ − D) + ‖Δr‖˙, the nearest to the controller's. v_stop is
@@ -139,7 +139,7 @@ class Braking(Barrier):
         reaction_s: Annotated[float, Meta(ge=0, description="time before a UAV brakes, beside one tick, s")] = 0.0
 
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
-        """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `Barrier`."""
+        """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `HalfPlaneFilter`."""
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)
         closing = near.closing

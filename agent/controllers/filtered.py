@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
-from meanflock.agent.controllers.sharing.base import Neighbours
+from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Plane, States, distinct
@@ -51,10 +51,10 @@ class Filter:
         inner_names = tuple(inner.diagnostics)
         own_names = tuple(PREFIX + name if name in inner_names else name for name in (*self.columns, _UNSENT))
         self.diagnostics = (*inner_names, *own_names)
-        self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
+        self.broadcast_numbers = inner.broadcast_numbers + NeighbourStates.numbers
         self.pairwise = True  # it knows a state of every other UAV
         self.shares = True
-        self._neighbours = Neighbours(scenario, inner.prediction())
+        self._neighbours = NeighbourStates(scenario, inner.prediction())
 
     @abstractmethod
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:

@@ -75,7 +75,7 @@ class Home(NamedTuple):
         return round(max(-90.0, min(90.0, latitude)) * 1e7), round(math.remainder(longitude, 360.0) * 1e7)
 
 
-class Vehicle:
+class MavlinkVehicle:
     """A UAV as a MAVLink vehicle; makes its messages, each a frame with the next sequence number."""
 
     def __init__(self, uav: int, dt: float) -> None:
@@ -127,7 +127,7 @@ class Fleet:
 
     def __init__(self, uavs: int, dt: float, home: Home | None = None) -> None:
         """`dt`: seconds a tick. `home`: of GLOBAL_POSITION_INT; None: that message is left out."""
-        self._vehicles = [Vehicle(uav, dt) for uav in range(min(uavs, SYSTEMS))]
+        self._vehicles = [MavlinkVehicle(uav, dt) for uav in range(min(uavs, SYSTEMS))]
         self._home = home
         self._beat_s = -math.inf
 
@@ -155,7 +155,7 @@ class Fleet:
             yield datagram
 
 
-class Setpoint(NamedTuple):
+class WireSetpoint(NamedTuple):
     """Acceleration of a UAV that a client asks for, m/s² along x and y of the scenario."""
 
     uav: int
@@ -169,7 +169,7 @@ class Reader:
         self._uavs = min(uavs, SYSTEMS)
         self._decoder = mavlink.MAVLink(None)
 
-    def read(self, datagram: bytes) -> Iterator[Setpoint | MessageRejected | None]:
+    def read(self, datagram: bytes) -> Iterator[WireSetpoint | MessageRejected | None]:
         """The content of each frame of a datagram: a setpoint, an error, or None for another message of MAVLink.
 
         Reasons of errors: `malformed`, `unknown-system`, `wrong-frame`, `wrong-mask`, `non-finite`.
@@ -188,7 +188,7 @@ class Reader:
                 yield error
             rest = rest[size:]
 
-    def _setpoint(self, message: mavlink.MAVLink_message) -> Setpoint | None:
+    def _setpoint(self, message: mavlink.MAVLink_message) -> WireSetpoint | None:
         if message.get_msgId() != mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             return None
         system = message.target_system
@@ -203,7 +203,7 @@ class Reader:
             raise MessageRejected("wrong-mask", f"type mask {mask:#06x}; only accelerations, {ACCELERATION:#06x}")
         if not (abs(north) < BEYOND_SENSE and abs(east) < BEYOND_SENSE):
             raise MessageRejected("non-finite", f"acceleration ({north}, {east})")
-        return Setpoint(system - 1, (east, north))
+        return WireSetpoint(system - 1, (east, north))
 
 
 def _size(frame: bytes) -> int:

@@ -15,7 +15,7 @@ from meanflock.net.bus import Bus
 from meanflock.net.client import connected
 from meanflock.net.session import ZenohBus
 from meanflock.results import inbound
-from meanflock.results.flown import Flown
+from meanflock.results.flown import FlownKeys
 from meanflock.swarm.errors import BusError, MessageRejected, RunFailed
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Finished, Join, Telemetry, Welcome
@@ -66,7 +66,7 @@ class Observer:
         welcome = None if answer is None else control.decode(answer)
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self.run!r} did not say what is flown")
-        self.scenario = msgspec.json.decode(welcome.scenario, type=Flown)
+        self.scenario = msgspec.json.decode(welcome.scenario, type=FlownKeys)
 
     def listen(self, sink: BlockSink) -> dict[str, Any]:
         """Pass on all telemetry from now on; returns the summary at the end of the flight.

@@ -10,7 +10,7 @@ import numpy as np
 
 from meanflock.bridge.mavlink import Fleet, Home
 from meanflock.net.access import Address
-from meanflock.results.flown import Flight
+from meanflock.results.flown import FlightSoFar
 from meanflock.results.series import per_uav, states_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import States
@@ -83,7 +83,7 @@ def _connected(address: Address) -> socket.socket:
 
 
 def play(
-    flight: Flight,
+    flight: FlightSoFar,
     vehicles: Vehicles,
     speed: float,
     clock: Callable[[], float] = time.monotonic,

@@ -30,7 +30,7 @@ class _Path(click.Path):
         return paths.given(value)
 
 
-class Group(click.Group):
+class CommandGroup(click.Group):
     """A group of commands that suggests the one that is meant, with every version of Click."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
@@ -76,7 +76,7 @@ def _register(context: click.Context, _parameter: click.Parameter, files: tuple[
         plugins.load_files(files)
 
 
-class _Method(click.Option):
+class _MethodOption(click.Option):
     """Option `--method`, whose help names the controllers that are installed."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
@@ -92,7 +92,7 @@ _OF_A_SCENARIO = {
         "file", metavar="[SCENARIO]", required=False, type=PATH, shell_complete=completion.scenarios
     ),
     "method": click.option(
-        "--method", cls=_Method, metavar="NAME", help="The controller.", shell_complete=completion.controllers
+        "--method", cls=_MethodOption, metavar="NAME", help="The controller.", shell_complete=completion.controllers
     ),
     "uavs": click.option("--uavs", type=int, metavar="N", help="Number of UAVs."),
     "seed": click.option("--seed", type=int, metavar="S", help="Seed of all random numbers."),

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from meanflock.cli import completion
-from meanflock.cli.arguments import PATH, RUN, Group, Positive
+from meanflock.cli.arguments import PATH, RUN, CommandGroup, Positive
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
 
@@ -13,7 +13,7 @@ _HOME = "47.397742,8.545594,488"  # where autopilots are simulated by default
 _TO = "127.0.0.1:14550"  # where ground stations listen
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def bridge() -> None:
     """Show a flight to other software, live or from a run folder.
 
@@ -76,7 +76,7 @@ def mavlink(
         from meanflock.bridge.mavlink import Home
         from meanflock.bridge.vehicles import Vehicles, play
     from meanflock.net.access import Address
-    from meanflock.results.flown import Flight
+    from meanflock.results.flown import FlightSoFar
 
     if (folder is None) == (live is None):
         raise BadInput("bridge mavlink: name the folder of a run, or --live ENDPOINT")
@@ -92,7 +92,7 @@ def mavlink(
     if folder is not None:
         if tls is not None:
             raise BadInput(f"--tls {tls}: a recorded run has no links; leave it out, or give --live")
-        flight = Flight(folder)
+        flight = FlightSoFar(folder)
         with Vehicles(flight.scenario.uavs, flight.scenario.dt, addresses, where) as vehicles:
             say(vehicles, flight.scenario.uavs)
             play(flight, vehicles, speed or 1.0)

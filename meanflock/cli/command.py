@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from meanflock.cli import completion
-from meanflock.cli.arguments import Group
+from meanflock.cli.arguments import CommandGroup
 from meanflock.swarm import __version__, logs
 from meanflock.swarm.ending import end
 from meanflock.swarm.errors import (
@@ -59,7 +59,7 @@ _COMMANDS = {  # in the order of their use
 }
 
 
-class _Commands(Group):
+class _LazyGroup(CommandGroup):
     """Command group that imports the module of a command when the command is used; listing commands imports none."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
@@ -95,7 +95,7 @@ class _Commands(Group):
             formatter.write_dl([(name, listed.line) for name, listed in _COMMANDS.items()])
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="meanflock")
 def cli() -> None:
     """Fly swarms of UAVs that learn in flight, over a simulated radio on which every bit is counted.

@@ -30,7 +30,7 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str |
       meanflock export runs/20261121-101500-mfgfl-hf-s7 --mcap swarm.mcap
     """
     from meanflock.export import instants
-    from meanflock.results.flown import Flight
+    from meanflock.results.flown import FlightSoFar
     from meanflock.results.run_folder import alone, completed
 
     if mcap is None and rosbag is None:
@@ -47,7 +47,7 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str |
     take_off_ns = 0 if take_off is None else instants.take_off(take_off, folder)
     with alone(folder):
         completed(folder)
-    flight = Flight(folder, take_off_ns)
+    flight = FlightSoFar(folder, take_off_ns)
     if not flight.finished:
         logs.show(f"{folder}: the run did not finish; this is the flight up to tick {flight.ticks - 1}")
     for flag, path, write in writers:

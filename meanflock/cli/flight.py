@@ -15,7 +15,7 @@ from meanflock.cli.arguments import load_scenario, warn_before_take_off
 from meanflock.launch import doctor as checks
 from meanflock.launch.memory import pair_bytes
 from meanflock.launch.options import Options, records
-from meanflock.launch.run import Run, fly
+from meanflock.launch.run import EndedRun, fly
 from meanflock.net.access import Address
 from meanflock.results import disk
 from meanflock.swarm import logs, scenario
@@ -112,7 +112,7 @@ def _fly(
     log_format: str | None,
     quiet: bool,
     **given: Any,
-) -> Run:
+) -> EndedRun:
     """Fly a scenario, or the rest of a run, and print the result."""
     where = None if metrics is None else Address.parse("--metrics", metrics)
     only_logs = log_format == logs.JSON  # its lines name the run

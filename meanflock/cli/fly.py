@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from meanflock.launch.forking import Forker
 
 
-class _Run(click.Command):
+class _RunCommand(click.Command):
     """Command `run`, with an error of our own for a negative `--realtime`, which Click takes for a flag."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -38,7 +38,7 @@ class _Run(click.Command):
         return super().parse_args(ctx, args)
 
 
-@click.command(cls=_Run)
+@click.command(cls=_RunCommand)
 @scenario_arguments()
 @in_process_option
 @uavs_per_process_option

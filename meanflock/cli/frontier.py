@@ -20,7 +20,7 @@ from meanflock.cli.study_arguments import (
 from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
-    from meanflock.studies.frontier.record import Record
+    from meanflock.studies.frontier.record import FrontierRecord
 
 _FIRST_SEED = 94001
 _MOST_FLIGHTS = 1000  # a test compares it with that of the study
@@ -109,7 +109,7 @@ def frontier(
     Example:
       meanflock frontier --controllers orca vasarhelyi --uavs 25 --outages 30 50
     """
-    from meanflock.studies.frontier.grid import Extent, Grid
+    from meanflock.studies.frontier.grid import Extent, FrontierGrid
     from meanflock.studies.frontier.policies import check
     from meanflock.studies.leaderboard import missions as known
     from meanflock.studies.leaderboard import rows
@@ -124,7 +124,7 @@ def frontier(
         [loss / 100.0 for loss in _losses(outages) or (_FULL_OUTAGES if full else _OUTAGES)],
         _FULL_TARGETS if full else _TARGETS,
     )
-    grid = Grid(extent, failures, seeds, first_seed, chosen)
+    grid = FrontierGrid(extent, failures, seeds, first_seed, chosen)
     with terminable(out):
         with (
             workers(backend, scheduler, jobs) as available,
@@ -137,13 +137,13 @@ def frontier(
         report(_written(record, out))
 
 
-def _written(record: "Record", out: Path) -> list[Path]:
+def _written(record: "FrontierRecord", out: Path) -> list[Path]:
     from meanflock.studies.frontier import picture
 
     return [*record.write(out), *picture.write(record, out / "pictures")]
 
 
-def _tell(record: "Record") -> None:
+def _tell(record: "FrontierRecord") -> None:
     """Print the tables of a frontier."""
     from rich.console import Console
 

@@ -11,7 +11,7 @@ import click
 
 from meanflock.cli.arguments import (
     PATH,
-    Group,
+    CommandGroup,
     load_scenario,
     number_option,
     out_option,
@@ -58,7 +58,7 @@ def doctor(
         raise SystemExit(EXIT_RUN_FAILED)
 
 
-@click.group("certs", cls=Group)
+@click.group("certs", cls=CommandGroup)
 def certs_group() -> None:
     """Make TLS certificates for the nodes of a swarm.
 
@@ -91,7 +91,7 @@ def certs_init(folder: Path, uavs: int, days: int, hosts: tuple[str, ...]) -> No
     )
 
 
-@click.group("scenario", cls=Group)
+@click.group("scenario", cls=CommandGroup)
 def scenario_group() -> None:
     """Print a scenario, or the schema of scenario files.
 

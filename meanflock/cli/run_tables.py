@@ -19,7 +19,7 @@ from meanflock.results.rounds_table import MEAN, METRIC, rounds_table, stored_ro
 from meanflock.results.run_difference import Difference
 from meanflock.results.run_folder import EVENTS
 from meanflock.results.scenario_keys import changed_keys, nearest
-from meanflock.results.stored_run import StoredRun
+from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm.errors import printable
 
 _ABOUT = {  # of the files of a run folder
@@ -41,7 +41,7 @@ _WIDE = 1000  # columns: wider than any table
 _MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON record only
 
 
-def list_table(runs: Sequence[StoredRun]) -> Table:
+def list_table(runs: Sequence[StoredFolder]) -> Table:
     """Table of runs. In a narrow terminal it leaves out columns that the names of all runs repeat."""
     rows = [_cells(run) for run in runs]
     repeated = all(re.match(rf"\d{{8}}-\d{{6}}-{re.escape(named(run, 'method'))}-s", run.folder.name) for run in runs)
@@ -61,7 +61,7 @@ def _table(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
     return shown
 
 
-def _cells(run: StoredRun) -> dict[str, str]:
+def _cells(run: StoredFolder) -> dict[str, str]:
     """The cells of a run, by column."""
     finished = run.status == "finished"
     return {
@@ -77,7 +77,7 @@ def _cells(run: StoredRun) -> dict[str, str]:
     }
 
 
-def record(run: StoredRun) -> dict[str, Any]:
+def record(run: StoredFolder) -> dict[str, Any]:
     """A run as a JSON object of a list; an unknown value is null."""
     mission = nearest(run.keys) if run.keys else None
     return {
@@ -97,13 +97,13 @@ def record(run: StoredRun) -> dict[str, Any]:
     }
 
 
-def full_record(run: StoredRun) -> dict[str, Any]:
+def full_record(run: StoredFolder) -> dict[str, Any]:
     """A run as a JSON object: the record of a list, changed keys, summary and sizes of files."""
     keys = {key: {"value": value, "default": default} for key, (value, default) in changed_keys(run.keys).items()}
     return {**record(run), "keys": keys, "summary": run.summary or None, "files": _files(run)}
 
 
-def print_run(run: StoredRun) -> None:
+def print_run(run: StoredFolder) -> None:
     """Print a run: sentences, changed keys, summary and files."""
     console = Console()
     console.print(f"[bold]{_path(run)}[/]", soft_wrap=True, highlight=False)
@@ -186,7 +186,7 @@ def _head(column: str) -> str:
     return column.removeprefix(MEAN).removeprefix(METRIC).replace("_", "_\n")
 
 
-def _files(run: StoredRun) -> dict[str, int]:
+def _files(run: StoredFolder) -> dict[str, int]:
     """Size in bytes of each file of a run; folders end in a slash."""
     found = {}
     for path in sorted(run.folder.iterdir()):
@@ -221,7 +221,7 @@ def print_difference(found: Difference) -> None:
     console.print(f"\n{same}", highlight=False)
 
 
-def _path(run: StoredRun) -> str:
+def _path(run: StoredFolder) -> str:
     """The folder of a run, as text that is not taken for markup."""
     return escape(printable(str(run.folder), _LONGEST_PATH))
 

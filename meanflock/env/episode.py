@@ -69,7 +69,7 @@ def _acceleration(value: Any) -> float:
     raise BadInput(f"acceleration: {value!r}; expected a number greater than 0, m/s²")
 
 
-class Outcome(NamedTuple):
+class TickResults(NamedTuple):
     """Results of a tick, a row for each UAV.
 
     rewards: (N,). terms: (N, T), see `rewards.WEIGHTS`. ended: (N,) UAVs that are lost, and when
@@ -106,7 +106,7 @@ class Episode(Stepped):
         """(N,), UAVs that have arrived."""
         return self._world.flight.status == ARRIVED
 
-    def act(self, actions: Floats) -> Outcome:
+    def act(self, actions: Floats) -> TickResults:
         """Fly one tick with actions (N, 2 + W); afterwards `observations` (N, width) are those of the next tick."""
         flight = self._world.flight
         on_way, before = flight.on_way.copy(), flight.status.copy()
@@ -122,7 +122,7 @@ class Episode(Stepped):
         rewards = np.zeros(len(terms))
         for column, weight in enumerate(self._form.weights.tolist()):
             rewards += np.where(np.isfinite(terms[:, column]), weight * terms[:, column], 0.0)
-        return Outcome(rewards, terms, lost | arrived if self.over else lost)
+        return TickResults(rewards, terms, lost | arrived if self.over else lost)
 
     def _observe(self) -> Floats:
         self._memory, _ = self._perception.receive(self._memory, self.tick, self.received)

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from meanflock.export import messages
 from meanflock.export.instants import NANOSECONDS, Instant, about, instants, time_ns
-from meanflock.results.flown import Flight, Piece
+from meanflock.results.flown import FlightSoFar, Piece
 from meanflock.results.run_folder import SCENARIO, SUMMARY
 from meanflock.results.series import diagnostics_in, per_uav
 from meanflock.swarm import __version__, durable, paths
@@ -34,7 +34,7 @@ _DERIVED = (pa.field("lost", pa.int32()), pa.field("energy_mean_J", pa.float64()
 _NUMBERS = {pa.float32(): "Float32", pa.float64(): "Float64", pa.int32(): "Int32", pa.uint8(): "UInt8"}
 
 
-def write_mcap(flight: Flight, path: Path, progress: Callable[[int, int], None]) -> None:
+def write_mcap(flight: FlightSoFar, path: Path, progress: Callable[[int, int], None]) -> None:
     """Write a flight to a file; nothing is at `path` before the file is complete.
 
     Args:
@@ -48,7 +48,7 @@ def write_mcap(flight: Flight, path: Path, progress: Callable[[int, int], None])
         _write(flight, file, progress)
 
 
-def write_bag(flight: Flight, path: Path, progress: Callable[[int, int], None]) -> None:
+def write_bag(flight: FlightSoFar, path: Path, progress: Callable[[int, int], None]) -> None:
     """Write a flight to a new folder; nothing is at `path` before the bag is complete.
 
     The file in it is that of `write_mcap`. Arguments and errors are the same, too.
@@ -83,7 +83,7 @@ def _new_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _write(flight: Flight, file: FileIO, progress: Callable[[int, int], None]) -> "_Export":
+def _write(flight: FlightSoFar, file: FileIO, progress: Callable[[int, int], None]) -> "_Export":
     export = _Export(file, flight)
     done = 0
     for piece in flight.pieces():
@@ -110,7 +110,7 @@ class _Whole:
 class _Export:
     """The topics of the file, and the number and the times of their messages so far."""
 
-    def __init__(self, file: FileIO, flight: Flight) -> None:
+    def __init__(self, file: FileIO, flight: FlightSoFar) -> None:
         self._writer = Writer(cast(Any, _Whole(file)))  # it calls nothing else
         self._writer.start(profile="ros2", library=f"meanflock {__version__}")
         self._flight = flight

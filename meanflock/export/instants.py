@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meanflock.results.flown import Flight, Flown, Piece
+from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
 from meanflock.swarm.errors import BadInput
@@ -33,7 +33,7 @@ class Instant(NamedTuple):
     events: list[FlightEvent]
 
 
-def time_ns(flight: Flight, seconds: float) -> int:
+def time_ns(flight: FlightSoFar, seconds: float) -> int:
     """A simulated time on the clock of an export, ns."""
     return flight.take_off_ns + round(seconds * NANOSECONDS)
 
@@ -56,7 +56,7 @@ def take_off(text: str, folder: Path) -> int:
     return (at - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
-def instants(flight: Flight, piece: Piece) -> Iterator[Instant]:
+def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     """The ticks of a piece of a flight; the last one has all events that are left."""
     states = states_of(piece.rows)
     half = np.arctan2(states[..., 3], states[..., 2]) / 2
@@ -71,7 +71,7 @@ def instants(flight: Flight, piece: Piece) -> Iterator[Instant]:
         yield Instant(times[row], row, states[row].tolist(), headings[row].tolist(), status[row].tolist(), now)
 
 
-def about(flown: Flown, finished: bool) -> dict[str, str]:
+def about(flown: FlownKeys, finished: bool) -> dict[str, str]:
     """The scenario in a few words."""
     return {
         "method": flown.method,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.plan import Plan
-from meanflock.swarm.kept import Kept
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import Frames
 
 
@@ -49,13 +49,13 @@ class Account(msgspec.Struct, array_like=True):
         self.arrived += copies
 
 
-class ModelsHash(Kept):
+class ModelsHash(Stateful):
     """Hash of the global models, as they are coded, in the order in which they are broadcast.
 
     Where no global model goes by radio, as with the topology `neighbours`, the uploads count in their place.
     """
 
-    kept = ("digest",)
+    stored = ("digest",)
 
     def __init__(self, plan: Plan) -> None:
         by_radio = [hop.label for hop in plan.hops if not hop.is_local]

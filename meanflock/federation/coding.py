@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.fragments import Cut, Form, Fragments, Pieces, cut_of, pieces_of
+from meanflock.federation.fragments import CodingForm, Cut, Fragments, Pieces, cut_of, pieces_of
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Payload, Scenario
@@ -64,7 +64,7 @@ class Coding:
         self.largest = _largest(name)
         self._sizes = parts if self.is_exact or cut is None else pieces_of(parts, cut.size)
         self._starts = np.cumsum((0, *self._sizes[:-1]))
-        self.form = Form(self._item, self.counted, weighted, scaled=not self.is_exact)
+        self.form = CodingForm(self._item, self.counted, weighted, scaled=not self.is_exact)
         self.fragments = None if cut is None else Fragments(cut, self.floats, self._starts, self.form)
         self.count = 1 if self.fragments is None else self.fragments.count  # F
         numbers = self.floats + self.count * self.counted  # of the dtype `item`, in a row

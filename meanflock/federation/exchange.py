@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.averager import Rule, RuleFailed
-from meanflock.federation.mail import Collector, Joined, Own
+from meanflock.federation.mail import Collector, Joined, OwnModel
 from meanflock.federation.plan import Plan
 from meanflock.federation.rules.base import Uploads
 from meanflock.federation.topology.base import Hop
@@ -88,7 +88,7 @@ class Exchange(Collector):
 
     def _one(self, row: int, number: int, joined: Joined) -> Floats | None:
         """The average of one row by a rule that is not linear; None where the rule waits for more."""
-        own = Own(int(self.uavs[row]), self._copies[row], float(self._samples[row]))
+        own = OwnModel(int(self.uavs[row]), self._copies[row], float(self._samples[row]))
         uploads, *_ = joined.to(row, number, own)
         before = {name: array[row] for name, array in self._states.items()}
         after, average = self._rule.step(before, uploads)

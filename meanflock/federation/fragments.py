@@ -43,7 +43,7 @@ class Cut(NamedTuple):
     per_tick: int
 
 
-class Form(NamedTuple):
+class CodingForm(NamedTuple):
     """Properties of a coding that decide what a fragment holds.
 
     item: dtype of a weight on the air. counted: each fragment has the number of models behind it. weighted: each has
@@ -87,7 +87,7 @@ class Fragments:
         width: bytes of a fragment.
     """
 
-    def __init__(self, cut: Cut, floats: int, starts: NDArray[np.intp], form: Form) -> None:
+    def __init__(self, cut: Cut, floats: int, starts: NDArray[np.intp], form: CodingForm) -> None:
         """
         Args:
             cut: how the scenario cuts models.
@@ -205,7 +205,7 @@ def pieces_of(parts: tuple[int, ...], size: int) -> tuple[int, ...]:
     return tuple(np.diff(_starts(parts, size), append=sum(parts)).tolist())
 
 
-def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[Form]) -> Cut | None:
+def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[CodingForm]) -> Cut | None:
     """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
 
     Args:

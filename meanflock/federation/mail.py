@@ -139,7 +139,7 @@ class Joined:
         """A table by fragment (S, F) as a table by weight of the model, (S, L)."""
         return np.repeat(table, self.values.shape[2], axis=1)[:, : self._floats]
 
-    def to(self, row: int, number: int, own: "Own | None" = None) -> tuple[Uploads, Floats, Floats]:
+    def to(self, row: int, number: int, own: "OwnModel | None" = None) -> tuple[Uploads, Floats, Floats]:
         """The models that the UAV at place `row` averages in a round; `own`: its own model, if it is not in the mail.
 
         Returns:
@@ -210,7 +210,7 @@ class Collector:
         return Joined(due, self._coding, self.uavs)
 
 
-class Own(NamedTuple):
+class OwnModel(NamedTuple):
     """The model of a UAV that averages, as its coding leaves it: (L,), and what it counts."""
 
     uav: int

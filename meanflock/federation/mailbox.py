@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.topology.base import Hop, Role
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask, contains
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -25,7 +25,7 @@ class Letter(NamedTuple):
     frames: Frames
 
 
-class Mailbox(Kept):
+class Mailbox(Stateful):
     """The mail of all UAVs that average for one hop, until the round is averaged.
 
     Attributes:
@@ -33,7 +33,7 @@ class Mailbox(Kept):
         addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
     """
 
-    kept = ("addressed", "mail")
+    stored = ("addressed", "mail")
 
     def __init__(self, hop: Hop, uavs: int) -> None:
         self.letters: list[Letter] = []

@@ -12,7 +12,7 @@ from meanflock.swarm.state import Floats, Mask
 _GLOBALS, _SEEN, _FRESH = "meanflock.globals", "meanflock.seen", "meanflock.fresh"  # in a checkpoint
 
 
-class Learner(Protocol):
+class NodeModels(Protocol):
     """The models of a node's rows."""
 
     def models_to_send(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
@@ -92,7 +92,7 @@ class GlobalModels:
         self._seen.reshape(-1)[place] = True
         self._fresh[rows] = True
 
-    def take(self, learner: Learner) -> None:
+    def take(self, learner: NodeModels) -> None:
         """Lets the learner take over what its rows received in this round."""
         rows = np.flatnonzero(self._fresh & ~learner.silent())
         self._fresh[:] = False

@@ -9,7 +9,7 @@ from meanflock.federation.averager import Averager, RuleFailed
 from meanflock.federation.byzantine import Byzantine
 from meanflock.federation.exchange import Exchange
 from meanflock.federation.mail import RECEIPT, Collector
-from meanflock.federation.memory import Feedback, GlobalModels, Learner, Trigger
+from meanflock.federation.memory import Feedback, GlobalModels, NodeModels, Trigger
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
@@ -35,7 +35,7 @@ class Party:
         role: Role,
         uavs: NDArray[np.intp],
         problems: list[str],
-        learner: Learner | None = None,
+        learner: NodeModels | None = None,
     ) -> None:
         """`uavs`: (M,) ascending, the rows of an agent; of the leader none.
 

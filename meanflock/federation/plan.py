@@ -83,7 +83,7 @@ class Plan:
         return self.declared.is_federated and self.scenario.federation.error_feedback and self.scenario.rounds_uploads
 
     @property
-    def known(self) -> Scenario:
+    def node_scenario(self) -> Scenario:
         """The scenario that agents and leader get: without what no controller may know, and with the size of fragments
         written out, so that they need no channel to know it."""
         cuts = [hop.coding.cut for hop in self.hops]

@@ -16,8 +16,8 @@ from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Reception, Transmission
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import RoundEnded
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask, contains
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -29,7 +29,7 @@ class EventRecorder(Protocol):
     def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
-class Post(Kept):
+class Post(Stateful):
     """All that the world knows of the rounds.
 
     Attributes:
@@ -42,7 +42,7 @@ class Post(Kept):
         newest: number of the last letter that came.
     """
 
-    kept = (
+    stored = (
         *("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest", "rule_record"),
         *("transmissions", "_reception", "_mailboxes", "accounts"),
     )

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from meanflock.federation.coding import Coding
 from meanflock.federation.mailbox import links_of
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm.kept import Kept
 from meanflock.swarm.state import Mask
+from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 
@@ -64,10 +64,10 @@ class Transmission:
         return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
 
 
-class Reception(Kept):
+class Reception(Stateful):
     """Counts of the fragments of a global model that each UAV received."""
 
-    kept = ("_sent", "_received")
+    stored = ("_sent", "_received")
 
     def __init__(self, uavs: int) -> None:
         self._sent = 0  # fragments that were broadcast

@@ -13,7 +13,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
-from meanflock.worldsim.clocks import Schedule, Stopwatch
+from meanflock.worldsim.clocks import Stopwatch, TickSchedule
 from meanflock.worldsim.crew import Crew, LocalCrew, Paced, Sink, fly, move
 from meanflock.worldsim.reporting import Blocks, BlockSink, Direct
 from meanflock.worldsim.steering import LOCKSTEP, Port, Steered
@@ -81,7 +81,7 @@ class Engine:
         self.crew = LocalCrew(self.world, resume, rows_at_most=uavs_per_node, leaders=leaders, memory=memory)
         self.watch = Stopwatch(self.world.counters.wall_s)
         self._run = run
-        self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
+        self._schedule = None if realtime is None else TickSchedule(realtime, scenario.dt)
         self._answering: Crew = self.crew if self._schedule is None else Paced(self.crew, self._schedule)
         self._blocks: Blocks | None = None
         self._sinks: list[Sink] = []

@@ -21,7 +21,7 @@ with needed("a swarm", "world"):
     from meanflock.federation.plan import plan_of, plugins_of
     from meanflock.launch import forks, orders
     from meanflock.launch.forks import Forks
-    from meanflock.launch.orders import Ended, Loaded, Prepare, Report, Signal, Start
+    from meanflock.launch.orders import Ended, Loaded, Prepare, Report, Signal, StartOrder
     from meanflock.leader import __main__ as leader
     from meanflock.net.process import READY, Interrupted, main
     from meanflock.swarm import mission, plugins, scenario
@@ -96,10 +96,10 @@ def prepare(path: Path) -> None:
         needed_plugins = [plugins.find(door, name) for door, name, _ in plugins_of(flown)]
         if all(plugin.reference.startswith("meanflock.") for plugin in needed_plugins):
             plan = mission.starts(flown).astype(FLOAT_OF_BITS[flown.radio.bits_per_float])
-            Agent(Welcome(0, "agent-0", (0,), 0, scenario.encode(plan_of(flown).known), plan))
+            Agent(Welcome(0, "agent-0", (0,), 0, scenario.encode(plan_of(flown).node_scenario), plan))
 
 
-def _become(order: Start, given: list[int]) -> None:
+def _become(order: StartOrder, given: list[int]) -> None:
     """Be the program of an order. `given`: descriptor on which it reports that it is ready."""
     log = os.open(order.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(log, 2)

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 from meanflock.launch import orders
 from meanflock.launch.children import Family, environment, sweep
-from meanflock.launch.orders import Ended, Loaded, Prepare, Signal, Start
+from meanflock.launch.orders import Ended, Loaded, Prepare, Signal, StartOrder
 from meanflock.net.process import TERM_GRACE_S
 
 _MODULE = "meanflock.launch.forker"
@@ -44,7 +44,7 @@ class Forker(Family):
 
     def start(self, number: int, module: str, command: list[str], log: str, ready: int | None = None) -> "Forked":
         """Fork a program. `ready`: descriptor on which it reports that it is ready."""
-        self._send(Start(number, module, command, log), [] if ready is None else [ready])
+        self._send(StartOrder(number, module, command, log), [] if ready is None else [ready])
         self._forked[number] = Forked(self, number)
         return self._forked[number]
 

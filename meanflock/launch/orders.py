@@ -5,7 +5,7 @@ import msgspec
 MOST_BYTES = 2**17  # of a message
 
 
-class Start(msgspec.Struct, frozen=True, tag=True):
+class StartOrder(msgspec.Struct, frozen=True, tag=True):
     """Order: fork a program.
 
     number: by which later messages name the process.
@@ -45,7 +45,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     code: int
 
 
-Order = Start | Prepare | Signal
+Order = StartOrder | Prepare | Signal
 Report = Loaded | Ended
 encode = msgspec.msgpack.Encoder().encode
 orders = msgspec.msgpack.Decoder(Order)

@@ -39,7 +39,7 @@ _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
 
 @dataclass(frozen=True)
-class Run:
+class EndedRun:
     """A run that ended: its folder and its summary."""
 
     folder: Path
@@ -51,7 +51,7 @@ def new_run(scenario: Scenario, parent: Path) -> AbstractContextManager[Path]:
     return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
 
 
-def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> Run:
+def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> EndedRun:
     """Fly a scenario and write its run folder; with `back`, continue in the folder of an unfinished run.
 
     Raises:
@@ -63,7 +63,7 @@ def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> Run
         return _fly(scenario, path.name, options, back, interrupted)
 
 
-def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None", interrupted: Interrupted) -> Run:
+def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None", interrupted: Interrupted) -> EndedRun:
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     for name, given in (("--tls", options.tls), ("--endpoint", options.endpoint)):
@@ -107,7 +107,7 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
         raise RunFailed(
             f"{reason}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
         ) from died
-    return Run(outputs.folder.path, outputs.summary)
+    return EndedRun(outputs.folder.path, outputs.summary)
 
 
 def _told(asked: str, endpoint: str) -> str:

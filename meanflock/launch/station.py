@@ -12,7 +12,7 @@ from meanflock.net.bus import Bus, Delivery
 from meanflock.results import inbound
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Finished, Join, Received, Telemetry
+from meanflock.swarm.wire.messages import Acknowledgement, Finished, Join, Telemetry
 from meanflock.worldsim.reporting import BlockSink
 
 log = logging.getLogger("meanflock.station")
@@ -21,7 +21,7 @@ MAX_DROP_LINES = 100  # in the log; the counter counts all
 _ASK_S = 2.0  # at most, for what is missing
 
 
-class Kept:
+class StoredTelemetry:
     """Sink that stores the telemetry of a flight in memory."""
 
     def __init__(self) -> None:
@@ -107,4 +107,4 @@ class Station:
         return False
 
     def _acknowledge(self, block: int) -> None:
-        self._bus.put(keys.received(self._run), control.encode(Received(self._fingerprint, block)))
+        self._bus.put(keys.received(self._run), control.encode(Acknowledgement(self._fingerprint, block)))

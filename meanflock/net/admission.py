@@ -17,7 +17,7 @@ from meanflock.net.outbox import Outbox
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Event, Join, Message, Ready, Received, Refusal, Stop, Welcome
+from meanflock.swarm.wire.messages import Acknowledgement, Event, Join, Message, Ready, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import MAX_DROP_EVENTS
@@ -83,7 +83,7 @@ class Admission:
         self._fingerprint = keys.fingerprint(run)
         self._received = keys.received(run)
         self._scenario = scenario
-        self._known = world.plan.known
+        self._known = world.plan.node_scenario
         self._starts = world.flight.states.astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
         self._plugins = plugins_of(scenario)
         self._world = world
@@ -104,7 +104,7 @@ class Admission:
         """Handle one delivery. Never raises because of what the network sent."""
         try:
             if delivery.kind == "message" and delivery.key == self._received:
-                received = control.decode_as(Received, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
+                received = control.decode_as(Acknowledgement, delivery.payload, self._fingerprint, limit=RECEIVED_BYTES)
                 if self._outbox is not None:
                     self._outbox.acknowledge(received.block)
             elif delivery.kind == "message":

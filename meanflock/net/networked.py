@@ -12,7 +12,7 @@ from meanflock.net.remote import RemoteCrew
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
-from meanflock.worldsim.clocks import Schedule, Stopwatch
+from meanflock.worldsim.clocks import Stopwatch, TickSchedule
 from meanflock.worldsim.crew import Crew, Sink, fly
 from meanflock.worldsim.reporting import BLOCK_ROWS, Blocks
 from meanflock.worldsim.steering import LOCKSTEP, Port, Steered
@@ -81,7 +81,7 @@ class NetworkedRun:
         self.outbox = Outbox(bus, run)
         self.watch = Stopwatch(self.world.counters.wall_s, clock)
         self.sinks: list[Sink] = []
-        self._schedule = None if realtime is None else Schedule(realtime, scenario.dt)
+        self._schedule = None if realtime is None else TickSchedule(realtime, scenario.dt)
         self._rows = block_rows if realtime is None else None
         self._block = 0 if resume is None else resume.block + 1
         self._can_be_steered = steer is not None

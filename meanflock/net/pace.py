@@ -20,7 +20,7 @@ class Verdict(NamedTuple):
     out_s: float = 0.0
 
 
-class _Account(NamedTuple):
+class _SlowReplies(NamedTuple):
     slow: float  # slow replies, less those forgiven since
     tick: int  # of the last one
 
@@ -47,7 +47,7 @@ class _Waits:
         self.sum_s = sum(wait_s for _, wait_s in self._entries)
 
 
-class Pace:
+class DelayRules:
     """Rules that lose a node which delays the flight tick after tick, although it always replies.
 
     Two quantities count, for each node: its slow replies, and the time that all others waited for it alone. A node is
@@ -72,7 +72,7 @@ class Pace:
         self._rules = rules
         self._news = news
         self._patience_s = patience_s
-        self._accounts: dict[str, _Account] = {}
+        self._accounts: dict[str, _SlowReplies] = {}
         self._waits: dict[str, _Waits] = {}
         self._warned: set[str] = set()
         self._ticks = 0
@@ -115,10 +115,10 @@ class Pace:
         """The nodes that must be lost, after the last reply of a tick."""
         for node in self._slow:
             name = _account(node)
-            before = self._accounts.get(name, _Account(0.0, self._ticks - 1))
+            before = self._accounts.get(name, _SlowReplies(0.0, self._ticks - 1))
             prompt = self._ticks - before.tick - 1
             slow = max(0.0, before.slow - prompt / self.FORGIVEN_TICKS) + 1.0
-            self._accounts[name] = _Account(slow, self._ticks)
+            self._accounts[name] = _SlowReplies(slow, self._ticks)
             text = f"{slow:.0f} replies took more than {self._rules.slow_s:g} s, and {self._rules.slow_factor:g} times "
             text += f"what half of the nodes took; `pace.slow_ticks` is {self._rules.slow_ticks}"
             if slow >= self._rules.slow_ticks:

@@ -14,14 +14,14 @@ from meanflock.net.bus import Bus, Delivery
 from meanflock.net.limits import Limits
 from meanflock.net.members import LEADER, Member, Members
 from meanflock.net.outbox import Outbox
-from meanflock.net.pace import Pace
+from meanflock.net.pace import DelayRules
 from meanflock.swarm import state
 from meanflock.swarm.errors import MessageRejected, RunFailed
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.control import decode_record
 from meanflock.swarm.wire.messages import Act
 from meanflock.worldsim.checkpoint import Memories, Resumption
-from meanflock.worldsim.clocks import Durations, Schedule
+from meanflock.worldsim.clocks import Durations, TickSchedule
 from meanflock.worldsim.crew import inbox_of, joined, no_models
 from meanflock.worldsim.tick import Acts, News, Note, Senses
 from meanflock.worldsim.world import KILLED, World
@@ -55,7 +55,7 @@ class RemoteCrew:
         outbox: Outbox | None = None,
         stations: int = 0,
         barrier_s: float = 10.0,
-        schedule: Schedule | None = None,
+        schedule: TickSchedule | None = None,
         rows_at_most: int | None = None,
         cancelled: Callable[[], bool] = lambda: False,
         clock: Callable[[], float] = time.monotonic,
@@ -107,7 +107,7 @@ class RemoteCrew:
             stations=stations,
             resumed=resume,
         )
-        self._pace = Pace(scenario.pace, self._news, barrier_s)
+        self._pace = DelayRules(scenario.pace, self._news, barrier_s)
         self._leading: str | None = None  # the leader that was asked last
 
     @property

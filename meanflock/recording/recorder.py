@@ -233,7 +233,7 @@ def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprin
     Raises:
         RunFailed: the disk is full.
     """
-    sent = _Shown(shown)
+    sent = _FreedBlueprint(shown)
     try:
         _patiently(lambda: stream.set_sinks(*sinks, default_blueprint=sent), path, "begun")
         sent.free()
@@ -241,7 +241,7 @@ def start(stream: rr.RecordingStream, sinks: Sequence[Sink], shown: rrb.Blueprin
         raise _incomplete(path, str(error)) from error
 
 
-class _Shown(rrb.Blueprint):
+class _FreedBlueprint(rrb.Blueprint):
     """A blueprint that frees what Rerun makes of it: a recording in memory, which refers to itself until it is
     disconnected.
     """

@@ -22,7 +22,7 @@ _MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
 
 
-class Flown(msgspec.Struct):
+class FlownKeys(msgspec.Struct):
     """The keys of a scenario that plots and exports show; they can be read without its controller."""
 
     method: str = ""  # empty: there is no scenario
@@ -35,13 +35,13 @@ class Flown(msgspec.Struct):
     obstacles: tuple[Obstacle, ...] = ()
 
 
-def flown_keys(folder: Path) -> Flown:
+def flown_keys(folder: Path) -> FlownKeys:
     """The scenario of a run; the default if the file is missing. Raises BadInput if it is damaged."""
     path = folder / SCENARIO
-    return read_keys(path)[1] if os.path.lexists(path) else Flown()
+    return read_keys(path)[1] if os.path.lexists(path) else FlownKeys()
 
 
-def read_keys(path: Path) -> tuple[dict[str, Any], Flown]:
+def read_keys(path: Path) -> tuple[dict[str, Any], FlownKeys]:
     """The table in the scenario file of a run, and its keys that are typed without the controller.
 
     Raises:
@@ -50,7 +50,7 @@ def read_keys(path: Path) -> tuple[dict[str, Any], Flown]:
     try:
         table = toml.parse(paths.read(path))
         json.dumps(table, allow_nan=False)  # no scenario has dates, or numbers that are not finite
-        return table, msgspec.convert(table, Flown)
+        return table, msgspec.convert(table, FlownKeys)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; {_MEND}") from error
     except msgspec.ValidationError as error:
@@ -66,7 +66,7 @@ class Piece(NamedTuple):
     events: list[FlightEvent]
 
 
-class Flight:
+class FlightSoFar:
     """A flight up to its end, or up to where a run was killed.
 
     scenario: of the run. ticks: number of rows. columns: of the time series. finished: whether the run has a summary.

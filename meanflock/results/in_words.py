@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 from meanflock.results.scenario_keys import nearest
-from meanflock.results.stored_run import StoredRun
+from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm.errors import printable
 
 UNKNOWN = "–"
@@ -36,25 +36,25 @@ def setting(value: Any, most: int = 30) -> str:
     return UNKNOWN if value is None else printable(json.dumps(value, ensure_ascii=False), most)
 
 
-def named(run: StoredRun, key: str) -> str:
+def named(run: StoredFolder, key: str) -> str:
     """`method`, `uavs` or `seed`; a dash if it is unknown."""
     value = run.named(key)
     return UNKNOWN if value is None else printable(str(value))
 
 
-def arrivals(run: StoredRun) -> str:
+def arrivals(run: StoredFolder) -> str:
     """Number of the UAVs that arrived, of all: `25/25`."""
     return UNKNOWN if (arrived := run.figure("arrived")) is None else f"{arrived}/{run.named('uavs')}"
 
 
-def flown(run: StoredRun) -> str:
+def flown(run: StoredFolder) -> str:
     """The flight in words: `25 UAVs under mfgfl-hf in paper +1, seed 7, on 2026-11-25 at 02:05`."""
     uavs, method, seed = (named(run, key) for key in ("uavs", "method", "seed"))
     where = f"{uavs} UAV{'' if uavs == '1' else 's'} under {method} in {nearest(run.keys)}"
     return f"{where}, seed {seed}, on {run.when.astimezone():%Y-%m-%d at %H:%M}"
 
 
-def outcome(run: StoredRun) -> str:
+def outcome(run: StoredFolder) -> str:
     """The result of the flight, in sentences."""
     time = f"{number(run.figure('sim_time_s'))} s"
     sentences = [_STATES[run.status].format(time=time)] if run.status in _STATES else []
@@ -71,7 +71,7 @@ def outcome(run: StoredRun) -> str:
     return " ".join(sentences)
 
 
-def _arrived(run: StoredRun, time: str) -> str:
+def _arrived(run: StoredFolder, time: str) -> str:
     mean, lost = run.figure("t_avg_s"), run.figure("lost")
     when = f"none in {time}" if mean is None else f"after {mean:.1f} s on average"
     arrived = f"{run.figure('arrived')} of {run.named('uavs')} UAVs arrived"

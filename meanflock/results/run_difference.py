@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from meanflock.results.quantities import SUMMARY
 from meanflock.results.scenario_keys import changed_keys, flat
-from meanflock.results.stored_run import StoredRun, unit_of
+from meanflock.results.stored_run import StoredFolder, unit_of
 
 _NO_FIGURES = ("schema", "uavs", "seed", "wall_time_s", "real_time_factor", "realtime")  # keys, or of the computer
 _ORDER = list(dict.fromkeys(field.key.partition(".")[0] for field in SUMMARY))
@@ -28,8 +28,8 @@ class Figure(NamedTuple):
 class Difference(NamedTuple):
     """Differences between two runs. keys: with both values; None: unset. compared: number of compared figures."""
 
-    first: StoredRun
-    second: StoredRun
+    first: StoredFolder
+    second: StoredFolder
     keys: dict[str, tuple[Any, Any]]
     figures: list[Figure]
     compared: int
@@ -53,14 +53,14 @@ class Difference(NamedTuple):
         }
 
 
-def difference(first: StoredRun, second: StoredRun) -> Difference:
+def difference(first: StoredFolder, second: StoredFolder) -> Difference:
     """The difference of two finished runs."""
     figures = list(_figures(first, second))
     differing = [figure for figure in figures if figure.first != figure.second]
     return Difference(first, second, changed_keys(first.keys, second.keys), differing, len(figures))
 
 
-def _figures(first: StoredRun, second: StoredRun) -> Iterator[Figure]:
+def _figures(first: StoredFolder, second: StoredFolder) -> Iterator[Figure]:
     """All figures of both runs, in the order of the registry."""
     flats = [flat(run.summary) for run in (first, second)]
     for key in sorted(dict.fromkeys([*flats[0], *flats[1]]), key=_place):

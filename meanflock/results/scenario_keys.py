@@ -16,7 +16,7 @@ _OF_THE_METHOD = ("federation.period", "federation.payload", "federation.broadca
 _COLUMNS = ("method", "uavs", "seed")  # that a list shows beside the mission
 
 
-class Mission(NamedTuple):
+class NearestMission(NamedTuple):
     """The shipped scenario that is nearest to a flight, and the keys that differ from it."""
 
     name: str
@@ -48,7 +48,7 @@ def changed_keys(keys: Mapping[str, Any], other: Mapping[str, Any] | None = None
     return differing(_without_own(keys), _defaults(PAPER) if other is None else _without_own(other))
 
 
-def nearest(keys: Mapping[str, Any]) -> Mission:
+def nearest(keys: Mapping[str, Any]) -> NearestMission:
     """The shipped scenario from which the fewest keys differ.
 
     The changed keys are without options of the controller, and without method, number of UAVs and seed.
@@ -61,7 +61,7 @@ def nearest(keys: Mapping[str, Any]) -> Mission:
         for key, (value, _) in found[name].items()
         if key not in _COLUMNS and not key.startswith("controller.")
     }
-    return Mission(name, changed)
+    return NearestMission(name, changed)
 
 
 def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ _UNITS = {known.key: known.unit for known in FIELDS}
 
 
 @dataclass(frozen=True)
-class StoredRun:
+class StoredFolder:
     """A run folder.
 
     when: UTC time at which the run began, see `began`. fault: why it is damaged. summary:
@@ -65,7 +65,7 @@ def is_run(folder: Path) -> bool:
     return any(os.path.lexists(folder / name) for name in (SCENARIO, SUMMARY))
 
 
-def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _all: None) -> list[StoredRun]:
+def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _all: None) -> list[StoredFolder]:
     """All runs in a folder, the latest first.
 
     Args:
@@ -104,7 +104,7 @@ def latest(parent: Path, *, is_resumable: bool = False) -> Path:
     raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; name the folder of one")
 
 
-def stored_run(folder: Path) -> StoredRun:
+def stored_run(folder: Path) -> StoredFolder:
     """The run in a folder.
 
     Raises:
@@ -118,7 +118,7 @@ def stored_run(folder: Path) -> StoredRun:
     return run
 
 
-def finished_run(folder: Path) -> StoredRun:
+def finished_run(folder: Path) -> StoredFolder:
     """The run in a folder, which has finished.
 
     Raises:
@@ -143,7 +143,7 @@ def unit_of(key: str) -> str:
     return ""
 
 
-def _read(folder: Path) -> StoredRun:
+def _read(folder: Path) -> StoredFolder:
     fault = ""
     summary: dict[str, Any] = {}
     keys: dict[str, Any] = {}
@@ -158,7 +158,7 @@ def _read(folder: Path) -> StoredRun:
     except RecursionError:
         fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
     resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
-    return StoredRun(folder, began(folder), status, printable(fault), summary, keys, resumable)
+    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, resumable)
 
 
 def _status(folder: Path) -> Status:

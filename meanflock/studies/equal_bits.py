@@ -20,7 +20,7 @@ from meanflock.results import statistics
 from meanflock.studies import published
 from meanflock.studies.frontier import policies
 from meanflock.studies.frontier.grid import outcome
-from meanflock.studies.frontier.search import ARRIVES, Outcome
+from meanflock.studies.frontier.search import ARRIVES, FlightOutcome
 from meanflock.studies.leaderboard import flights, marks, missions, rows
 from meanflock.studies.markdown import replaced, table
 from meanflock.swarm.scenario import Scenario
@@ -75,7 +75,7 @@ def candidates() -> dict[Choice, Scenario]:
 
 def flown(
     study: str, wanted: Mapping[Choice, Scenario], seeds: Sequence[int], jobs: int
-) -> dict[Choice, list[Outcome]]:
+) -> dict[Choice, list[FlightOutcome]]:
     """The outcomes of flights with these seeds, of each choice."""
     points = {name: [flight.replace(seed=seed) for seed in seeds] for name, flight in wanted.items()}
     return {
@@ -83,7 +83,9 @@ def flown(
     }
 
 
-def chosen(found: Mapping[Choice, Sequence[Outcome]], mission: str, budget: float, controller: str) -> Choice | None:
+def chosen(
+    found: Mapping[Choice, Sequence[FlightOutcome]], mission: str, budget: float, controller: str
+) -> Choice | None:
     """The policy that a controller flies within a budget; None if each one costs more, or leaves UAVs behind."""
     within: list[tuple[int, float, Choice]] = []
     for name, outcomes in found.items():
@@ -93,7 +95,9 @@ def chosen(found: Mapping[Choice, Sequence[Outcome]], mission: str, budget: floa
     return min(within)[-1] if within else None
 
 
-def row_of(place: tuple[str, float, str], choice: Choice | None, ranked: Mapping[Choice, Sequence[Outcome]]) -> Row:
+def row_of(
+    place: tuple[str, float, str], choice: Choice | None, ranked: Mapping[Choice, Sequence[FlightOutcome]]
+) -> Row:
     """Row of a controller in the results."""
     outcomes = [] if choice is None else ranked[choice]
     return {

@@ -31,7 +31,7 @@ Fly = Callable[[Scenario], dict[str, Any]]
 STUDY = "study"
 
 
-class Interrupted(RunFailed):
+class StudyInterrupted(RunFailed):
     """Error of a study that Ctrl-C interrupted; the Python API raises KeyboardInterrupt instead."""
 
 
@@ -93,7 +93,7 @@ def fly_all(
     try:
         runner.run(partial(_fly, study=study, fly=fly or summarised), missing, jobs, keep)
     except KeyboardInterrupt:
-        raise Interrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
+        raise StudyInterrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
     except WorkerDied as error:
         raise RunFailed(f"{error}; {_kept(done, total, store if keeps else None)}") from error
     return {name: [finished[key] for key in keys[name]] for name in points}

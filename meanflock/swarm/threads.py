@@ -69,7 +69,7 @@ class _Scope:
             self._before.clear()
 
 
-class _Own(threading.local):
+class _ThreadScope(threading.local):
     """The scope of a thread of Python."""
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class _Own(threading.local):
 
 _lock = threading.Lock()
 os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
-_common, _own = _Scope(), _Own()
+_common, _own = _Scope(), _ThreadScope()
 _found: list[Pool] = []
 _modules = -1  # number of modules that were loaded when pools were searched
 

@@ -14,7 +14,7 @@ from meanflock.studies.job_file import StoredRun, encode
 from meanflock.studies.runner import WorkerDied, terminable, workers
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import BadInput, MeanflockError, RunFailed
-from research.reproduction.flight import Flown, fly, stored, version
+from research.reproduction.flight import FlownRun, fly, stored, version
 from research.reproduction.grid import EXPERIMENTS, Method, Wanted, wanted
 from research.reproduction.tables import Results, tables
 
@@ -128,7 +128,7 @@ def execute(run: Wanted) -> bytes:
         raise RunFailed(f"{where}, seed {run.seed}: {error!r}") from error
 
 
-def scalars(flown: Flown) -> dict[str, Any]:
+def scalars(flown: FlownRun) -> dict[str, Any]:
     """The columns of runs.parquet that depend on the run alone."""
     summary, radio = flown.summary, flown.summary["radio"]
     learns = Method(flown.scenario.method).learns_value

@@ -12,7 +12,7 @@ from meanflock.swarm.errors import BadInput, meant
 from research.reproduction import regimes
 from research.reproduction.curves import against_period, against_uavs, against_wind, residuals, six_panels
 from research.reproduction.paths import offline, trajectories
-from research.reproduction.regimes import Place
+from research.reproduction.regimes import MapPoint
 from research.reproduction.tables import Results, View
 
 # -- map of regimes ----------------------------------------------------------------------------------------------------
@@ -69,7 +69,7 @@ def regime_map(view: View) -> Figure | None:
     return figure
 
 
-def _where(places: list[Place]) -> tuple[list[float], list[float]]:
+def _where(places: list[MapPoint]) -> tuple[list[float], list[float]]:
     """κ and L_v of settings."""
     return (
         [place.key("learner.kappa", 0.01) or NO_CROSS_TERM for place in places],

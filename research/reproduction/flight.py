@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from meanflock.launch.engine import Engine
 from numpy.typing import NDArray
 
 from meanflock.federation.plan import plan_of
 from meanflock.kernels.mean_field import interaction, layout
+from meanflock.launch.engine import Engine
 from meanflock.studies import job_file
 from meanflock.studies.job_file import StoredRun, StoredTrace
 from meanflock.swarm import state
@@ -31,7 +31,7 @@ CUMULATIVE = ("phi_A", "phi_C", "phi_C_distinct", "bits", "collisions")
 
 
 @dataclass(frozen=True)
-class Trace:
+class FlightTrace:
     """One run in full. t_s (T,), states (T, N, 4), status (T, N); weight_t_s (S,), weights (S, 246) of UAV 0."""
 
     t_s: Floats
@@ -42,12 +42,12 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class Record:
+class RunRecord:
     """series: as `series_of` makes it, `(S,)` each, NaN where unknown. scalars: see `store`, None where unknown."""
 
     series: dict[str, Floats]
     scalars: dict[str, Scalar]
-    trace: Trace | None
+    trace: FlightTrace | None
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def _extremes(series: dict[str, Floats]) -> dict[str, Scalar]:
     return {name: float(values.max()) if len(values) else None for name, values in finite.items()}
 
 
-def stored(key: str, scalars: dict[str, Any], record: Record, with_series: bool) -> StoredRun:
+def stored(key: str, scalars: dict[str, Any], record: RunRecord, with_series: bool) -> StoredRun:
     """The stored form of a run."""
     if not with_series:
         return StoredRun(key, scalars)
@@ -238,7 +238,7 @@ def stored(key: str, scalars: dict[str, Any], record: Record, with_series: bool)
     return StoredRun(key, scalars, tuple(record.series), block.tobytes(), _pack(record.trace))
 
 
-def _pack(trace: Trace | None) -> StoredTrace | None:
+def _pack(trace: FlightTrace | None) -> StoredTrace | None:
     if trace is None:
         return None
     return StoredTrace(
@@ -258,7 +258,7 @@ TRACE_EVERY_S = 0.2
 LEARNING = ("hjb_residual", "fpk_residual", "phi_G")
 
 
-class Recorder:
+class RunObserver:
     """Observer of a flight, for `Engine.complete`."""
 
     def __init__(self, scenario: Scenario, *, traced: bool = False) -> None:
@@ -284,7 +284,7 @@ class Recorder:
         if self._trace_every and flight.tick % self._trace_every == 0:
             self._path.append((flight.time_s, flight.states.astype(np.float32), flight.status.copy()))
 
-    def record(self, flight: Flight) -> Record:
+    def record(self, flight: Flight) -> RunRecord:
         """The whole record of a finished flight."""
         sums = Sums(*(np.array(column) for column in zip(*self._sums, strict=True)))
         snapshots = Snapshot(
@@ -294,8 +294,10 @@ class Recorder:
         trace = None
         if self._trace_every:
             times, states, status = zip(*self._path, strict=True)
-            trace = Trace(np.array(times), np.stack(states), np.stack(status), series["t_s"], np.stack(self._weights))
-        return Record(series, scalars_of(flight, series, sums), trace)
+            trace = FlightTrace(
+                np.array(times), np.stack(states), np.stack(status), series["t_s"], np.stack(self._weights)
+            )
+        return RunRecord(series, scalars_of(flight, series, sums), trace)
 
 
 def _look(flight: Flight, diagnostics: Floats, models: Floats) -> Snapshot:
@@ -340,16 +342,16 @@ def _largest_norm(weights: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlownRun:
     """summary: as in summary.json. record: curves and trace. models: the final weights, (N, 246)."""
 
     scenario: Scenario
     summary: dict[str, Any]
-    record: Record
+    record: RunRecord
     models: NDArray[np.float64]
 
 
-def fly(scenario: Scenario, *, models: NDArray[np.float64] | None = None, traced: bool = False) -> Flown:
+def fly(scenario: Scenario, *, models: NDArray[np.float64] | None = None, traced: bool = False) -> FlownRun:
     """Fly a scenario in this process, without files and network.
 
     Args:
@@ -359,9 +361,9 @@ def fly(scenario: Scenario, *, models: NDArray[np.float64] | None = None, traced
     engine = Engine(
         scenario, f"{scenario.method}-s{scenario.seed}", memory=None if models is None else {"weights": models}
     )
-    recorder = Recorder(scenario, traced=traced)
+    recorder = RunObserver(scenario, traced=traced)
     summary = engine.complete(recorder)
-    return Flown(scenario, summary, recorder.record(engine.world.flight), engine.models)
+    return FlownRun(scenario, summary, recorder.record(engine.world.flight), engine.models)
 
 
 def version() -> str:

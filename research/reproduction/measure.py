@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 from numpy.typing import NDArray
 
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.studies import runner
 from meanflock.studies.store import DATA
 from meanflock.swarm import state
@@ -92,7 +92,7 @@ def trip_states(scenario: Scenario) -> Floats:
 def gap(scenario: Scenario) -> tuple[float, float]:
     """Median over UAVs of realised over optimal cost, the optimum without noise; and the same without the distance left
     at arrival; see `theory.gaps`."""
-    stored = Kept()
+    stored = StoredTelemetry()
     engine = Engine(scenario, "gap", sinks=[stored])
     engine.complete()
     states = np.concatenate([block.states for block in stored.blocks])

@@ -231,7 +231,7 @@ def mapped(view: View) -> Record:
     }
 
 
-def _plain(place: regimes.Place) -> Record:
+def _plain(place: regimes.MapPoint) -> Record:
     return {
         "setting": place.setting,
         "score": round(place.score, 3),

@@ -21,7 +21,7 @@ SLOW_M_S = 60.0  # L_v from which steering is slow: the swarm drifts with the wi
 
 
 @dataclass(frozen=True)
-class Place:
+class MapPoint:
     """A setting of the map: for every claim the flights in which it holds, and all flights, [k, n]."""
 
     setting: str
@@ -49,7 +49,7 @@ class Place:
         return "federation.period" not in self.setting
 
 
-def places(view: View, experiment: str = MAP) -> list[Place]:
+def places(view: View, experiment: str = MAP) -> list[MapPoint]:
     """Every setting of the map that was flown, in the order of the tables."""
     runs, found = view.runs.where(experiment=experiment), []
     if not len(runs):
@@ -62,7 +62,7 @@ def places(view: View, experiment: str = MAP) -> list[Place]:
         # A flight that has not the number a claim is about, as none of a UAV that diverged, is one it does not hold in.
         held = {claim.id: counted(single, claim) or (0, flights) for claim in claimed}
         subject = own.where(method="mfgfl-hf")
-        found.append(Place(setting, held, 1.0 - float(subject["arrived"].sum() / subject["uavs"].sum())))
+        found.append(MapPoint(setting, held, 1.0 - float(subject["arrived"].sum() / subject["uavs"].sum())))
     return found
 
 
@@ -82,19 +82,19 @@ def judged(flown: set[str], experiment: str = MAP) -> list[Claim]:
     return result
 
 
-def best(found: list[Place], count: int = 10) -> list[Place]:
+def best(found: list[MapPoint], count: int = 10) -> list[MapPoint]:
     """The settings with the highest scores in which most UAVs arrive; ties go to more arrivals, then to the earlier."""
     most = [place for place in found if place.never_arrived < FEW_ARRIVE]
     return sorted(most, key=lambda place: (-place.score, place.never_arrived))[:count]
 
 
-def slow(found: list[Place]) -> Place:
+def slow(found: list[MapPoint]) -> MapPoint:
     """paper-slow: the best of slow steering, with rounds as printed and coefficients of one."""
     allowed = [p for p in found if not p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) > 0]
     return best([p for p in allowed if p.key("learner.velocity_scale", 20.0) >= SLOW_M_S], 1)[0]
 
 
-def printed(found: list[Place]) -> Place:
+def printed(found: list[MapPoint]) -> MapPoint:
     """paper-printed: the best with the polynomial's coefficients and L_s = ½‖s‖², with rounds as printed."""
     allowed = [p for p in found if p.multinomial and p.as_printed and p.key("learner.kappa", 0.01) == 0]
     return best(allowed, 1)[0]

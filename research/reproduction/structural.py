@@ -10,13 +10,13 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 from numpy.typing import NDArray
 
 from meanflock.channel.link import outage, slot_success, slots_needed
 from meanflock.federation.plan import plan_of
 from meanflock.kernels.mean_field.layout import MODEL_FLOATS, VALUE
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.results import statistics
 from meanflock.results.statistics import Estimate
 from meanflock.swarm import state
@@ -203,7 +203,7 @@ def cost_shares(seeds: Sequence[int] = COST_SEEDS) -> Record:
 def cost_share(scenario: Scenario) -> float:
     """Share of c₂φ_G in the sizes of all terms of the running cost, |v·r|/‖r‖ + c1‖v‖² + c3‖a‖² + c2φ_G, summed over
     all ticks of UAVs on the way."""
-    kept = Kept()
+    kept = StoredTelemetry()
     Engine(scenario, "cost", sinks=[kept]).complete()
     blocks = [np.concatenate([getattr(block, name) for block in kept.blocks]) for name in ("states", "status")]
     commands, diagnostics = (

@@ -42,7 +42,7 @@ def counted(view: View, claim: Claim) -> tuple[int, int] | None:
     for seed in view.runs.where(experiment=claim.check[0].experiment).distinct("seed"):
         found = Findings()
         for check in claim.check:
-            run_check(cast(View, _Flight(read, seed)), check, found)
+            run_check(cast(View, _SeedRuns(read, seed)), check, found)
         if found.missing or not found.tests or any(test.estimate.n == 0 for test in found.tests):
             continue
         flown += 1
@@ -51,7 +51,7 @@ def counted(view: View, claim: Claim) -> tuple[int, int] | None:
 
 
 @dataclass
-class _Flight:
+class _SeedRuns:
     """The runs of one seed, with the part of a `View` that these checks use."""
 
     read: Callable[[str, str, str], dict[int, float]]

@@ -13,7 +13,7 @@ import pytest
 import meanflock as mf
 from meanflock.bridge.observer import Observer
 from meanflock.launch.processes import free_endpoint
-from meanflock.launch.station import Kept, Station
+from meanflock.launch.station import Station, StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.access import WORLD
 from meanflock.net.bus import MemoryNetwork
@@ -31,7 +31,7 @@ RUN = "observed"
 
 def test_an_observer_gets_every_row_though_nobody_acknowledges(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Station, "_acknowledge", lambda *_: None)
-    recorded, seen = Kept(), Kept()
+    recorded, seen = StoredTelemetry(), StoredTelemetry()
     flown = scenario.load(None, ["uavs=5", "duration=100", "seed=7"])
     engine = MemorySwarm(flown, RUN, sinks=[recorded])
     engine.network.endpoint().announce(keys.alive(RUN, WORLD, WORLD))
@@ -53,14 +53,14 @@ def test_an_observer_without_a_flight_says_so() -> None:
 
 
 def test_an_observer_notices_the_end_of_a_world_and_drops_what_is_no_telemetry() -> None:
-    engine = MemorySwarm(scenario.load(None, ["uavs=2", "duration=1"]), RUN, sinks=[Kept()])
+    engine = MemorySwarm(scenario.load(None, ["uavs=2", "duration=1"]), RUN, sinks=[StoredTelemetry()])
     world = engine.network.endpoint()
     world.announce(keys.alive(RUN, WORLD, WORLD))
     observer = Observer(engine.network.endpoint(), 0.0)
     world.put(keys.observed(RUN), b"nonsense")
     world.close()
     with pytest.raises(RunFailed, match="the world is gone"):
-        observer.listen(Kept())
+        observer.listen(StoredTelemetry())
 
 
 LISTENS = """

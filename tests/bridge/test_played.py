@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from meanflock.cli.command import main
-from meanflock.results.flown import Flight
 
 import meanflock as mf
 from meanflock.bridge.mavlink import Home
 from meanflock.bridge.vehicles import Vehicles, play
+from meanflock.cli.command import main
 from meanflock.net.access import Address
+from meanflock.results.flown import FlightSoFar
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
 from tests.bridge.client import Client
 
@@ -33,7 +33,7 @@ def test_every_sample_is_the_state_of_the_tick_of_its_time_stamp(flown: mf.Run) 
 
         to = [Address("127.0.0.1", client.port)]
         with Vehicles(5, flown.scenario.dt, to, Home(47.0, 8.0, 488.0), lambda: now[0]) as vehicles:
-            play(Flight(flown.folder), vehicles, 2.0, lambda: now[0], sleep)
+            play(FlightSoFar(flown.folder), vehicles, 2.0, lambda: now[0], sleep)
         client.receive()
     ticks = len(flown.states)
     assert now[0] - 100.0 == pytest.approx((ticks - 1) * flown.scenario.dt / 2.0)

@@ -18,8 +18,8 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins, state
-from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.faults.dying import dead, resumed
 from tests.golden.flights import steady

@@ -13,16 +13,27 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meanflock.launch.station import Kept
 
 from meanflock.federation.plan import plan_of
+from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Received, Refusal, Sense, Stop
+from meanflock.swarm.wire.messages import (
+    Acknowledgement,
+    Act,
+    Event,
+    FrameKind,
+    Frames,
+    Join,
+    Ready,
+    Refusal,
+    Sense,
+    Stop,
+)
 from tests.faults.clusters import FLOATS, swarm
 from tests.faults.conftest import RUN, Lab, honest, scenario
 from tests.golden.flights import steady
@@ -186,7 +197,7 @@ RECEIVERS: dict[str, tuple[Scenario, int, Callable[[Lab, int], Receiver]]] = {
     "world: reply of a head": (HEADS, 1, lambda lab, tick: at_world(lab, HEAD, act(tick, 1), OF_HEADS)),
     "world: leader's reply": (MODELS, 1, lambda lab, tick: at_world(lab, LEADER, act(tick, 0), OF_LEADERS)),
     "world: join": (MODELS, 1, lambda lab, _: at_world(lab, JOIN, Join("agent", 1, 0), [])),
-    "world: receipt": (MODELS, 1, lambda lab, _: at_world(lab, RECEIPT, Received(NUMBER, 1), [])),
+    "world: receipt": (MODELS, 1, lambda lab, _: at_world(lab, RECEIPT, Acknowledgement(NUMBER, 1), [])),
     "agent": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "agent-0", 1)),
     "leader": (MODELS, 1, lambda lab, tick: at_node(lab, tick, "leader", 0)),
     "station": (MODELS, 1, lambda lab, _: at_station(lab)),
@@ -257,7 +268,7 @@ def test_a_receiver_drops_each_mutation_for_its_reason_and_the_flight_is_the_sam
     ],
 )
 def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged) -> None:
-    kept = Kept()
+    kept = StoredTelemetry()
     engine = MemorySwarm(scenario("duration=3", method="mfg"), RUN, sinks=[kept], uavs_per_node=2)
     for tick in engine.fly():
         message = b"\xc1" if kind == "dropped" else control.encode(Event(tick, "failed", "again"))
@@ -293,7 +304,7 @@ HOSTILE_KEYS += [f"{keys.ROOT}/{RUN}{suffix}" for suffix in SUFFIXES]
 
 def test_a_hostile_key_is_dropped_escaped_and_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
     flown = scenario("duration=2", method="mfg")
-    honest, kept = MemorySwarm(flown, RUN).complete(), Kept()
+    honest, kept = MemorySwarm(flown, RUN).complete(), StoredTelemetry()
     engine, replies = MemorySwarm(flown, RUN, sinks=[kept]), []
     question = control.encode(Join("agent", 1))
     for tick in engine.fly():

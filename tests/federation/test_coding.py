@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meanflock.launch.engine import Engine
 
 import meanflock as mf
 from meanflock.agent.node import Agent
 from meanflock.federation.coding import COARSEST, FINEST, STEPS, Coding, Counted
 from meanflock.federation.fragments import Cut, longest
-from meanflock.federation.mail import Joined, Mail, Own
+from meanflock.federation.mail import Joined, Mail, OwnModel
 from meanflock.federation.memory import Feedback, GlobalModels
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
+from meanflock.launch.engine import Engine
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
@@ -295,7 +295,7 @@ def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     assert model.tolist() == [2, 2, 0, 0]
     _, middle = Median(Median.Options(), case).step({}, mail_of([[1, 1], [3, 3], [9, 9]], lost={(1, 0)}).to(0, 1)[0])
     assert middle.tolist() == [5, 5]
-    own = Own(1, np.array([7.0, 7.0, 7.0, 7.0]), 1.0)
+    own = OwnModel(1, np.array([7.0, 7.0, 7.0, 7.0]), 1.0)
     joined = mail_of([[1, 1, 1, 1], [0, 0, 0, 0], [4, 4, 4, 4]], lost={(1, 0), (1, 1), (2, 1)})
     uploads, *_ = joined.to(0, 1, own)
     assert uploads.uavs.tolist() == [0, 1, 2]
@@ -334,9 +334,9 @@ def test_a_fragment_that_nobody_delivered_is_not_broadcast() -> None:
 def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_size_of_fragments() -> None:
     for whole in (flown("federation.fragment=0"), flown("radio.model=ideal"), flown(length=300)):
         assert plan_of(whole).hops[0].coding.fragments is None
-        assert plan_of(whole).known.federation.fragment == 0
+        assert plan_of(whole).node_scenario.federation.fragment == 0
     assert plan_of(flown("federation.fragment=2", length=300)).hops[0].coding.count == 2
-    told = plan_of(flown()).known
+    told = plan_of(flown()).node_scenario
     assert told.federation.fragment == 3
     assert plan_of(told).hops[0].coding.cut == plan_of(flown()).hops[0].coding.cut
 

@@ -9,18 +9,29 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from meanflock.launch.station import Station
-from meanflock.results.run_folder import RunFolder
 
+from meanflock.launch.station import Station
 from meanflock.leader.node import Leader
 from meanflock.net import keys
 from meanflock.net.bus import Delivery, MemoryNetwork
 from meanflock.net.client import NodeClient
 from meanflock.recording.recorder import Recorder
+from meanflock.results.run_folder import RunFolder
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, Event, Finished, Join, Ready, Received, Refusal, Sense, Stop, Telemetry
+from meanflock.swarm.wire.messages import (
+    Acknowledgement,
+    Act,
+    Event,
+    Finished,
+    Join,
+    Ready,
+    Refusal,
+    Sense,
+    Stop,
+    Telemetry,
+)
 from tests.faults.conftest import RUN, Lab, saying, scenario
 from tests.fuzz.mutation import Mutator
 from tests.memory_swarm import MemorySwarm
@@ -30,7 +41,11 @@ NUMBER = keys.fingerprint(RUN)
 ROWS = 2  # UAVs a node
 NODES = ("agent-0", "agent-2", "agent-4", "leader", "leader.2")
 TICKS = 125
-HARMLESS = (Ready, Received, Join)  # what may be let in though it changes nothing: said twice, or by who may say it
+HARMLESS = (
+    Ready,
+    Acknowledgement,
+    Join,
+)  # what may be let in though it changes nothing: said twice, or by who may say it
 
 
 class Broken(AssertionError):
@@ -54,7 +69,7 @@ def recorded(flown: Scenario) -> tuple[list[bytes], dict[str, Any]]:
     kept: dict[tuple[str, int], bytes] = {}
     for raw in said:  # of every kind and size a few: the first of a length, roughly
         kept.setdefault((type(read(raw)).__name__, len(raw) // 64), raw)
-    own = [Ready(NUMBER), Received(NUMBER, 3), Stop(NUMBER, "x")]
+    own = [Ready(NUMBER), Acknowledgement(NUMBER, 3), Stop(NUMBER, "x")]
     own += [Join(role, int(role == "agent")) for role in ("agent", "leader", "station")]
     return [*kept.values(), *map(control.encode, own), *RAW.values()], summary
 

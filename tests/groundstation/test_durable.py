@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from meanflock.launch import engine
 from meanflock.launch.options import Options
 from meanflock.launch.outputs import Outputs
-from meanflock.launch.station import Kept
+from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
 from meanflock.recording import plots
 from meanflock.recording.recorder import Recorder
@@ -276,4 +276,4 @@ def test_a_recording_that_cannot_be_read_is_made_anew_and_the_old_one_stays_besi
 )
 def test_checkpoints_are_as_frequent_as_a_flight_is_slow(uavs: int, realtime: float | None, ticks: int) -> None:
     flown = scenarios.load(None, [f"uavs={uavs}", "duration=1"], method="offline")
-    assert engine.Engine(flown, "run", sinks=[Kept()], realtime=realtime).world._checkpoint_every == ticks
+    assert engine.Engine(flown, "run", sinks=[StoredTelemetry()], realtime=realtime).world._checkpoint_every == ticks

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 import meanflock as mf
 from meanflock.export.bag import write_bag, write_mcap
 from meanflock.results import flown as flown_flights
-from meanflock.results.flown import Flight
+from meanflock.results.flown import FlightSoFar
 from meanflock.results.stored_run import began
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, RunFailed
 
@@ -141,7 +141,7 @@ def test_a_flight_is_read_in_pieces_and_an_interrupted_file_leaves_nothing(tmp_p
     one, target = tmp_path / "one" / "r", tmp_path / "many" / "r"
     one.parent.mkdir()
     target.parent.mkdir()
-    write(Flight(flown.folder), one, lambda *_: None)
+    write(FlightSoFar(flown.folder), one, lambda *_: None)
     monkeypatch.setattr(flown_flights, "_PIECE_STATES", 100)
     for error, expected in ((KeyboardInterrupt(), KeyboardInterrupt), (OSError(errno.ENOSPC, "full"), RunFailed)):
         done = []
@@ -152,9 +152,9 @@ def test_a_flight_is_read_in_pieces_and_an_interrupted_file_leaves_nothing(tmp_p
                 raise error
 
         with pytest.raises(expected):
-            write(Flight(flown.folder), target, stop)
+            write(FlightSoFar(flown.folder), target, stop)
         assert (done, list(target.parent.iterdir())) == ([20, 40, 60, 80, 100], [])
-    write(Flight(flown.folder), target, lambda *_: None)
+    write(FlightSoFar(flown.folder), target, lambda *_: None)
     for file in one.rglob("*") if one.is_dir() else (one,):
         assert file.read_bytes() == (target / file.relative_to(one)).read_bytes()
 

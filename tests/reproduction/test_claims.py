@@ -226,11 +226,11 @@ def test_each_setting_is_judged_as_if_it_were_s0() -> None:
 
 
 @pytest.fixture(scope="module")
-def places() -> list[regimes.Place]:
+def places() -> list[regimes.MapPoint]:
     return regimes.places(View.from_results(results(map_rows())))
 
 
-def test_a_setting_scores_the_share_of_flights_in_which_claims_hold(places: list[regimes.Place]) -> None:
+def test_a_setting_scores_the_share_of_flights_in_which_claims_hold(places: list[regimes.MapPoint]) -> None:
     default, slow, *_ = places
     assert [place.setting for place in places] == SETTINGS
     assert default.held["C13"] == (0, 2)
@@ -246,7 +246,7 @@ def test_a_setting_scores_the_share_of_flights_in_which_claims_hold(places: list
     assert not {"C3", "C14", "C24", "C25", "C18"} & set(slow.held)  # bits, residuals, and calibrated claims
 
 
-def test_the_rule_chooses_the_best_among_the_allowed_settings(places: list[regimes.Place]) -> None:
+def test_the_rule_chooses_the_best_among_the_allowed_settings(places: list[regimes.MapPoint]) -> None:
     assert grid.map_design() == grid.map_design()
     assert len(set(grid.map_design())) == grid.MAP_SETTINGS + len(grid.KNOWN)
     assert regimes.slow(places).setting == SETTINGS[1]  # the third has other rounds, in the last few UAVs arrive

@@ -9,11 +9,11 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import psutil
 import pytest
-from meanflock.launch.processes import free_endpoint
-from meanflock.launch.station import Kept
 
 from meanflock.bridge.observer import Observer
 from meanflock.federation.plan import plan_of
+from meanflock.launch.processes import free_endpoint
+from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.access import LEADER, OBSERVER, STATION, Identity, secured
 from meanflock.net.limits import Limits, Quotas
@@ -21,7 +21,7 @@ from meanflock.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
 from meanflock.swarm.wire import control, tick
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Join, Received, Welcome
+from meanflock.swarm.wire.messages import Acknowledgement, Act, FrameKind, Frames, Join, Welcome
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import (
     HELD,
@@ -72,7 +72,7 @@ def come_as_no_node(flight: Flight) -> ZenohBus:
 
 
 def speak_for_others(flight: Flight, attacker: ZenohBus) -> None:
-    session, told = attacker._session, control.encode(Received(keys.fingerprint(RUN), 2**20))
+    session, told = attacker._session, control.encode(Acknowledgement(keys.fingerprint(RUN), 2**20))
     for key in (
         *(keys.act(RUN, name) for name in (VICTIM, f"{VICTIM}.2", "*", LEADER, OBSERVER)),
         *(f"{keys.ROOT}/**", keys.sense(RUN, VICTIM), keys.telemetry(RUN), keys.received(RUN), keys.observed(RUN)),
@@ -186,7 +186,7 @@ def test_an_observer_reads_the_telemetry_and_nothing_else_and_writes_nothing(fli
     assert spy.receive(0.0) is None
     assert (summary["trajectory_sha256"], summary["lost"], summary["nodes_lost"]) == (undisturbed, 0, 0)
     assert set(summary["dropped_messages"]) <= {"wrong-key"}
-    rows = Kept()
+    rows = StoredTelemetry()
     assert observer.listen(rows)["trajectory_sha256"] == undisturbed
     ticks = np.concatenate([block.first_tick + np.arange(len(block.states)) for block in rows.blocks])
     assert ticks.tolist() == list(range(ticks[0], summary["ticks"] + 1))

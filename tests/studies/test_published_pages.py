@@ -14,7 +14,7 @@ from meanflock.studies import equal_bits, published
 from meanflock.studies.equal_bits import Choice
 from meanflock.studies.frontier import record
 from meanflock.studies.frontier.page import page
-from meanflock.studies.frontier.search import Outcome
+from meanflock.studies.frontier.search import FlightOutcome
 from meanflock.studies.study import summarised
 from meanflock.swarm.scenario import load
 from research import communication, false_states, federation, free_flights, robustness
@@ -92,8 +92,8 @@ def test_a_ranking_is_of_the_first_seeds_and_the_second_ones_test_it() -> None:
 
 
 def test_a_choice_is_the_safest_policy_within_the_budget_and_leaves_no_uav_behind() -> None:
-    def flights(free: int, kbit: float, arrived: float = 1.0) -> list[Outcome]:
-        return [Outcome(k < free, kbit, arrived) for k in range(10)]
+    def flights(free: int, kbit: float, arrived: float = 1.0) -> list[FlightOutcome]:
+        return [FlightOutcome(k < free, kbit, arrived) for k in range(10)]
 
     found = {
         Choice("lossy", "orca", "cheap"): flights(8, 20.0),

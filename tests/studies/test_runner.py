@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from meanflock.cli.tables import console_for, means_table, payload_table
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 from rerun.chunk import RrdReader
 
 import meanflock as mf
+from meanflock.cli.tables import console_for, means_table, payload_table
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
 from meanflock.recording.replay import verify
 from meanflock.studies import runner, side_by_side, study
@@ -125,7 +125,7 @@ def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tm
     parts = {chunk.entity_path.partition("/")[2].partition("/")[0] for chunk in RrdReader(path).stream()}
     assert parts - {"", "__properties"} == {side_by_side.part_of(name) for name in SCENARIOS}
     for name, scenario in SCENARIOS.items():
-        kept, part = Kept(), side_by_side.part_of(name)
+        kept, part = StoredTelemetry(), side_by_side.part_of(name)
         alone = Engine(scenario, "alone", sinks=[kept]).complete()
         assert summaries[name]["trajectory_sha256"] == alone["trajectory_sha256"]
         states = np.concatenate([block.states for block in kept.blocks])

@@ -100,7 +100,7 @@ EXAMPLES: dict[str, Any] = {
         checkpoint=b"\x93\x01\x02\x03",
         diagnostic_names=("hjb_residual", "fpk_residual", "phi_G"),
     ),
-    "received": messages.Received(0xDEADBEEF, 7),
+    "received": messages.Acknowledgement(0xDEADBEEF, 7),
     "finished": messages.Finished(0xDEADBEEF, 88, b'{"schema":1}'),
 }
 OF_A_TICK = ("sense", "act")

@@ -11,8 +11,8 @@ from meanflock.agent.controllers.base import Broadcast
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
-from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.testing import ConformanceError
 from tests.testing.good import (
     KINDS,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from meanflock import kernels
-from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from meanflock.launch.station import Kept
+from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.access import Address
 from meanflock.net.exporter import Exporter, exported
@@ -41,7 +41,7 @@ class Scrape:
 def engine() -> MemorySwarm:
     settings = ["uavs=6", "seed=3", "duration=12", 'stop="duration"', "federation.period=20", "radio.target_snr_db=78"]
     flown = load(None, settings, method="mfgfl-hf", faults=[{"kind": "kill", "uavs": [4], "time_s": 3.0}])
-    return MemorySwarm(flown, RUN, uavs_per_node=2, sinks=[Kept()])
+    return MemorySwarm(flown, RUN, uavs_per_node=2, sinks=[StoredTelemetry()])
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ import pytest
 from meanflock import kernels
 from meanflock.launch.engine import Engine
 from meanflock.swarm import state
-from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import load
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.flight import Flight, pairs

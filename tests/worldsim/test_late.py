@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meanflock.launch.engine import Engine
 
 from meanflock.federation.plan import plan_of
+from meanflock.launch.engine import Engine
 from meanflock.net import keys
 from meanflock.net.bus import Delivery, MemoryBus, MemoryNetwork, Offer
 from meanflock.net.members import Member
-from meanflock.net.pace import Pace
+from meanflock.net.pace import DelayRules
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Event
@@ -238,7 +238,7 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
 AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
-def slow_tick(pace: Pace, late: str) -> list[str]:
+def slow_tick(pace: DelayRules, late: str) -> list[str]:
     """Verdicts after a tick in which one of three nodes has not answered in time."""
     pace.begin()
     for waited_s in (0.1, 3.0):
@@ -247,10 +247,10 @@ def slow_tick(pace: Pace, late: str) -> list[str]:
 
 
 def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None:
-    pace = Pace(load(None, SHORT).pace, [], 10.0)
+    pace = DelayRules(load(None, SHORT).pace, [], 10.0)
     assert [slow_tick(pace, "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
     assert slow_tick(pace, "agent-1.2") == ["agent-1.2"]
-    for _ in range(3 * Pace.FORGIVEN_TICKS):
+    for _ in range(3 * DelayRules.FORGIVEN_TICKS):
         pace.begin()
         assert pace.overdrawn() == []
     assert [slow_tick(pace, "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]

@@ -10,11 +10,11 @@ import pytest
 
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
+from meanflock.launch.station import StoredTelemetry
 from meanflock.swarm import plugins, state
-from meanflock.swarm.kept import restore, state_of
 from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.swarm.seeds import generator
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.worldsim.books import Noise
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.flight import Flight
@@ -158,7 +158,7 @@ def test_no_agent_or_leader_is_told_the_truth_or_the_prices(monkeypatch: pytest.
     MemorySwarm(flown, "truth", uavs_per_node=1)
     assert len(sent) == 4
     for raw in sent:
-        assert decode(raw) == plan_of(load(None, ["uavs=3"])).known
+        assert decode(raw) == plan_of(load(None, ["uavs=3"])).node_scenario
     assert flown.known().truth.wind is None
     assert load(None).known() == load(None)
 
@@ -183,7 +183,7 @@ def gliding(*settings: str, vehicle: type = Glider) -> Scenario:
 
 def test_the_hidden_state_of_a_vehicle_goes_on_with_a_resumed_flight() -> None:
     flown = gliding("duration=25", 'stop="duration"')
-    engine = Engine(flown, "glide", sinks=[kept := Kept()])
+    engine = Engine(flown, "glide", sinks=[kept := StoredTelemetry()])
     whole = engine.complete()
     assert (engine.world.flight.hidden["flown"] == 250).all()
     carrier = next(block for block in kept.blocks if block.checkpoint)

@@ -10,7 +10,7 @@ from meanflock.federation import coding as codings
 from meanflock.federation.plan import plan_of
 from meanflock.federation.post import Post
 from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
+from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.barrier import Barrier, Replies
 from meanflock.net.bus import MemoryNetwork
@@ -150,7 +150,7 @@ def test_memories_are_joined_by_row_and_a_wrong_one_is_refused_and_changes_nothi
 )
 def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str, changes: list[str]) -> None:
     flown = load(None, ["uavs=5", "duration=6", "radio.target_snr_db=77", *changes], method=method)
-    engine, used = Engine(flown, "telemetry", sinks=[kept := Kept()]), []
+    engine, used = Engine(flown, "telemetry", sinks=[kept := StoredTelemetry()]), []
     send = engine.world.air.send
 
     def noted(*given: Any) -> np.ndarray:

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from meanflock.bridge.mavlink import Reader
-from meanflock.bridge.mavlink import Setpoint as Read
+from meanflock.bridge.mavlink import Reader, WireSetpoint
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.kept import restore, state_of
+from meanflock.swarm.stateful import restore, state_of
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.steering import Setpoint, Steered
 from meanflock.worldsim.tick import Acts, Senses
@@ -111,10 +110,10 @@ GOOD = frame(setpoint(2, north=-4.0, east=3.0))
 @pytest.mark.parametrize(
     ("datagram", "read"),
     [
-        (GOOD, [Read(1, (3.0, -4.0))]),
-        (frame(heartbeat()) + GOOD, [None, Read(1, (3.0, -4.0))]),
-        (setpoint(3, 1.0).pack(WRITER, force_mavlink1=True), [Read(2, (0.0, 1.0))]),
-        (frame(setpoint(1, mask=0x0C3F | 0x100)), [Read(0, (0.0, 0.0))]),  # the vertical one may be ignored
+        (GOOD, [WireSetpoint(1, (3.0, -4.0))]),
+        (frame(heartbeat()) + GOOD, [None, WireSetpoint(1, (3.0, -4.0))]),
+        (setpoint(3, 1.0).pack(WRITER, force_mavlink1=True), [WireSetpoint(2, (0.0, 1.0))]),
+        (frame(setpoint(1, mask=0x0C3F | 0x100)), [WireSetpoint(0, (0.0, 0.0))]),  # the vertical one may be ignored
         (frame(setpoint(0, 1.0)), ["unknown-system"]),
         (frame(setpoint(4, 1.0)), ["unknown-system"]),
         (frame(setpoint(1, frame=8)), ["wrong-frame"]),
@@ -127,7 +126,7 @@ GOOD = frame(setpoint(2, north=-4.0, east=3.0))
         (GOOD[:-1], ["malformed"]),
         (GOOD[:-1] + bytes([GOOD[-1] ^ 1]), ["malformed"]),
         (GOOD[:20] + bytes([GOOD[20] ^ 1]) + GOOD[21:], ["malformed"]),
-        (GOOD + b"rest", [Read(1, (3.0, -4.0)), "malformed"]),
+        (GOOD + b"rest", [WireSetpoint(1, (3.0, -4.0)), "malformed"]),
         (b"\xfd", ["malformed"]),
         (b"nonsense", ["malformed"]),
         (b"", []),
@@ -146,4 +145,4 @@ def test_no_damage_of_a_datagram_is_more_than_an_error() -> None:
         for _ in range(random.integers(1, 4)):
             damaged[random.integers(len(damaged))] = random.integers(256)
         for one in reader.read(bytes(damaged[: random.integers(len(damaged) + 1)])):
-            assert one is None or isinstance(one, Read | MessageRejected)
+            assert one is None or isinstance(one, WireSetpoint | MessageRejected)

@@ -41,7 +41,7 @@ DENSITY_DEGREE = 4
 class Keys(NamedTuple):
     """All of a scenario that its tables depend on."""
 
-    learner: mean_field.Learner
+    learner: mean_field.LearnerTable
     cost: mean_field.Cost
     wind: Wind
     density: mean_field.Density
@@ -72,7 +72,7 @@ assert len(VALUE_EXPONENTS) == VALUE_FEATURES
 assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
 
 
-def scales(learner: mean_field.Learner) -> Floats:
+def scales(learner: mean_field.LearnerTable) -> Floats:
     """Scales [L_r, L_r, L_v, L_v] of a state."""
     position, velocity = learner.position_scale, learner.velocity_scale
     return np.array([position, position, velocity, velocity])
@@ -206,7 +206,7 @@ _ONLY_IN_A_LIST = 2  # references to an object that only a list has, while `sys.
 _BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 
 
-class Learner:
+class MeanFieldLearner:
     """Algorithm 1 (hjb) and the local part of Algorithms 2 and 3 (all others)."""
 
     def __init__(self, scenario: Scenario, *, learns_density: bool = True) -> None:

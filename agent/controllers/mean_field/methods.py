@@ -23,7 +23,7 @@ from meanflock.agent.controllers.base import (
     of_kind,
     plausible,
 )
-from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
@@ -103,9 +103,9 @@ class MeanField(Controller):
         self._plausible = plausible(scenario)
 
     @cached_property
-    def learner(self) -> Learner:
+    def learner(self) -> MeanFieldLearner:
         """The networks, made at first use, because their tables take a millisecond."""
-        return Learner(self.scenario, learns_density=self.learns_density)
+        return MeanFieldLearner(self.scenario, learns_density=self.learns_density)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         goals = mission.goal_states(self.scenario)

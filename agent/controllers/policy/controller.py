@@ -16,7 +16,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 
 
-class Policy(Controller):
+class PolicyController(Controller):
     """Flies a policy that was trained in `meanflock.env` and saved to a file.
 
     The scenario records the SHA-256 of the file. A node whose file has another one is refused. Without a file it flies

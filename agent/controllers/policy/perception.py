@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, of_kind
-from meanflock.agent.controllers.sharing.base import FAR_M, Neighbours
+from meanflock.agent.controllers.sharing.base import FAR_M, NeighbourStates
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import SIZE, Floats, States, X, Y
@@ -38,8 +38,8 @@ class Perception:
         """`neighbours`: K. `message`: W, numbers of a message; 0: no messages."""
         self.neighbours = neighbours
         self.message = message
-        self.broadcast_numbers = Neighbours.numbers + message
-        self._others = Neighbours(scenario)
+        self.broadcast_numbers = NeighbourStates.numbers + message
+        self._others = NeighbourStates(scenario)
         self._goals = mission.goal_states(scenario)
         self._dt = scenario.dt
 

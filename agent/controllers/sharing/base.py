@@ -60,7 +60,7 @@ class ConstantVelocity:
         return states
 
 
-class Neighbours:
+class NeighbourStates:
     """States of all UAVs known to each row, in a memory whose names begin with `neighbour_`.
 
     numbers: count of the numbers that a UAV broadcasts in a tick.
@@ -181,13 +181,13 @@ class SharingController(Controller):
     """Base class of controllers that share states: override `fly`, and `init` if it has more memory."""
 
     shares = True
-    broadcast_numbers = Neighbours.numbers
+    broadcast_numbers = NeighbourStates.numbers
     pairwise = True
     diagnostics: tuple[str, ...] = ("unsent",)  # after those of `fly`
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours, self._obstacles = Neighbours(scenario), mission.obstacles(scenario)
+        self._neighbours, self._obstacles = NeighbourStates(scenario), mission.obstacles(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._neighbours.init(uavs, plan)
@@ -206,7 +206,7 @@ class SharingController(Controller):
         """Returns memory, acceleration without compensation of drag and wind, and diagnostics.
 
         Args:
-            own: (M, 4). others: (M, N, 4), the states of all UAVs known to each row, as of `Neighbours.states`.
+            own: (M, 4). others: (M, N, 4), the states of all UAVs known to each row, as of `NeighbourStates.states`.
         """
         raise NotImplementedError
 

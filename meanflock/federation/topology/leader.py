@@ -7,7 +7,7 @@ from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
 
 
-class Leader(Topology):
+class LeaderTopology(Topology):
     """Participants upload to the leader's UAV, which broadcasts the average to all."""
 
     name = "leader"

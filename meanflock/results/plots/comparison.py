@@ -67,7 +67,7 @@ def _never_negative(ax: Axes) -> None:
         ax.set_xlim(-0.03 * right, 1.03 * right)
 
 
-def _row(ax: Axes, place: int, values: Floats, look: plotstyle.Look) -> None:
+def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> None:
     """A method's mean and its interval, and its flights below them, where neither covers them."""
     estimate = statistics.mean(values)
     pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "markeredgewidth": 0.0, "alpha": 0.45}

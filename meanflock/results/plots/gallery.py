@@ -8,7 +8,7 @@ from meanflock.results.in_words import UNKNOWN, arrivals, bits, named, number, s
 from meanflock.results.plots.run import stored
 from meanflock.results.plots.thumbnail import COLUMNS, thumbnail
 from meanflock.results.scenario_keys import nearest
-from meanflock.results.stored_run import StoredRun
+from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm import __version__, durable
 from meanflock.swarm.errors import BadInput, printable
 
@@ -21,7 +21,7 @@ _COLUMNS = ("run", "time", "controller", "mission", "UAVs", "seed", "arrived", "
 _TEXTS = ("run", "time", "controller", "mission", "state")
 
 
-def write(runs: Sequence[StoredRun], folder: Path, file: Path, progress: Callable[[int, int], None]) -> Path:
+def write(runs: Sequence[StoredFolder], folder: Path, file: Path, progress: Callable[[int, int], None]) -> Path:
     """Write the page of the runs in a folder, all of it or nothing.
 
     Args:
@@ -40,7 +40,7 @@ def write(runs: Sequence[StoredRun], folder: Path, file: Path, progress: Callabl
     return file
 
 
-def _page(runs: Sequence[StoredRun], folder: Path, cards: Sequence[str]) -> str:
+def _page(runs: Sequence[StoredFolder], folder: Path, cards: Sequence[str]) -> str:
     css = Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
     title = f"Runs in {_safe(folder.resolve().name)}"
     count = f"{len(runs)} run{'' if len(runs) == 1 else 's'}, the latest first. Written by meanflock {__version__}."
@@ -58,7 +58,7 @@ def _page(runs: Sequence[StoredRun], folder: Path, cards: Sequence[str]) -> str:
     )
 
 
-def _row(place: int, run: StoredRun) -> str:
+def _row(place: int, run: StoredFolder) -> str:
     cells = (
         f"<a href='#run-{place}'>{_safe(run.folder.name)}</a>",
         f"{run.when.astimezone():%Y-%m-%d %H:%M}",
@@ -75,7 +75,7 @@ def _row(place: int, run: StoredRun) -> str:
     return f"<tr>{''.join(f'<td{_aligned(name)}>{cell}</td>' for name, cell in columns)}</tr>"
 
 
-def _card(place: int, run: StoredRun) -> str:
+def _card(place: int, run: StoredFolder) -> str:
     facts = {
         "arrived": arrivals(run),
         "travel time, mean": _with_unit(run.figure("t_avg_s"), "s"),
@@ -99,7 +99,7 @@ def _card(place: int, run: StoredRun) -> str:
     )
 
 
-def _picture(run: StoredRun) -> str:
+def _picture(run: StoredFolder) -> str:
     try:
         return thumbnail(stored(run.folder, COLUMNS))
     except BadInput:
@@ -109,11 +109,11 @@ def _picture(run: StoredRun) -> str:
         return f"<div class='none'>no picture: {reason}</div>"
 
 
-def _status(run: StoredRun) -> str:
+def _status(run: StoredFolder) -> str:
     return run.status if run.status == "finished" else f"<span class='status'>{run.status}</span>"
 
 
-def _named(run: StoredRun, key: str) -> str:
+def _named(run: StoredFolder, key: str) -> str:
     return escape(named(run, key))
 
 

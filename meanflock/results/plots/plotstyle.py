@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Dash = tuple[float, tuple[float, ...]]
 
 
-class Look(NamedTuple):
+class MethodLook(NamedTuple):
     """Style of a method: colour, marker, dashes and width of its lines, in points."""
 
     colour: str
@@ -43,12 +43,12 @@ class Look(NamedTuple):
 
 # Okabe and Ito's palette, for every common colour vision; marker and dash carry the same information.
 LOOKS = {
-    "hjb": Look("#D55E00", "s", (0, (5, 1.6))),
-    "mfg": Look("#7F7F7F", "D", (0, (1, 1.2))),
-    "mfgfl-h": Look("#E69F00", "^", (0, (3, 1, 1, 1))),
-    "mfgfl-f": Look("#009E73", "v", (0, (2, 1))),
-    "mfgfl-hf": Look("#0072B2", "o", (0, ()), 1.9),
-    "offline": Look("#CC79A7", "X", (0, (6, 1, 1, 1, 1, 1))),
+    "hjb": MethodLook("#D55E00", "s", (0, (5, 1.6))),
+    "mfg": MethodLook("#7F7F7F", "D", (0, (1, 1.2))),
+    "mfgfl-h": MethodLook("#E69F00", "^", (0, (3, 1, 1, 1))),
+    "mfgfl-f": MethodLook("#009E73", "v", (0, (2, 1))),
+    "mfgfl-hf": MethodLook("#0072B2", "o", (0, ()), 1.9),
+    "offline": MethodLook("#CC79A7", "X", (0, (6, 1, 1, 1, 1, 1))),
 }
 # For methods without a look of their own: chosen by the name, unless another method of the figure has it.
 OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
@@ -152,11 +152,11 @@ def name(method: str) -> str:
     return NAMES.get(method, method)
 
 
-def look(method: str) -> Look:
+def look(method: str) -> MethodLook:
     """A method's preferred look."""
     at = crc32(method.encode())
     colour, marker = OTHER_COLOURS[at % len(OTHER_COLOURS)], OTHER_MARKERS[at % len(OTHER_MARKERS)]
-    return LOOKS.get(method, Look(colour, marker, OTHER_DASHES[at % len(OTHER_DASHES)]))
+    return LOOKS.get(method, MethodLook(colour, marker, OTHER_DASHES[at % len(OTHER_DASHES)]))
 
 
 def colour(method: str) -> str:
@@ -164,7 +164,7 @@ def colour(method: str) -> str:
     return look(method).colour
 
 
-def looks(methods: Iterable[str]) -> dict[str, Look]:
+def looks(methods: Iterable[str]) -> dict[str, MethodLook]:
     """Looks of the methods of one figure; two share a colour or marker only if no other is free."""
     named = list(dict.fromkeys(methods))
     found = {method: look(method) for method in named if method in LOOKS}
@@ -177,7 +177,7 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
     return {method: found[method] for method in named}
 
 
-def _free(own: str, others: Sequence[str], part: str, taken: Iterable[Look]) -> str:
+def _free(own: str, others: Sequence[str], part: str, taken: Iterable[MethodLook]) -> str:
     """The preferred value if it is free, else the next free one, else the preferred one."""
     first = others.index(own)
     papers, has = ([getattr(each, part) for each in looks] for looks in (LOOKS.values(), taken))
@@ -191,7 +191,7 @@ def style() -> Iterator[None]:
         yield
 
 
-class _Shown(Figure):
+class _NotebookFigure(Figure):
     """A figure that a notebook shows as a picture, whatever its backend is."""
 
     def _repr_png_(self) -> bytes:
@@ -203,7 +203,7 @@ class _Shown(Figure):
 
 def figure(width_in: float, height_in: float) -> Figure:
     """An empty figure on the Agg canvas; no global state, no window."""
-    result = _Shown(figsize=(width_in, height_in))
+    result = _NotebookFigure(figsize=(width_in, height_in))
     FigureCanvasAgg(result)
     return result
 
@@ -275,7 +275,7 @@ def legend(
     methods: Sequence[str],
     markers: bool = False,
     extra: Sequence[Line2D] = (),
-    looks: Mapping[str, Look] | None = None,
+    looks: Mapping[str, MethodLook] | None = None,
 ) -> None:
     """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper."""
     handles = []
@@ -308,7 +308,7 @@ def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) 
     ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
 
 
-def dots(ax: Axes, seen: Look, x: Floats, estimates: Sequence[Estimate]) -> None:
+def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate]) -> None:
     """A method's points with their intervals, joined; an end that is not finite is not drawn."""
     y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)

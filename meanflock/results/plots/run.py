@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.event_log import stored_lines
-from meanflock.results.flown import Flown, flown_keys
+from meanflock.results.flown import FlownKeys, flown_keys
 from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import FIELDS, PHI_G, quantity
 from meanflock.results.run_folder import EVENTS, flown_rows
@@ -37,21 +37,21 @@ MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
 
 
-class Shown(NamedTuple):
+class RunPicture(NamedTuple):
     """A run for its pictures: its time series, its scenario, and its events as rows of events.jsonl."""
 
     table: pa.Table
-    scenario: Flown | Scenario
+    scenario: FlownKeys | Scenario
     events: Sequence[Mapping[str, Any]]
 
 
-def stored(folder: Path, columns: list[str] | None = None) -> Shown:
+def stored(folder: Path, columns: list[str] | None = None) -> RunPicture:
     """The run in `folder`, with some columns of its time series, or all.
 
     Raises:
         BadInput: no run there, or one that never wrote a row.
     """
-    return Shown(flown_rows(folder, columns), flown_keys(folder), _events(folder / EVENTS))
+    return RunPicture(flown_rows(folder, columns), flown_keys(folder), _events(folder / EVENTS))
 
 
 def plot_run(folder: Path) -> dict[str, Figure]:
@@ -64,7 +64,7 @@ def plot_run(folder: Path) -> dict[str, Figure]:
 
 
 @plotstyle.style()
-def plot_paths(run: Shown) -> Figure:
+def plot_paths(run: RunPicture) -> Figure:
     """The paths of all UAVs on the map, with collisions, obstacles and goals."""
     table, flown = run.table, run.scenario
     position = per_uav(table, "x_m", "y_m")
@@ -126,7 +126,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def _draw_mission(ax: Axes, flown: Flown | Scenario) -> None:
+def _draw_mission(ax: Axes, flown: FlownKeys | Scenario) -> None:
     """Draws goals and obstacles over the paths, and names them in the legend."""
     goals, radius = mission.goals(flown), flown.destination.radius
     for x, y, size in mission.obstacles(flown).tolist():
@@ -146,7 +146,7 @@ def _draw_mission(ax: Axes, flown: Flown | Scenario) -> None:
 
 
 @plotstyle.style()
-def plot_curves(run: Shown) -> Figure:
+def plot_curves(run: RunPicture) -> Figure:
     """A panel for every quantity of the time series."""
     panels = _Panels(run.table, plotstyle.colour(run.scenario.method)).all()
     rows = -(-len(panels) // 2)

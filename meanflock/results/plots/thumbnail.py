@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.results.flown import Flown
+from meanflock.results.flown import FlownKeys
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.run import Shown, places_of
+from meanflock.results.plots.run import RunPicture, places_of
 from meanflock.results.series import per_uav
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
@@ -26,7 +26,7 @@ _BARS = (1, 2, 5)  # lengths of the scale bar, times a power of ten
 COLUMNS = ["x_m", "y_m"]  # of the time series, that a drawing needs
 
 
-def thumbnail(run: Shown) -> str:
+def thumbnail(run: RunPicture) -> str:
     """The drawing of a run, as an SVG element without references to anything outside.
 
     Raises:
@@ -36,7 +36,7 @@ def thumbnail(run: Shown) -> str:
     if not np.isfinite(position).all():
         raise BadInput("positions that are not finite; bring the time series back, or fly the run again")
     goals = np.unique(mission.goals(flown), axis=0)
-    view = _View([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2]])
+    view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2]])
     parts = [
         *_discs(view, flown),
         *_paths(view, position, plotstyle.colour(flown.method)),
@@ -49,7 +49,7 @@ def thumbnail(run: Shown) -> str:
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(parts)}</svg>'
 
 
-class _View:
+class _MapScale:
     """Map from metres to the drawing: equal scales, y upwards, centred."""
 
     def __init__(self, places: Iterable[Floats]) -> None:
@@ -65,7 +65,7 @@ class _View:
         return np.asarray((places - self._middle) * upwards + np.array([WIDTH / 2, HEIGHT / 2]))
 
 
-def _paths(view: _View, position: Floats, colour: str) -> list[str]:
+def _paths(view: _MapScale, position: Floats, colour: str) -> list[str]:
     """The paths of positions (T, N, 2), the last tick included."""
     ticks, uavs, _ = position.shape
     step = max(1, ticks * uavs // _MOST_POINTS)
@@ -78,7 +78,7 @@ def _point(place: Floats) -> str:
     return f"{place[0]:.1f} {place[1]:.1f}"
 
 
-def _squares(view: _View, places: Floats) -> list[str]:
+def _squares(view: _MapScale, places: Floats) -> list[str]:
     """The starts."""
     return [
         f'<rect x="{x - 1.5:.1f}" y="{y - 1.5:.1f}" width="3" height="3" fill="{plotstyle.PALE}"/>'
@@ -86,18 +86,18 @@ def _squares(view: _View, places: Floats) -> list[str]:
     ]
 
 
-def _circles(view: _View, places: Floats, radius: float, look: str) -> list[str]:
+def _circles(view: _MapScale, places: Floats, radius: float, look: str) -> list[str]:
     return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" {look}/>' for x, y in view(places[:_MOST_MARKS])]
 
 
-def _discs(view: _View, flown: Flown | Scenario) -> list[str]:
+def _discs(view: _MapScale, flown: FlownKeys | Scenario) -> list[str]:
     """The obstacles, to scale."""
     look = f'fill="{plotstyle.PALE}" fill-opacity=".5"'
     discs = mission.obstacles(flown)
     return [circle for disc in discs for circle in _circles(view, disc[None, :2], float(disc[2]) * view.scale, look)]
 
 
-def _goals(view: _View, goals: Floats, radius_m: float) -> list[str]:
+def _goals(view: _MapScale, goals: Floats, radius_m: float) -> list[str]:
     """One goal as a ring to scale, several as small crosses."""
     if len(goals) == 1:
         ring = f'fill="none" stroke="{plotstyle.GOAL}" stroke-width="1.6"'
@@ -106,7 +106,7 @@ def _goals(view: _View, goals: Floats, radius_m: float) -> list[str]:
     return [f'<path d="M{x - 2.5:.1f} {y - 2.5:.1f}l5 5m0 -5l-5 5" {look}/>' for x, y in view(goals[:_MOST_MARKS])]
 
 
-def _scale_bar(view: _View) -> str:
+def _scale_bar(view: _MapScale) -> str:
     """A bar of a round length, about a fifth of the width."""
     wanted = WIDTH / 5 / view.scale
     decade = 10.0 ** np.floor(np.log10(wanted))

@@ -10,15 +10,23 @@ from meanflock.results import statistics
 from meanflock.studies import study
 from meanflock.studies.frontier import policies
 from meanflock.studies.frontier.outage import Outages
-from meanflock.studies.frontier.policies import Policy
-from meanflock.studies.frontier.record import SCHEMA, Cell, Flight, Outcomes, Reached, Record, Target
+from meanflock.studies.frontier.policies import CommunicationPolicy
+from meanflock.studies.frontier.record import (
+    SCHEMA,
+    FrontierCell,
+    FrontierRecord,
+    Outcomes,
+    PolicyRecord,
+    Reached,
+    Target,
+)
 from meanflock.studies.frontier.sampling import SamplingPlan, chance_of_error, shortest
-from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search, Stage, Wanted
+from meanflock.studies.frontier.search import SURVEY, FlightOutcome, PolicyFlights, Search, Stage, WantedFlights
 from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights
 from meanflock.studies.leaderboard.measures import TOTAL
-from meanflock.studies.leaderboard.missions import Mission
-from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.leaderboard.missions import BoardMission
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
 from meanflock.swarm import __version__
@@ -30,7 +38,7 @@ CONFIRMATION = 1000  # seeds between the first of the search and the first of th
 _DIGITS = 7
 
 
-class Place(NamedTuple):
+class GridCell(NamedTuple):
     """A cell of the grid."""
 
     mission: str
@@ -40,10 +48,10 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Cell:
-    row: Row
+class _CellSearches:
+    row: BoardRow
     snr_db: float
-    policies: Mapping[str, Policy]
+    policies: Mapping[str, CommunicationPolicy]
     first: Mapping[str, Scenario]  # by policy, with the first seed of the search
     search: Search
 
@@ -52,14 +60,14 @@ class _Cell:
 class Extent:
     """The grid. uavs: numbers of UAVs. outages: of a broadcast of 64 bits. targets: shares of free flights."""
 
-    missions: Sequence[Mission]
-    rows: Sequence[Row]
+    missions: Sequence[BoardMission]
+    rows: Sequence[BoardRow]
     uavs: Sequence[int]
     outages: Sequence[float]
     targets: Sequence[float]
 
 
-class Grid:
+class FrontierGrid:
     """The searches of all cells.
 
     Attributes:
@@ -81,14 +89,14 @@ class Grid:
         self._most = max(plan.flights for plan in self.plans) if most is None else most
         self._first_seed, self._names = first_seed, names
         self.absent: dict[str, str] = {}
-        self._cells: dict[Place, _Cell] = {}
+        self._cells: dict[GridCell, _CellSearches] = {}
         for mission in extent.missions:
             for uavs in extent.uavs:
                 self._add(extent, mission, uavs)
         if not self._cells:
             raise BadInput(f"nothing can be flown: {'; '.join(sorted(set(self.absent.values())))}")
 
-    def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> Record:
+    def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> FrontierRecord:
         """Fly the runs that `store` does not have, until every search has ended; see `study.fly_all`.
 
         `progress` is called with the number of finished runs and an estimate of all.
@@ -96,7 +104,7 @@ class Grid:
         Raises:
             RunFailed: interrupted, disk full or a process died; what was finished is kept.
         """
-        failures: dict[Place, str] = {}
+        failures: dict[GridCell, str] = {}
         while wanted := [(place, one) for place, cell in self._cells.items() for one in cell.search.wanted()]:
             points = {(place, one): self._scenarios(place, one) for place, one in wanted}
             before = sum(len(each.outcomes(stage)) for each in self._flown() for stage in ("search", "confirmation"))
@@ -110,7 +118,7 @@ class Grid:
                 self._cells[place].search.flown[one.policy].outcomes(one.stage).extend(map(outcome, results))
                 failed = next((result[flights.FAILED] for result in results if flights.FAILED in result), "")
                 failures[place] = failures.get(place) or failed
-        return Record(
+        return FrontierRecord(
             schema=SCHEMA,
             version=__version__,
             code=version(),
@@ -123,7 +131,7 @@ class Grid:
             cells=[self._recorded(place, cell, failures.get(place, "")) for place, cell in self._cells.items()],
         )
 
-    def _add(self, extent: Extent, mission: Mission, uavs: int) -> None:
+    def _add(self, extent: Extent, mission: BoardMission, uavs: int) -> None:
         table = {**mission.table(), "uavs": uavs}
         thresholds: list[float] = []
         for row in extent.rows:
@@ -141,21 +149,23 @@ class Grid:
                 continue
             thresholds = thresholds or [*map(Outages(scenario).snr_db, extent.outages)]
             for outage, snr_db in zip(extent.outages, thresholds, strict=True):
-                place = Place(mission.name, row.name, uavs, outage)
+                place = GridCell(mission.name, row.name, uavs, outage)
                 self._cells[place] = self._cell(place, row, snr_db, under, table)
 
-    def _cell(self, place: Place, row: Row, snr_db: float, under: Sequence[Policy], table: dict[str, Any]) -> _Cell:
+    def _cell(
+        self, place: GridCell, row: BoardRow, snr_db: float, under: Sequence[CommunicationPolicy], table: dict[str, Any]
+    ) -> _CellSearches:
         lossy = {**table, "radio": {**table.get("radio", {}), "target_snr_db": snr_db}}
         first = {
             policy.name: policy.applied_to(row).scenario(lossy, self._first_seed, place.mission) for policy in under
         }
-        search = Search(list(first), self.plans, self._most, {name: Flown() for name in first})
-        return _Cell(row, snr_db, {policy.name: policy for policy in under}, first, search)
+        search = Search(list(first), self.plans, self._most, {name: PolicyFlights() for name in first})
+        return _CellSearches(row, snr_db, {policy.name: policy for policy in under}, first, search)
 
-    def _flown(self) -> list[Flown]:
+    def _flown(self) -> list[PolicyFlights]:
         return [flown for cell in self._cells.values() for flown in cell.search.flown.values()]
 
-    def _scenarios(self, place: Place, one: Wanted) -> list[Scenario]:
+    def _scenarios(self, place: GridCell, one: WantedFlights) -> list[Scenario]:
         """The flights of a step of a search that are missing."""
         cell = self._cells[place]
         seed = self._first_seed + _offset(one.stage)
@@ -163,11 +173,11 @@ class Grid:
         first = msgspec.structs.replace(cell.first[one.policy], seed=seed + there)
         return study.seeded(first, one.flights - there)
 
-    def _recorded(self, place: Place, cell: _Cell, failure: str) -> Cell:
+    def _recorded(self, place: GridCell, cell: _CellSearches, failure: str) -> FrontierCell:
         search = cell.search
         names = search.order()
         recorded = [
-            Flight(
+            PolicyRecord(
                 name=name,
                 settings=cell.policies[name].settings,
                 verdicts=[search.verdict(plan, name) for plan in self.plans],
@@ -178,7 +188,7 @@ class Grid:
         ]
         survey = min(SURVEY, self._most)
         tried = [policy for policy in recorded if len(policy.search.free) >= survey]
-        return Cell(
+        return FrontierCell(
             mission=place.mission,
             row=place.row,
             controller=cell.row.controller,
@@ -195,20 +205,20 @@ class Grid:
         )
 
 
-def outcome(result: Mapping[str, Any]) -> Outcome:
+def outcome(result: Mapping[str, Any]) -> FlightOutcome:
     """The outcome of a flight for a search; a flight that failed is not free, and nobody arrived."""
     if flights.FAILED in result:
-        return Outcome(False, 0.0, 0.0)
+        return FlightOutcome(False, 0.0, 0.0)
     free = result["collisions_all"] == 0 and not result["obstacle_hits"]
     kbit = float(f"{result['bits_to_arrival'][TOTAL] / 1e3:.{_DIGITS}g}")
-    return Outcome(free, kbit, result["arrived"] / result["uavs"])
+    return FlightOutcome(free, kbit, result["arrived"] / result["uavs"])
 
 
 def _offset(stage: Stage) -> int:
     return 0 if stage == "search" else CONFIRMATION
 
 
-def _outcomes(flown: Sequence[Outcome]) -> Outcomes:
+def _outcomes(flown: Sequence[FlightOutcome]) -> Outcomes:
     return Outcomes(
         [one.free for one in flown], [one.kbit for one in flown], [round(one.arrived, _DIGITS) for one in flown]
     )

@@ -9,7 +9,7 @@ from meanflock.results import statistics
 from meanflock.studies import equal_bits
 from meanflock.studies.frontier import terminal
 from meanflock.studies.frontier.policies import SILENT
-from meanflock.studies.frontier.record import Cell, Flight, Reached, Record
+from meanflock.studies.frontier.record import FrontierCell, FrontierRecord, PolicyRecord, Reached
 from meanflock.studies.frontier.sampling import SamplingPlan
 from meanflock.studies.frontier.search import ARRIVES, PILOT
 from meanflock.studies.markdown import table
@@ -18,7 +18,7 @@ PICTURES = "pictures/frontier"
 NOT_CONFIRMED = "not confirmed"
 
 
-def page(record: Record) -> str:
+def page(record: FrontierRecord) -> str:
     """The whole page, with a place for the ranking of `equal_bits`."""
     first, *others = record.missions()
     parts = [
@@ -41,7 +41,7 @@ def page(record: Record) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def coverage(record: Record) -> str:
+def coverage(record: FrontierRecord) -> str:
     """A sentence on the extent of the grid and the flights."""
     flights = sum(
         len(policy.search.free) + len(policy.confirmation.free) for cell in record.cells for policy in cell.policies
@@ -57,7 +57,7 @@ def coverage(record: Record) -> str:
 # -- findings ----------------------------------------------------------------------------------------------------------
 
 
-def findings(record: Record) -> list[str]:
+def findings(record: FrontierRecord) -> list[str]:
     """One sentence or two for each thing that the record shows, for the first mission."""
     (mission, *_), target = record.missions(), len(record.targets) - 1
     return [
@@ -69,7 +69,7 @@ def findings(record: Record) -> list[str]:
     ]
 
 
-def _cheapest(record: Record, mission: str, target: int) -> Iterator[str]:
+def _cheapest(record: FrontierRecord, mission: str, target: int) -> Iterator[str]:
     """The cheapest controller that shares, for each number of UAVs and each loss."""
     for uavs in record.sizes():
         texts = []
@@ -94,7 +94,7 @@ def _cheapest(record: Record, mission: str, target: int) -> Iterator[str]:
             )
 
 
-def _of_loss(record: Record, mission: str, target: int) -> Iterator[str]:
+def _of_loss(record: FrontierRecord, mission: str, target: int) -> Iterator[str]:
     """Bits at the largest loss beside those at the smallest."""
     texts = []
     for name in _names(record):
@@ -111,7 +111,7 @@ def _of_loss(record: Record, mission: str, target: int) -> Iterator[str]:
         )
 
 
-def _of_density(record: Record, mission: str, target: int) -> Iterator[str]:
+def _of_density(record: FrontierRecord, mission: str, target: int) -> Iterator[str]:
     """Bits of a UAV in the largest swarm beside those in the smallest."""
     few, many = record.sizes()[0], record.sizes()[-1]
     factors: dict[str, list[float]] = {}
@@ -127,7 +127,7 @@ def _of_density(record: Record, mission: str, target: int) -> Iterator[str]:
         yield f"**What density costs**: bits of one UAV among {many} beside one among {few}. {'; '.join(texts)}."
 
 
-def _never(record: Record, mission: str) -> str:
+def _never(record: FrontierRecord, mission: str) -> str:
     losses: dict[tuple[str, str], list[str]] = {}  # by the words before and after them
     for cell in record.cells_of(mission):
         missed = [each.name for each, reached in zip(record.targets, cell.reached, strict=True) if reached is None]
@@ -139,7 +139,7 @@ def _never(record: Record, mission: str) -> str:
     return f"**Never reached**: {'; '.join(texts) or 'nothing; every controller reaches every target'}."
 
 
-def _without_radio(record: Record, mission: str) -> Iterator[str]:
+def _without_radio(record: FrontierRecord, mission: str) -> Iterator[str]:
     silent = [cell for cell in record.cells_of(mission) if _is_silent(cell)]
     for name in dict.fromkeys(cell.row for cell in silent):
         own = [cell for cell in silent if cell.row == name]
@@ -155,7 +155,7 @@ def _without_radio(record: Record, mission: str) -> Iterator[str]:
 # -- method and negative results ---------------------------------------------------------------------------------------
 
 
-def method(record: Record) -> list[str]:
+def method(record: FrontierRecord) -> list[str]:
     """Paragraphs on how the numbers were found."""
     plans = "; ".join(f"{one.name}: {one.flights} flights, {one.failures} may fail" for one in record.targets)
     most = max(len(cell.policies) for cell in record.cells)
@@ -184,7 +184,7 @@ def method(record: Record) -> list[str]:
     ]
 
 
-def negative(record: Record) -> list[str]:
+def negative(record: FrontierRecord) -> list[str]:
     """Policies that did not help, and the limits of the method."""
     sharing = [cell for cell in record.cells if not _is_silent(cell)]
     last = record.targets[-1]
@@ -220,7 +220,7 @@ def negative(record: Record) -> list[str]:
     ]
 
 
-def _not_safer(record: Record, cells: Sequence[Cell]) -> Iterator[str]:
+def _not_safer(record: FrontierRecord, cells: Sequence[FrontierCell]) -> Iterator[str]:
     """How often the dearer one of two policies next to each other by bits had fewer free flights in the survey."""
     falls = []
     for cell in cells:
@@ -233,7 +233,7 @@ def _not_safer(record: Record, cells: Sequence[Cell]) -> Iterator[str]:
         )
 
 
-def _compared(record: Record, cells: Sequence[Cell], *names: str) -> Iterator[str]:
+def _compared(record: FrontierRecord, cells: Sequence[FrontierCell], *names: str) -> Iterator[str]:
     """Two policies in the cells in which both flew the survey: their free flights and their bits."""
     both = [cell for cell in cells if {*names} <= {policy.name for policy in _surveyed(record, cell)}]
     if not both:
@@ -247,11 +247,11 @@ def _compared(record: Record, cells: Sequence[Cell], *names: str) -> Iterator[st
     yield f"What to send beside how often, in the {len(both)} cells where both flew the survey: {'; '.join(texts)}."
 
 
-def _surveyed(record: Record, cell: Cell) -> list[Flight]:
+def _surveyed(record: FrontierRecord, cell: FrontierCell) -> list[PolicyRecord]:
     return [policy for policy in cell.policies if len(policy.search.free) >= record.survey]
 
 
-def _of_every_tick(cells: Sequence[Cell]) -> Iterator[float]:
+def _of_every_tick(cells: Sequence[FrontierCell]) -> Iterator[float]:
     """Bits of the policy `tick` beside those of the policy that was named, in the flights of the pilot."""
     for cell in cells:
         reached = cell.reached[-1]
@@ -263,7 +263,7 @@ def _of_every_tick(cells: Sequence[Cell]) -> Iterator[float]:
 # -- parts -------------------------------------------------------------------------------------------------------------
 
 
-def _question(record: Record) -> str:
+def _question(record: FrontierRecord) -> str:
     targets = _list([target.name for target in record.targets])
     return (
         "How many bits must a swarm send so that its flights are shown to be free of collisions? For each "
@@ -272,7 +272,7 @@ def _question(record: Record) -> str:
     )
 
 
-def _tables(record: Record, mission: str) -> Iterator[str]:
+def _tables(record: FrontierRecord, mission: str) -> Iterator[str]:
     for uavs in record.sizes():
         if cells := record.cells_of(mission, uavs):
             head = ("row", "lost, %", *(f"{target.name} free" for target in record.targets), "best share")
@@ -300,32 +300,32 @@ def _picture(mission: str) -> str:
     return f"![{about}]({PICTURES}/{Path(mission).stem}.png)"
 
 
-def _shown(record: Record, mission: str, uavs: int, loss: float, target: int) -> list[Cell]:
+def _shown(record: FrontierRecord, mission: str, uavs: int, loss: float, target: int) -> list[FrontierCell]:
     """Cells of a loss whose controllers broadcast and reached a target, from the cheapest to the dearest."""
     cells = [cell for cell in record.cells_of(mission, uavs) if cell.outage == loss and not _is_silent(cell)]
     found = [(one.kbit, cell) for cell in cells if (one := cell.reached[target]) is not None]
     return [cell for _, cell in sorted(found, key=lambda each: each[0])]
 
 
-def _confirmed(record: Record, cell: Cell, target: int) -> list[float]:
+def _confirmed(record: FrontierRecord, cell: FrontierCell, target: int) -> list[float]:
     """Payloads of the flights that confirmed a target, kbit, in the order of their seeds."""
     reached = cell.reached[target]
     return [] if reached is None else cell.policy(reached.policy).confirmation.kbit[: record.targets[target].flights]
 
 
-def _same(cell: Cell, other: Cell) -> bool:
+def _same(cell: FrontierCell, other: FrontierCell) -> bool:
     return (cell.row, cell.outage) == (other.row, other.outage)
 
 
-def _is_silent(cell: Cell) -> bool:
+def _is_silent(cell: FrontierCell) -> bool:
     return [policy.name for policy in cell.policies] == [SILENT]
 
 
-def _names(record: Record) -> list[str]:
+def _names(record: FrontierRecord) -> list[str]:
     return list(dict.fromkeys(cell.row for cell in record.cells))
 
 
-def _losses(cells: Sequence[Cell]) -> list[float]:
+def _losses(cells: Sequence[FrontierCell]) -> list[float]:
     return sorted({cell.outage for cell in cells})
 
 

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from meanflock.results.plots import plotstyle
-from meanflock.studies.frontier.record import Cell, Record
+from meanflock.studies.frontier.record import FrontierCell, FrontierRecord
 
 _PANEL_IN = 3.0
 _ROOM = 2.3  # factor above and below the bits: two of 1, 2, 5, 10, … lie within its square
@@ -18,7 +18,7 @@ _NEVER = 0.93  # height of the marks of a target that was never reached, of the 
 _LEADS = (1.0, 2.0, 5.0)
 
 
-def draw(record: Record, mission: str) -> Figure:
+def draw(record: FrontierRecord, mission: str) -> Figure:
     """The picture of a mission."""
     sizes = [uavs for uavs in record.sizes() if record.cells_of(mission, uavs)]
     names = list(dict.fromkeys(cell.row for cell in record.cells_of(mission)))
@@ -44,7 +44,7 @@ def draw(record: Record, mission: str) -> Figure:
     return figure
 
 
-def write(record: Record, out: Path) -> list[Path]:
+def write(record: FrontierRecord, out: Path) -> list[Path]:
     """Writes `out`/MISSION.png and .svg for each mission.
 
     Raises:
@@ -56,7 +56,7 @@ def write(record: Record, out: Path) -> list[Path]:
     ]
 
 
-def _panel(ax: Axes, cells: Sequence[Cell], target: int, looks: Mapping[str, plotstyle.Look]) -> None:
+def _panel(ax: Axes, cells: Sequence[FrontierCell], target: int, looks: Mapping[str, plotstyle.MethodLook]) -> None:
     """The lines of a target. A line has a gap, and a cross at the top, where the target was never reached."""
     for number, (name, look) in enumerate(looks.items()):
         own = sorted((cell for cell in cells if cell.row == name), key=lambda cell: cell.outage)
@@ -69,7 +69,7 @@ def _panel(ax: Axes, cells: Sequence[Cell], target: int, looks: Mapping[str, plo
         ax.plot(never, height, "x", color=look.colour, markersize=5, transform=ax.get_xaxis_transform())
 
 
-def _axes(ax: Axes, cells: Sequence[Cell]) -> None:
+def _axes(ax: Axes, cells: Sequence[FrontierCell]) -> None:
     """Axes that all panels share: the losses that were flown, and numbers for the bits."""
     losses = sorted({100.0 * cell.outage for cell in cells})
     ax.set_xticks(losses, [f"{loss:g}" for loss in losses])

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from meanflock.federation.plan import plan_of
-from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.swarm.errors import BadInput, meant
 
 SILENT = "silent"
@@ -16,21 +16,21 @@ OWN = "own"  # of a row that sets the keys itself, or of a controller that knows
 _KEYS = {"states": ("sharing.",), "models": ("federation.payload", "federation.broadcast_payload")}
 
 
-class Policy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CommunicationPolicy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A policy. settings: dotted keys of the scenario."""
 
     name: str
     settings: dict[str, Any] = {}  # msgspec copies it
 
-    def applied_to(self, row: Row) -> Row:
+    def applied_to(self, row: BoardRow) -> BoardRow:
         """The row under this policy, under the same name."""
         return msgspec.structs.replace(row, method=row.controller, settings={**row.settings, **self.settings})
 
 
-def shipped() -> dict[str, tuple[Policy, ...]]:
+def shipped() -> dict[str, tuple[CommunicationPolicy, ...]]:
     """The policies of policies.toml: of `states` and of `models`."""
     return msgspec.toml.decode(
-        Path(__file__).with_name("policies.toml").read_bytes(), type=dict[str, tuple[Policy, ...]]
+        Path(__file__).with_name("policies.toml").read_bytes(), type=dict[str, tuple[CommunicationPolicy, ...]]
     )
 
 
@@ -48,7 +48,7 @@ def check(names: Sequence[str]) -> None:
             )
 
 
-def of_row(row: Row, table: dict[str, Any], where: str, names: Sequence[str] = ()) -> list[Policy]:
+def of_row(row: BoardRow, table: dict[str, Any], where: str, names: Sequence[str] = ()) -> list[CommunicationPolicy]:
     """The policies under which a row flies a mission's table: those of what its UAVs send; silent if that is nothing.
 
     Args:
@@ -61,15 +61,17 @@ def of_row(row: Row, table: dict[str, Any], where: str, names: Sequence[str] = (
     kinds = [kind for kind, sends in (("states", declared.shares), ("models", declared.is_federated)) if sends]
     parts = [_of_kind(kind, row, names) for kind in kinds]
     if not parts:
-        return [Policy(OWN if declared.broadcast_numbers else SILENT)]
+        return [CommunicationPolicy(OWN if declared.broadcast_numbers else SILENT)]
     return [
-        Policy(", ".join(policy.name for policy in each), {k: v for policy in each for k, v in policy.settings.items()})
+        CommunicationPolicy(
+            ", ".join(policy.name for policy in each), {k: v for policy in each for k, v in policy.settings.items()}
+        )
         for each in product(*parts)
     ]
 
 
-def _of_kind(kind: str, row: Row, names: Sequence[str]) -> Sequence[Policy]:
+def _of_kind(kind: str, row: BoardRow, names: Sequence[str]) -> Sequence[CommunicationPolicy]:
     if any(key.startswith(_KEYS[kind]) for key in row.settings):
-        return [Policy(OWN)]
+        return [CommunicationPolicy(OWN)]
     every = shipped()[kind]
     return [policy for policy in every if policy.name in names] or every

@@ -69,7 +69,7 @@ class Outcomes(msgspec.Struct, frozen=True):
         return statistics.share(self.free[:flights])
 
 
-class Flight(msgspec.Struct, frozen=True):
+class PolicyRecord(msgspec.Struct, frozen=True):
     """A policy in a cell. verdicts: one for each target."""
 
     name: str
@@ -91,7 +91,7 @@ class Reached(msgspec.Struct, frozen=True):
     kbit_high: float
 
 
-class Cell(msgspec.Struct, frozen=True):
+class FrontierCell(msgspec.Struct, frozen=True):
     """A controller in a mission with a number of UAVs and an outage. policies: from cheap to dear. reached: one for
     each target. error: bound on the probability of a wrong name, for each target. best: policy with the best share."""
 
@@ -104,12 +104,12 @@ class Cell(msgspec.Struct, frozen=True):
     outage: float
     target_snr_db: float
     error: float
-    policies: list[Flight]
+    policies: list[PolicyRecord]
     reached: list[Reached | None]
     best: str
     why: str = ""
 
-    def policy(self, name: str) -> Flight:
+    def policy(self, name: str) -> PolicyRecord:
         """A policy by its name."""
         return next(policy for policy in self.policies if policy.name == name)
 
@@ -127,7 +127,7 @@ class Target(msgspec.Struct, frozen=True):
         return f"{100 * self.share:g} %"
 
 
-class Record(msgspec.Struct, frozen=True):
+class FrontierRecord(msgspec.Struct, frozen=True):
     """A frontier, see `FIELDS`."""
 
     schema: int
@@ -139,7 +139,7 @@ class Record(msgspec.Struct, frozen=True):
     survey: int
     targets: list[Target]
     absent: dict[str, str]
-    cells: list[Cell]
+    cells: list[FrontierCell]
 
     def encode(self) -> bytes:
         """JSON, a line a cell."""
@@ -177,7 +177,7 @@ class Record(msgspec.Struct, frozen=True):
         """The numbers of UAVs, ascending."""
         return sorted({cell.uavs for cell in self.cells})
 
-    def cells_of(self, mission: str, uavs: int | None = None) -> list[Cell]:
+    def cells_of(self, mission: str, uavs: int | None = None) -> list[FrontierCell]:
         """The cells of a mission, and of a number of UAVs."""
         return [cell for cell in self.cells if cell.mission == mission and uavs in (None, cell.uavs)]
 
@@ -186,14 +186,14 @@ class Record(msgspec.Struct, frozen=True):
         return list(dict.fromkeys(cell.mission for cell in self.cells))
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> FrontierRecord:
     """Read a frontier.
 
     Raises:
         BadInput: the file is not a frontier of this version.
     """
     try:
-        found = msgspec.json.decode(paths.read(path), type=Record)
+        found = msgspec.json.decode(paths.read(path), type=FrontierRecord)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; give the frontier.json of `meanflock frontier`") from error
     except msgspec.MsgspecError as error:

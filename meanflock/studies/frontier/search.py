@@ -27,7 +27,7 @@ STAGES: tuple[Stage, ...] = ("search", "confirmation")
 Verdict = Literal["reached", "collisions", "not confirmed", "not arrived", "too few flights", "not needed", "open"]
 
 
-class Outcome(NamedTuple):
+class FlightOutcome(NamedTuple):
     """One flight. free: no collision and no hit. kbit: payload until the last arrival. arrived: share of the UAVs."""
 
     free: bool
@@ -35,7 +35,7 @@ class Outcome(NamedTuple):
     arrived: float
 
 
-class Wanted(NamedTuple):
+class WantedFlights(NamedTuple):
     """Flights that a search needs next: the first `flights` seeds of a stage, under a policy."""
 
     policy: str
@@ -44,13 +44,13 @@ class Wanted(NamedTuple):
 
 
 @dataclass
-class Flown:
+class PolicyFlights:
     """The flights of a policy, in the order of their seeds."""
 
-    search: list[Outcome] = field(default_factory=list)
-    confirmation: list[Outcome] = field(default_factory=list)
+    search: list[FlightOutcome] = field(default_factory=list)
+    confirmation: list[FlightOutcome] = field(default_factory=list)
 
-    def outcomes(self, stage: Stage) -> list[Outcome]:
+    def outcomes(self, stage: Stage) -> list[FlightOutcome]:
         """The flights of a stage."""
         return self.search if stage == "search" else self.confirmation
 
@@ -65,26 +65,28 @@ class Search:
     policies: Sequence[str]
     plans: Sequence[SamplingPlan]
     most: int
-    flown: Mapping[str, Flown]
+    flown: Mapping[str, PolicyFlights]
 
-    def wanted(self) -> list[Wanted]:
+    def wanted(self) -> list[WantedFlights]:
         """The flights that are needed next; none if the search has ended."""
         pilot = min(PILOT, self.most)
-        first = [Wanted(name, "search", pilot) for name in self.policies if len(self.flown[name].search) < pilot]
+        first = [WantedFlights(name, "search", pilot) for name in self.policies if len(self.flown[name].search) < pilot]
         if first:
             return first
         survey = min(SURVEY, self.most)
         if not any(plan.flights <= self.most for plan in self.plans):
-            return [Wanted(name, "search", survey) for name in self.order() if len(self.flown[name].search) < survey]
+            return [
+                WantedFlights(name, "search", survey) for name in self.order() if len(self.flown[name].search) < survey
+            ]
         for name in self.order():
             if not self._missing(before=name):
                 return []
             if len(self.flown[name].search) < survey:
-                return [Wanted(name, "search", survey)]
+                return [WantedFlights(name, "search", survey)]
             for stage in STAGES:
                 flights = [self._next(plan, name, stage) for plan in self._missing(before=name)]
                 if any(flights):
-                    return [Wanted(name, stage, min(number for number in flights if number))]
+                    return [WantedFlights(name, stage, min(number for number in flights if number))]
         return []
 
     def order(self) -> list[str]:
@@ -147,19 +149,19 @@ class Search:
         return _accepts(plan, flown.search) and _accepts(plan, flown.confirmation)
 
 
-def _accepts(plan: SamplingPlan, flights: Sequence[Outcome]) -> bool:
+def _accepts(plan: SamplingPlan, flights: Sequence[FlightOutcome]) -> bool:
     return plan.answer(_free(flights)) == "accepted" and _arrives(plan, flights)
 
 
-def _arrives(plan: SamplingPlan, flights: Sequence[Outcome]) -> bool:
+def _arrives(plan: SamplingPlan, flights: Sequence[FlightOutcome]) -> bool:
     """Returns whether enough UAVs arrived in the flights of a plan."""
     within = flights[: plan.flights]
     return sum(flight.arrived for flight in within) >= ARRIVES * len(within)
 
 
-def _free(flights: Sequence[Outcome]) -> list[bool]:
+def _free(flights: Sequence[FlightOutcome]) -> list[bool]:
     return [flight.free for flight in flights]
 
 
-def _kbit(flights: Sequence[Outcome]) -> float:
+def _kbit(flights: Sequence[FlightOutcome]) -> float:
     return sum(flight.kbit for flight in flights) / len(flights)

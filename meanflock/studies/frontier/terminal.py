@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from rich.table import Table
 
-from meanflock.studies.frontier.record import Cell, Record
+from meanflock.studies.frontier.record import FrontierCell, FrontierRecord
 from meanflock.studies.leaderboard.tables import not_flown
 from meanflock.studies.leaderboard.terminal import empty
 
@@ -14,7 +14,7 @@ CAPTION = (
 )
 
 
-def tables(record: Record) -> Iterator[Table]:
+def tables(record: FrontierRecord) -> Iterator[Table]:
     """A table for each mission and number of UAVs."""
     for mission in record.missions():
         for uavs in record.sizes():
@@ -22,7 +22,7 @@ def tables(record: Record) -> Iterator[Table]:
                 yield _table(record, cells, f"{mission}, {uavs} UAVs")
 
 
-def notes(record: Record) -> list[str]:
+def notes(record: FrontierRecord) -> list[str]:
     """Remarks on the whole frontier: plans that are too long, rows that did not fly, flights that failed."""
     remarks = [
         f"{target.name} takes {target.flights} flights of a policy, and --seeds allows {record.flights}: "
@@ -38,13 +38,13 @@ def notes(record: Record) -> list[str]:
     ]
 
 
-def best(cell: Cell, survey: int) -> str:
+def best(cell: FrontierCell, survey: int) -> str:
     """The best share of free flights that a policy had in the survey: `9/10 event-4`."""
     policy = cell.policy(cell.best)
     return f"{sum(policy.search.free[:survey])}/{survey} {policy.name}"
 
 
-def _table(record: Record, cells: list[Cell], title: str) -> Table:
+def _table(record: FrontierRecord, cells: list[FrontierCell], title: str) -> Table:
     table = empty(title)
     table.add_column("loss\n(%)", justify="right", no_wrap=True)
     for target in record.targets:

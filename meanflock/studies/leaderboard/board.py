@@ -67,7 +67,7 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
 )
 
 
-class Cell(msgspec.Struct, frozen=True):
+class BoardCell(msgspec.Struct, frozen=True):
     """Mean over n flights with its 95 % interval, null if there is none; best: significantly better than all other
     rows; least: of all flights.
     """
@@ -97,7 +97,7 @@ class Standing(msgspec.Struct, frozen=True):
     about: str
     settings: dict[str, Any]
     yours: bool
-    cells: dict[str, Cell]
+    cells: dict[str, BoardCell]
     kbit_by_kind: dict[str, float]
     values: dict[str, list[float | None]]
     lost: int = 0
@@ -186,7 +186,7 @@ def rounded(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
-def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
+def cells(columns: dict[str, Floats]) -> dict[str, BoardCell]:
     """Cells of a row, without marks. columns: measures by key, (K,)."""
     result = {}
     for key, values in columns.items():
@@ -196,7 +196,7 @@ def cells(columns: dict[str, Floats]) -> dict[str, Cell]:
         found = statistics.share(known > 0.5) if BY_KEY[key].share else statistics.mean(known)
         low, high = (found.low, found.high) if found.bounded else (None, None)
         least = float(known.min()) if BY_KEY[key].least else None
-        result[key] = Cell(found.value, low, high, found.n, least=least)
+        result[key] = BoardCell(found.value, low, high, found.n, least=least)
     return result
 
 

@@ -11,8 +11,8 @@ from meanflock.studies.leaderboard import flights
 from meanflock.studies.leaderboard.board import SCHEMA, Board, Course, Standing, cells, marked, rounded
 from meanflock.studies.leaderboard.front import Fronts
 from meanflock.studies.leaderboard.measures import BY_KEY, TOTAL, of_flight
-from meanflock.studies.leaderboard.missions import Mission
-from meanflock.studies.leaderboard.rows import Row
+from meanflock.studies.leaderboard.missions import BoardMission
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
 from meanflock.swarm import __version__
@@ -37,8 +37,8 @@ class Contest:
 
     def __init__(
         self,
-        missions: Sequence[Mission],
-        rows: Sequence[Row],
+        missions: Sequence[BoardMission],
+        rows: Sequence[BoardRow],
         seeds: int,
         first_seed: int,
         policies: Sequence[str] = (DEFAULT_POLICY,),
@@ -49,7 +49,7 @@ class Contest:
             BadInput: the file of a mission is damaged, a shipped row is invalid, or nothing can be flown.
         """
         self._missions, self._policies = missions, list(policies)
-        self._rows: dict[str, list[Row]] = {mission.name: [] for mission in missions}
+        self._rows: dict[str, list[BoardRow]] = {mission.name: [] for mission in missions}
         self._seeds = list(range(first_seed, first_seed + seeds))
         self.points: Points = {}
         self.absent: dict[str, dict[str, str]] = {}
@@ -82,7 +82,7 @@ class Contest:
         courses = [self._course(mission, flown) for mission in self._missions]
         return Board(SCHEMA, __version__, version(), self._seeds, courses, self._policies)
 
-    def _course(self, mission: Mission, flown: Mapping[tuple[str, str], study.Summaries]) -> Course:
+    def _course(self, mission: BoardMission, flown: Mapping[tuple[str, str], study.Summaries]) -> Course:
         flying = self._rows[mission.name]
         standings: list[Standing] = []
         line: tuple[list[float], list[float]] = [], []
@@ -110,7 +110,7 @@ class Contest:
         )
 
 
-def _standing(row: Row, mission: Mission, fronts: Fronts, flown: study.Summaries) -> Standing:
+def _standing(row: BoardRow, mission: BoardMission, fronts: Fronts, flown: study.Summaries) -> Standing:
     nothing = dict.fromkeys(BY_KEY, np.nan)
     discs = len(obstacles(fronts.scenario))
     numbers = [

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from meanflock.results.plots import plotstyle
 from meanflock.studies.leaderboard.board import Course
-from meanflock.studies.leaderboard.missions import Mission
+from meanflock.studies.leaderboard.missions import BoardMission
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Gust
@@ -72,7 +72,7 @@ def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:
     drawn = {}
     for course in courses:
         try:
-            flown = validated({**Mission(course.name).table(), "uavs": course.uavs}, Scenario, course.name)
+            flown = validated({**BoardMission(course.name).table(), "uavs": course.uavs}, Scenario, course.name)
         except BadInput:  # the reader's own mission, on another machine
             continue
         drawn[course.name] = plotstyle.save(draw(flown), out, f"{Path(course.name).stem}-map")[0]

@@ -15,7 +15,7 @@ _OF_ROWS = ("method", "controller", "filter", "sharing", "seed", "federation.per
 ACCELERATION_MAX_M_S2 = 6.0  # of a mission that sets no limit itself
 
 
-class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BoardMission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """name: of its scenario file. title, about: in words. time_price_W: price of a second, J/s, if a mission weighs
     energy against time, else None."""
 
@@ -41,13 +41,13 @@ class Mission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return table
 
 
-def shipped() -> tuple[Mission, ...]:
+def shipped() -> tuple[BoardMission, ...]:
     """The missions of missions.toml, in their order."""
     text = Path(__file__).with_name("missions.toml").read_bytes()
-    return msgspec.toml.decode(text, type=dict[str, tuple[Mission, ...]])["mission"]
+    return msgspec.toml.decode(text, type=dict[str, tuple[BoardMission, ...]])["mission"]
 
 
-def chosen(names: Iterable[str]) -> list[Mission]:
+def chosen(names: Iterable[str]) -> list[BoardMission]:
     """Missions by name, each once; `all` for those of missions.toml. Any other shipped scenario or a TOML file is one,
     too.
 
@@ -55,14 +55,14 @@ def chosen(names: Iterable[str]) -> list[Mission]:
         BadInput: an unknown name.
     """
     known = {mission.name: mission for mission in shipped()}
-    missions: dict[str, Mission] = {}
+    missions: dict[str, BoardMission] = {}
     for name in names:
         if name == ALL:
             missions |= known
         elif name in known:
             missions[name] = known[name]
         elif paths.given(name).is_file() or _path(name) in toml.shipped():
-            missions[name] = Mission(name, Path(name).stem)
+            missions[name] = BoardMission(name, Path(name).stem)
         else:
             what = f"no such mission{meant(name, known)}"
             raise BadInput(f"--missions {name}: {what}; there are {', '.join(known)}; or name a TOML file")

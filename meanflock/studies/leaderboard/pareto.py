@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from meanflock.results.plots import plotstyle
 from meanflock.studies.leaderboard import labels, rows
-from meanflock.studies.leaderboard.board import Cell, Course, Standing
+from meanflock.studies.leaderboard.board import BoardCell, Course, Standing
 from meanflock.studies.leaderboard.labels import Block, Numbered
 from meanflock.studies.leaderboard.marks import COMPETES
 
 
-class Look(NamedTuple):
+class FamilyLook(NamedTuple):
     """Colour, marker and its size of a family."""
 
     colour: str
@@ -32,16 +32,16 @@ class Look(NamedTuple):
 
 # Okabe and Ito's colours, the light ones darker, so that digits can be read.
 LOOKS = {
-    "paper": Look("#0072B2", "o"),
-    "without radio": Look("#6E6E6E", "s", 4.2),
-    "classics": Look("#D55E00", "^", 5.0),
-    "planners": Look("#007A5A", "D", 4.0),
-    "learners": Look("#B0478A", "v", 5.0),
-    "wind": Look("#B07A00", "P", 5.2),
-    "policy": Look("#5B3A9E", "X", 5.2),
+    "paper": FamilyLook("#0072B2", "o"),
+    "without radio": FamilyLook("#6E6E6E", "s", 4.2),
+    "classics": FamilyLook("#D55E00", "^", 5.0),
+    "planners": FamilyLook("#007A5A", "D", 4.0),
+    "learners": FamilyLook("#B0478A", "v", 5.0),
+    "wind": FamilyLook("#B07A00", "P", 5.2),
+    "policy": FamilyLook("#5B3A9E", "X", 5.2),
 }
 OTHERS, YOURS = "others", "yours"  # families of rows that rows.toml does not have
-LOOKS |= {OTHERS: Look("#222222", "p", 5.0), YOURS: Look("#CC2222", "*", 11.0)}
+LOOKS |= {OTHERS: FamilyLook("#222222", "p", 5.0), YOURS: FamilyLook("#CC2222", "*", 11.0)}
 _WIDTH_IN, _HEIGHT_IN = 9.6, 5.2
 _LINE_IN, _NAME_PT, _LETTER_IN = 0.128, 6.8, 0.058  # of the legend: height of a line, size and width of a letter
 _LEADS = (
@@ -56,7 +56,7 @@ _LEAST_KBIT, _LEAST_PAIRS = 1.0, 0.1  # below, the axes are linear, so that noth
 Keys = tuple[str, str]  # measures across and up
 
 
-class Shown(NamedTuple):
+class NumberedRow(NamedTuple):
     """A row in a picture, with its number."""
 
     number: int
@@ -64,7 +64,7 @@ class Shown(NamedTuple):
     family: str
 
     @property
-    def look(self) -> Look:
+    def look(self) -> FamilyLook:
         """Look of its family."""
         return LOOKS[self.family]
 
@@ -86,9 +86,9 @@ def draw(course: Course) -> Figure:
     return figure
 
 
-def shown(course: Course) -> list[Shown]:
+def shown(course: Course) -> list[NumberedRow]:
     """The rows that are drawn. Their numbers are their places in the table, from 1."""
-    return [Shown(number, row, _family(row)) for number, row in enumerate(course.standings, 1) if drawn(row)]
+    return [NumberedRow(number, row, _family(row)) for number, row in enumerate(course.standings, 1) if drawn(row)]
 
 
 def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:
@@ -114,7 +114,7 @@ def _family(row: Standing) -> str:
     return found if found in LOOKS else OTHERS
 
 
-def _time_energy(ax: Axes, course: Course, points: Sequence[Shown]) -> None:
+def _time_energy(ax: Axes, course: Course, points: Sequence[NumberedRow]) -> None:
     if course.front_s:
         ax.plot(course.front_s, course.front_J, color=plotstyle.INK, linewidth=1.2)
         ax.fill_between(course.front_s, course.front_J, color=plotstyle.PALE, alpha=0.18, linewidth=0)
@@ -136,7 +136,7 @@ def _time_energy(ax: Axes, course: Course, points: Sequence[Shown]) -> None:
     plotstyle.titled(ax, "a", "time and energy; grey: infeasible")
 
 
-def _bits_collisions(ax: Axes, points: Sequence[Shown]) -> None:
+def _bits_collisions(ax: Axes, points: Sequence[NumberedRow]) -> None:
     for point in points:
         _point(ax, point, "kbit", "collisions_all")
     most_kbit, most_pairs = np.array([_means(point.row, ("kbit", "collisions_all")) for point in points]).max(axis=0)
@@ -151,7 +151,7 @@ def _bits_collisions(ax: Axes, points: Sequence[Shown]) -> None:
     plotstyle.titled(ax, "b", "bits and collisions: best is below left")
 
 
-def _point(ax: Axes, point: Shown, across: str, up: str) -> None:
+def _point(ax: Axes, point: NumberedRow, across: str, up: str) -> None:
     """Point and intervals of a row."""
     x, y = point.row.cells[across], point.row.cells[up]
     tone, marker, size = point.look
@@ -164,13 +164,15 @@ def _point(ax: Axes, point: Shown, across: str, up: str) -> None:
     )  # fmt: skip
 
 
-def _number(ax: Axes, points: Sequence[Shown], keys: Keys, lines: Sequence[NDArray[np.float64]] = ()) -> list[Block]:
+def _number(
+    ax: Axes, points: Sequence[NumberedRow], keys: Keys, lines: Sequence[NDArray[np.float64]] = ()
+) -> list[Block]:
     """Write the numbers of the rows, off their intervals and off `lines`."""
     numbered = [Numbered(point.number, *_means(point.row, keys), point.look.colour) for point in points]
     return labels.number(ax, numbered, [*lines, *(bar for point in points for bar in _bars(point.row, keys))])
 
 
-def _legend(ax: Axes, points: Sequence[Shown], has_front: bool) -> None:
+def _legend(ax: Axes, points: Sequence[NumberedRow], has_front: bool) -> None:
     """The names of the numbers, by family, and what else the marks mean."""
     ax.set_axis_off()
     families = [family for family in LOOKS if any(point.family == family for point in points)]
@@ -210,7 +212,7 @@ def _legend(ax: Axes, points: Sequence[Shown], has_front: bool) -> None:
         ax.text(0.18, y, "least energy of one UAV", fontsize=size, va="center_baseline")
 
 
-def _legend_in(points: Sequence[Shown]) -> float:
+def _legend_in(points: Sequence[NumberedRow]) -> float:
     """Width of the legend, in."""
     return 0.45 + _LETTER_IN * max(20, *(len(point.row.name) for point in points))
 
@@ -219,7 +221,7 @@ def _arrives(row: Standing) -> bool:
     return row.cells["arrived"].mean >= COMPETES
 
 
-def _bar(cell: Cell) -> NDArray[np.float64] | None:
+def _bar(cell: BoardCell) -> NDArray[np.float64] | None:
     if cell.low is None or cell.high is None:
         return None
     return np.array([[cell.mean - max(cell.low, 0.0)], [cell.high - cell.mean]])

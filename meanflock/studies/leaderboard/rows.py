@@ -15,7 +15,7 @@ from meanflock.swarm.scenario.tables import POLICIES
 ALL = "all"
 
 
-class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BoardRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A row as rows.toml has it.
 
     name: in tables. method: the controller; unset: as `name`. about: short description. settings: dotted keys of
@@ -36,7 +36,7 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The name of its controller."""
         return self.method or self.name
 
-    def under(self, policies: Sequence[str], table: dict[str, Any], where: str) -> list["Row"]:
+    def under(self, policies: Sequence[str], table: dict[str, Any], where: str) -> list["BoardRow"]:
         """The row for each policy of communication, named such as `orca/event` if there are several.
 
         A row whose UAVs share no states is returned once, unchanged, and so is one that sets `sharing` itself.
@@ -72,10 +72,10 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return flown
 
 
-def shipped() -> tuple[Row, ...]:
+def shipped() -> tuple[BoardRow, ...]:
     """The rows of rows.toml, in their order."""
     text = Path(__file__).with_name("rows.toml").read_bytes()
-    return msgspec.toml.decode(text, type=dict[str, tuple[Row, ...]])["row"]
+    return msgspec.toml.decode(text, type=dict[str, tuple[BoardRow, ...]])["row"]
 
 
 def family(name: str, controller: str) -> str:
@@ -84,7 +84,7 @@ def family(name: str, controller: str) -> str:
     return found.get(name, found.get(controller, ""))
 
 
-def chosen(names: Iterable[str]) -> list[Row]:
+def chosen(names: Iterable[str]) -> list[BoardRow]:
     """Rows by name, each once; `all` for those of rows.toml and every controller of the reader's files. Another name
     may be that of a controller, which flies with its defaults.
 
@@ -94,14 +94,14 @@ def chosen(names: Iterable[str]) -> list[Row]:
     table = {row.name: row for row in shipped()}
     installed = plugins.names("controller")
     yours = [name for name in installed if plugins.is_file(plugins.find("controller", name))]
-    rows: dict[str, Row] = {}
+    rows: dict[str, BoardRow] = {}
     for name in names:
         if name == ALL:
-            rows |= table | {mine: Row(mine, yours=True) for mine in yours}
+            rows |= table | {mine: BoardRow(mine, yours=True) for mine in yours}
         elif name in table:
             rows[name] = table[name]
         elif name in installed:
-            rows[name] = Row(name, yours=name in yours)
+            rows[name] = BoardRow(name, yours=name in yours)
         else:
             others = [other for other in installed if other not in table]
             raise BadInput(

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from meanflock.studies.leaderboard.board import Board, Cell, Course, Standing
+from meanflock.studies.leaderboard.board import Board, BoardCell, Course, Standing
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
 
 _PER_CENT = ("arrived", "free")
@@ -74,7 +74,7 @@ def body(course: Course) -> list[list[Text]]:
     return rows
 
 
-def words(measure: Measure, cell: Cell, flown: int) -> str:
+def words(measure: Measure, cell: BoardCell, flown: int) -> str:
     """`9.08 ± 0.01`, `100 (88…100)` of a share, `0.61 ± 0.02 (least 0.44)`; n if it differs from that of the row."""
     scale = 100.0 if measure.key in _PER_CENT else 1.0
     if measure.share and cell.low is not None and cell.high is not None:
@@ -90,7 +90,7 @@ def words(measure: Measure, cell: Cell, flown: int) -> str:
     return text if cell.n == flown else f"{text}, n = {cell.n}"
 
 
-def mean(measure: Measure, cell: Cell | None) -> str:
+def mean(measure: Measure, cell: BoardCell | None) -> str:
     """The mean alone, in three digits."""
     if cell is None:
         return "–"

@@ -14,7 +14,7 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     Destination,
     Energy,
     Federation,
-    Filter,
+    FilterTable,
     Metrics,
     Obstacle,
     Payload,
@@ -22,7 +22,7 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     Sharing,
     Start,
     Truth,
-    Vehicle,
+    VehicleTable,
     Wind,
 )
 from meanflock.swarm.scenario.values import as_builtins, toml_text, validated  # noqa: F401

@@ -7,13 +7,13 @@ from msgspec import Meta
 from meanflock.swarm.toml import Table
 
 
-class _Table(Table, frozen=True):
+class _MeanFieldTable(Table, frozen=True):
     """A table that only some methods read."""
 
     of_some_methods: ClassVar[bool] = True
 
 
-class Cost(_Table, frozen=True):
+class Cost(_MeanFieldTable, frozen=True):
     """The running cost φ_L + c2 φ_G + c3 ‖a‖²."""
 
     c1: Annotated[float, Meta(ge=0, description="weight of ‖v‖², s²/m²")] = 0.015
@@ -28,7 +28,7 @@ class Cost(_Table, frozen=True):
     separation_range: Annotated[float, Meta(ge=0.001, description="how far it reaches, std of its Gaussian, m")] = 0.5
 
 
-class Learner(_Table, frozen=True):
+class LearnerTable(_MeanFieldTable, frozen=True):
     """The two networks."""
 
     mu_h: Annotated[float, Meta(gt=0, description="μ_H, step size of the value learner")] = 0.01
@@ -52,7 +52,7 @@ class Learner(_Table, frozen=True):
     ] = 0.0
 
 
-class Density(_Table, frozen=True):
+class Density(_MeanFieldTable, frozen=True):
     """The fit of m̂ at t = 0 and the quadrature of φ_G."""
 
     position_bandwidth: Annotated[float, Meta(gt=0, description="std of a mixture component, m")] = 3.0
@@ -64,7 +64,7 @@ class Density(_Table, frozen=True):
     node_velocity_std: Annotated[float, Meta(gt=0, description="spread of quadrature nodes, m/s")] = 1.5
 
 
-class Offline(_Table, frozen=True):
+class OfflineTable(_MeanFieldTable, frozen=True):
     """Limits of the open-loop plan of the offline method, over ground."""
 
     speed_max: Annotated[float, Meta(ge=0.1, description="limit on ‖v‖, m/s")] = 15.0

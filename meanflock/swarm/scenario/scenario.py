@@ -92,14 +92,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     wind: tables.Wind = field(default_factory=tables.Wind)
     truth: tables.Truth = field(default_factory=tables.Truth)
     cost: mean_field.Cost = field(default_factory=mean_field.Cost)
-    learner: mean_field.Learner = field(default_factory=mean_field.Learner)
+    learner: mean_field.LearnerTable = field(default_factory=mean_field.LearnerTable)
     density: mean_field.Density = field(default_factory=mean_field.Density)
-    offline: mean_field.Offline = field(default_factory=mean_field.Offline)
-    filter: tables.Filter = field(default_factory=tables.Filter)
+    offline: mean_field.OfflineTable = field(default_factory=mean_field.OfflineTable)
+    filter: tables.FilterTable = field(default_factory=tables.FilterTable)
     sharing: tables.Sharing = field(default_factory=tables.Sharing)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)
-    vehicle: tables.Vehicle = field(default_factory=tables.Vehicle)
+    vehicle: tables.VehicleTable = field(default_factory=tables.VehicleTable)
     energy: tables.Energy = field(default_factory=tables.Energy)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
     pace: tables.Pace = field(default_factory=tables.Pace)
@@ -309,7 +309,7 @@ def _bits(payload: tables.Payload) -> int:
     return 8 * np.dtype(payload).itemsize
 
 
-class _Script(_Table, frozen=True):
+class _FaultFile(_Table, frozen=True):
     """A file with faults only."""
 
     faults: tuple[Fault, ...]
@@ -341,7 +341,7 @@ def read_faults(path: Path) -> list[dict[str, Any]]:
     table = toml.read(path, "fault script")
     if set(table) != {"faults"}:
         raise BadInput(f"{path}: a fault script has [[faults]] and nothing else, see scenarios/faults.toml")
-    validated(table, _Script, str(path))
+    validated(table, _FaultFile, str(path))
     faults: list[dict[str, Any]] = table["faults"]
     return faults
 

@@ -94,7 +94,7 @@ class Truth(_Table, frozen=True):
     ) = None
 
 
-class Policy(NamedTuple):
+class SharingRule(NamedTuple):
     """Rule by which a UAV broadcasts its state.
 
     broadcast: every tick, or at events. delta_m: error of the predicted position that makes an event, m.
@@ -109,9 +109,9 @@ class Policy(NamedTuple):
 
 
 POLICIES = {
-    "tick": Policy("tick", 0.3, 0.0, 1),
-    "event": Policy("event", 0.3, 0.0, 1),
-    "event-4": Policy("event", 0.3, 0.2, 4),
+    "tick": SharingRule("tick", 0.3, 0.0, 1),
+    "event": SharingRule("event", 0.3, 0.0, 1),
+    "event-4": SharingRule("event", 0.3, 0.2, 4),
 }
 
 
@@ -171,13 +171,13 @@ class Sharing(_Table, frozen=True):
     ] = 5.0
 
     @property
-    def rule(self) -> Policy:
+    def rule(self) -> SharingRule:
         """The policy, changed by the keys that are set."""
-        changes = {key: value for key in Policy._fields if (value := getattr(self, key)) is not None}
+        changes = {key: value for key in SharingRule._fields if (value := getattr(self, key)) is not None}
         return POLICIES[self.policy]._replace(**changes)
 
 
-class Filter(_Table, frozen=True):
+class FilterTable(_Table, frozen=True):
     """Filter that may change the accelerations of any controller."""
 
     kind: Annotated[
@@ -310,7 +310,7 @@ class Radio(_Table, frozen=True):
         return self.coherence_time_s * self.bandwidth_hz * math.log2(1.0 + 10.0 ** (self.target_snr_db / 10.0))
 
 
-class Vehicle(_Table, frozen=True):
+class VehicleTable(_Table, frozen=True):
     """Vehicle, and constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[str, Meta(description="the vehicle, see `meanflock plugins`")] = "point-mass"

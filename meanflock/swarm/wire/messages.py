@@ -15,7 +15,7 @@ from meanflock.swarm.events import Event, FlightEvent
 from meanflock.swarm.plugins import PluginKind
 
 
-class _Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):
+class _ControlMessage(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False):
     """Encoded as an array: tag first, then the fields in order."""
 
 
@@ -43,7 +43,7 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
     slots: np.ndarray | None = None  # (K,) i4, of models within the world: slots that each link took, 0 without radio
 
 
-class Join(_Message, frozen=True, tag="join"):
+class Join(_ControlMessage, frozen=True, tag="join"):
     """A node asks the world to take part."""
 
     role: str  # "agent" or "leader"
@@ -52,7 +52,7 @@ class Join(_Message, frozen=True, tag="join"):
     token: int = 0  # random number of the node, by which the world recognises a repeated Join; 0 for none
 
 
-class Welcome(_Message, frozen=True, tag="welcome"):
+class Welcome(_ControlMessage, frozen=True, tag="welcome"):
     """Answer of the world to a node that it admits, with all that the node needs."""
 
     run: int
@@ -65,7 +65,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     plugins: tuple[tuple[PluginKind, str, str], ...] = ()  # kind, name and fingerprint of the plug-ins of the run
 
 
-class Refusal(_Message, frozen=True, tag="refusal"):
+class Refusal(_ControlMessage, frozen=True, tag="refusal"):
     """Answer of the world that a node cannot take part; or message of an admitted node that it cannot."""
 
     reason: str
@@ -73,7 +73,7 @@ class Refusal(_Message, frozen=True, tag="refusal"):
     over: bool = False  # the flight is over, or never needs such a node
 
 
-class Ready(_Message, frozen=True, tag="ready"):
+class Ready(_ControlMessage, frozen=True, tag="ready"):
     """Message of an admitted node: it listens on its own keys."""
 
     run: int
@@ -104,7 +104,7 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     outbox: tuple[Frames, ...] = ()
 
 
-class Stop(_Message, frozen=True, tag="stop"):
+class Stop(_ControlMessage, frozen=True, tag="stop"):
     """Message of the world that a node should end."""
 
     run: int
@@ -112,7 +112,7 @@ class Stop(_Message, frozen=True, tag="stop"):
     lost: bool = False  # the world counts the node as lost; the flight may continue
 
 
-class Telemetry(_Message, frozen=True, tag="telemetry"):
+class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     """Block of telemetry, world to ground stations: T consecutive rows of the flight, one a tick."""
 
     run: int
@@ -133,14 +133,14 @@ class Telemetry(_Message, frozen=True, tag="telemetry"):
     diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics
 
 
-class Received(_Message, frozen=True, tag="received"):
+class Acknowledgement(_ControlMessage, frozen=True, tag="received"):
     """Acknowledgement, listener to world: every block up to this one is stored."""
 
     run: int
     block: int
 
 
-class Finished(_Message, frozen=True, tag="finished"):
+class Finished(_ControlMessage, frozen=True, tag="finished"):
     """Summary of a finished flight, world to ground stations, which acknowledge it as a block."""
 
     run: int
@@ -174,4 +174,4 @@ SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "deadline_misses",
 )
 
-Message: TypeAlias = Join | Welcome | Refusal | Ready | Stop | Event | Telemetry | Received | Finished
+Message: TypeAlias = Join | Welcome | Refusal | Ready | Stop | Event | Telemetry | Acknowledgement | Finished

@@ -9,11 +9,11 @@ import pytest
 from msgspec.structs import replace
 
 import meanflock as mf
-from meanflock.agent.controllers.barriers import Barrier, Braking, Ecbf
+from meanflock.agent.controllers.barriers import Braking, Ecbf, HalfPlaneFilter
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
-from meanflock.agent.controllers.sharing.base import Neighbours
+from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm import declared, mission, plugins
-from meanflock.swarm.scenario import Filter, Scenario, Wind, load
+from meanflock.swarm.scenario import FilterTable, Scenario, Wind, load
 from meanflock.swarm.scenario.tables import POLICIES, Sharing
 from meanflock.testing.trial import PointSwarm
 from tests.agent.controllers.by_hand import made, stepped
@@ -103,8 +103,8 @@ EVENT = Sharing(policy="event")
 UAVS = np.arange(N)
 
 
-def neighbours(sharing: Sharing) -> Neighbours:
-    return Neighbours(replace(load(None, [f"uavs={N}"]), sharing=sharing))
+def neighbours(sharing: Sharing) -> NeighbourStates:
+    return NeighbourStates(replace(load(None, [f"uavs={N}"]), sharing=sharing))
 
 
 def plan(seed: int = 0) -> np.ndarray:
@@ -162,7 +162,7 @@ def test_a_key_of_the_table_changes_one_part_of_its_policy() -> None:
 
 # -- filters ------------------------------------------------------------------------------------------------------
 
-SMALL = Scenario(uavs=6, filter=Filter(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
+SMALL = Scenario(uavs=6, filter=FilterTable(kind="ecbf"), sharing=Sharing(policy="event", delta_m=0.05, repeats=2))
 
 
 class Open(plugins.load("filter", "ecbf")):
@@ -247,12 +247,12 @@ def test_an_error_of_a_filter_names_the_filter_and_not_the_controller(admit: Any
 AIR = Wind(drag=0.3, mean=(3.0, -2.0))
 
 
-def filtered(scenario: Scenario, kind: type[Barrier] = Ecbf, **options: Any) -> Barrier:
+def filtered(scenario: Scenario, kind: type[HalfPlaneFilter] = Ecbf, **options: Any) -> HalfPlaneFilter:
     options = {"distance_m": 0.8, "rate_1_s": 4.0, "acceleration_max_m_s2": 3.0} | options
     return kind(kind.Options(**options), scenario, GoodController(None, scenario))
 
 
-def admit(made: Barrier, own: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def admit(made: HalfPlaneFilter, own: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """With everybody known exactly."""
     everyone = np.repeat(own[None], len(own), axis=0)
     return made.admit(own, everyone, np.arange(len(own)), wanted)
@@ -293,10 +293,10 @@ def braking(distance: float, first: float, second: float, reaction_s: float = 0.
 )
 @pytest.mark.parametrize("seed", range(20))
 def test_together_every_pair_keeps_the_condition_of_its_barrier(
-    kind: type[Barrier], condition: Callable[[float, float, float], float], options: dict[str, float], seed: int
+    kind: type[HalfPlaneFilter], condition: Callable[[float, float, float], float], options: dict[str, float], seed: int
 ) -> None:
     """Of the motion, drag and wind included, if no UAV's program was infeasible."""
-    scenario = Scenario(uavs=8, wind=AIR, filter=Filter(kind=kind.name))
+    scenario = Scenario(uavs=8, wind=AIR, filter=FilterTable(kind=kind.name))
     own, wanted = swarm(8, 3.0, seed)
     wanted *= 5.0  # so that conditions act
     made = filtered(scenario, kind, reach_m=1e3, acceleration_max_m_s2=40.0, **options)
@@ -339,7 +339,7 @@ def test_two_uavs_head_on_brake_within_the_limit_and_stop_at_the_distance(speed:
 
 
 def test_a_command_passes_to_the_bit_if_no_uav_is_near() -> None:
-    scenario = Scenario(uavs=5, wind=AIR, filter=Filter(kind="ecbf"))
+    scenario = Scenario(uavs=5, wind=AIR, filter=FilterTable(kind="ecbf"))
     own, wanted = swarm(5, 500.0, 1)
     for given in (wanted, np.asfortranarray(wanted, np.float32)):
         acceleration, infeasible = admit(filtered(scenario, acceleration_max_m_s2=50.0), own, given)

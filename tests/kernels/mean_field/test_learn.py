@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meanflock.agent.controllers.mean_field.learner import DENSITY_EXPONENTS, VALUE_EXPONENTS, Learner, tables
+from meanflock.agent.controllers.mean_field.learner import DENSITY_EXPONENTS, VALUE_EXPONENTS, MeanFieldLearner, tables
 from meanflock.kernels import reference
 from meanflock.kernels.mean_field import features, fpk, hjb, layout
 from meanflock.kernels.mean_field.layout import Tables, packed
@@ -43,7 +43,7 @@ def tick(
 def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Rows as different as those of a swarm on its way."""
     draw = np.random.default_rng(rows)
-    weights = Learner(SCENARIO).init(rows, starts(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
+    weights = MeanFieldLearner(SCENARIO).init(rows, starts(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
     states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
     known = draw.normal(0, 30, (rows, 300, state.SIZE))
     return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]
@@ -110,7 +110,7 @@ def test_tables_of_another_size_or_type_are_refused() -> None:
 
 
 def test_weights_of_a_step_stay_as_long_as_somebody_has_them() -> None:
-    learner = Learner(SCENARIO)
+    learner = MeanFieldLearner(SCENARIO)
     _, states, _ = flying("density", 9)
     weights = [learner.init(9, starts(SCENARIO))]
     for _ in range(4):

@@ -17,11 +17,11 @@ from meanflock.results import statistics
 from meanflock.studies import study
 from meanflock.studies.frontier import grid, picture, policies, record
 from meanflock.studies.frontier.__main__ import main
-from meanflock.studies.frontier.grid import Extent, Grid
+from meanflock.studies.frontier.grid import Extent, FrontierGrid
 from meanflock.studies.frontier.outage import Outages
 from meanflock.studies.frontier.page import page
 from meanflock.studies.leaderboard import flights, missions, rows
-from meanflock.studies.leaderboard.missions import Mission
+from meanflock.studies.leaderboard.missions import BoardMission
 from meanflock.studies.store import Store
 from meanflock.swarm.errors import EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from meanflock.swarm.scenario import Scenario, load
@@ -177,7 +177,7 @@ def test_a_record_of_another_version_is_refused(tmp_path) -> None:
     path.write_text("{}")
     with pytest.raises(record.BadInput, match="no frontier"):
         record.read(path)
-    made = record.Record(record.SCHEMA + 1, "", "", 1, 2, 3, 4, [], {}, [])
+    made = record.FrontierRecord(record.SCHEMA + 1, "", "", 1, 2, 3, 4, [], {}, [])
     made.write(tmp_path)
     with pytest.raises(record.BadInput, match="fly it again"):
         record.read(path)
@@ -193,8 +193,8 @@ def test_every_policy_fits_every_row_of_the_leaderboard() -> None:
             assert len({policy.name for policy in found}) == len(found)
             for policy in found[:: max(1, len(found) // 4)]:
                 policy.applied_to(row).scenario(table, 1, "streams")
-    assert [policy.name for policy in policies.of_row(rows.Row("hjb"), table, "streams")] == [policies.OWN]
-    assert [policy.name for policy in policies.of_row(rows.Row("orca"), table, "streams", ["tick"])] == ["tick"]
+    assert [policy.name for policy in policies.of_row(rows.BoardRow("hjb"), table, "streams")] == [policies.OWN]
+    assert [policy.name for policy in policies.of_row(rows.BoardRow("orca"), table, "streams", ["tick"])] == ["tick"]
 
 
 @pytest.fixture(scope="module")
@@ -204,12 +204,12 @@ def docs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "near.toml").write_text(SMALL)
     (folder / "docs/results").mkdir(parents=True)
     extent = Extent(
-        [Mission("near.toml")], rows.chosen(["orca", "plan", "vasarhelyi"]), (2, 4), (0.3, 0.5), (0.9, 0.95)
+        [BoardMission("near.toml")], rows.chosen(["orca", "plan", "vasarhelyi"]), (2, 4), (0.3, 0.5), (0.9, 0.95)
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(flights, "fly", following([]))
-        grid = Grid(extent, 0, None, 94001, ("event", "event-r2", "event-r4", "tick"))
+        grid = FrontierGrid(extent, 0, None, 94001, ("event", "event-r2", "event-r4", "tick"))
         grid.fly(1, lambda _done, _total: None, Store(folder / "out")).write(folder / "out")
         main([str(folder / "out")], folder / "docs")
     return folder / "docs"

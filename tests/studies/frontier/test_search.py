@@ -8,7 +8,7 @@ from scipy import stats
 
 from meanflock.results import statistics
 from meanflock.studies.frontier.sampling import ALPHA, SamplingPlan, chance_of_error, shortest
-from meanflock.studies.frontier.search import SURVEY, Flown, Outcome, Search
+from meanflock.studies.frontier.search import SURVEY, FlightOutcome, PolicyFlights, Search
 
 PLANS = [shortest(0.9), shortest(0.95)]
 
@@ -22,14 +22,14 @@ def searched(
 ) -> Search:
     """A search whose policies are free with these probabilities; earlier ones cost more."""
     costs = {name: 100.0 - number for number, name in enumerate(shares)}
-    search = Search(list(shares), plans, most, {name: Flown() for name in shares})
+    search = Search(list(shares), plans, most, {name: PolicyFlights() for name in shares})
     while wanted := search.wanted():
         for one in wanted:
             flights = search.flown[one.policy].outcomes(one.stage)
             assert len(flights) < one.flights <= most
             missing = one.flights - len(flights)
             free = draw.random(missing) < shares[one.policy]
-            flights += [Outcome(bool(is_free), costs[one.policy], arrived) for is_free in free]
+            flights += [FlightOutcome(bool(is_free), costs[one.policy], arrived) for is_free in free]
     return search
 
 
@@ -55,8 +55,8 @@ def test_a_policy_is_not_named_if_its_uavs_stay_behind_or_its_confirmation_fails
     search = searched({"stays": 1.0}, np.random.default_rng(1), arrived=0.98)
     assert search.verdict(PLANS[0], "stays") == "not arrived"
     assert not search.flown["stays"].confirmation
-    free, collided = Outcome(True, 1.0, 1.0), Outcome(False, 1.0, 1.0)
-    unlucky = Search(["one"], PLANS[:1], 59, {"one": Flown([free] * 29, [free, collided])})
+    free, collided = FlightOutcome(True, 1.0, 1.0), FlightOutcome(False, 1.0, 1.0)
+    unlucky = Search(["one"], PLANS[:1], 59, {"one": PolicyFlights([free] * 29, [free, collided])})
     assert unlucky.verdict(PLANS[0], "one") == "not confirmed"
     assert unlucky.wanted() == []
 

@@ -102,7 +102,7 @@ def test_joined_boards_have_the_later_rows_and_name_the_code_of_each() -> None:
 
 
 def test_a_board_that_was_written_is_read_as_the_same_and_a_damaged_one_is_bad_input(tmp_path, small) -> None:
-    contest = Contest([missions.Mission(str(tmp_path / small[0]))], rows.chosen(["cruise"]), 1, 1)
+    contest = Contest([missions.BoardMission(str(tmp_path / small[0]))], rows.chosen(["cruise"]), 1, 1)
     result = contest.fly(1, lambda *_: None, Store(tmp_path / "out"))
     path = result.write(tmp_path)
     assert msgspec.json.encode(board.read(path)) == msgspec.json.encode(result)

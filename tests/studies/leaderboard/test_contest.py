@@ -55,7 +55,7 @@ def test_a_board_has_the_means_of_its_flights_and_flies_each_once(run, tmp_path,
     assert [one.method for one in tried] == ["lqr", "lqr"]
 
 
-def _is_of_its_flights(key: str, cell: board.Cell, values: np.ndarray) -> None:
+def _is_of_its_flights(key: str, cell: board.BoardCell, values: np.ndarray) -> None:
     expected = statistics.share(values == 1.0) if key == "free" else statistics.mean(values)
     found = (cell.mean, cell.low, cell.high)
     assert found == pytest.approx((expected.value, expected.low, expected.high), rel=1e-3, abs=1e-5)
@@ -84,7 +84,7 @@ def test_rows_that_share_states_fly_once_under_each_policy_and_all_at_the_limit(
 def test_a_mission_keeps_its_own_limit_of_acceleration(tmp_path) -> None:
     path = tmp_path / "slow.toml"
     path.write_text("uavs = 2\n[vehicle]\nacceleration_max = 1.5\n[sharing]\npolicy = 'tick'\n")
-    table = missions.Mission(str(path)).table()
+    table = missions.BoardMission(str(path)).table()
     assert table["vehicle"] == {"acceleration_max": 1.5}
     assert "sharing" not in table
 
@@ -174,7 +174,7 @@ def test_every_arm_has_the_same_budget_and_valid_candidates(tmp_path, monkeypatc
 
 
 def test_a_tuning_goes_on_where_it_was_and_its_record_names_what_flew(tmp_path, small, monkeypatch) -> None:
-    monkeypatch.setattr(tuning.missions, "chosen", lambda names: [missions.Mission(str(tmp_path / small[0]))])
+    monkeypatch.setattr(tuning.missions, "chosen", lambda names: [missions.BoardMission(str(tmp_path / small[0]))])
     monkeypatch.setattr(tuning, "FIRST", range(1, 2))
     monkeypatch.setattr(tuning, "REST", range(2, 4))
     out = tmp_path / "out"

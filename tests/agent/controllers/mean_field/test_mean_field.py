@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meanflock.launch.engine import Engine
-from meanflock.launch.station import Kept
 from scipy.stats import norm, qmc
 
-from meanflock.agent.controllers.mean_field.learner import Learner
+from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner
 from meanflock.agent.controllers.mean_field.methods import Separation
 from meanflock.agent.controllers.mean_field.offline import OpenLoopPlan, speeds
 from meanflock.kernels.mean_field import layout
+from meanflock.launch.engine import Engine
+from meanflock.launch.station import StoredTelemetry
 from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario, load
@@ -40,7 +40,7 @@ def mixture(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
 def test_no_other_weights_fit_the_samples_better(uavs: int) -> None:
     """The gradient of the least-squares objective vanishes; checked on the sample points every UAV draws."""
     flown = load(None, [f"uavs={uavs}", "density.near_samples=300", "density.box_samples=300"], method="mfgfl-hf")
-    weights = Learner(flown).init(3, starts(flown))
+    weights = MeanFieldLearner(flown).init(3, starts(flown))
     fitted = weights[0, layout.DENSITY][: layout.DENSITY_FEATURES]
     draw, centres = generator(flown.seed, "density-fit"), starts(flown)
     chosen = draw.integers(len(centres), size=300)
@@ -91,7 +91,7 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
     flown = load(None, ["uavs=9", "method=mfg", *settings])
     draw = np.random.default_rng(1)
     rows = 12
-    learner = Learner(flown)
+    learner = MeanFieldLearner(flown)
     weights = learner.init(rows, starts(flown))
     states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
     states[0] = 0.0
@@ -107,7 +107,7 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
 @pytest.mark.parametrize("beta", [1.0, 0.5])
 def test_with_hjb_phi_g_is_the_mean_over_the_states_a_uav_knows(beta: float) -> None:
     draw = np.random.default_rng(3)
-    learner = Learner(load(None, ["uavs=4", f"cost.beta={beta}"], method="hjb"), learns_density=False)
+    learner = MeanFieldLearner(load(None, ["uavs=4", f"cost.beta={beta}"], method="hjb"), learns_density=False)
     states, known = draw.normal(0, 5, (2, 4)), draw.normal(0, 5, (2, 4, 4))
     apart = known - states[:, None]
     kernel = (apart[..., 2:] ** 2).sum(axis=-1) / (1 + (apart[..., :2] ** 2).sum(axis=-1)) ** beta
@@ -188,12 +188,12 @@ def test_exchanged_rounds_give_both_models_the_length_of_one_and_one_that_of_bot
 def test_commands_are_held_back_for_the_first_seconds_while_uavs_learn(method: str, separation: float) -> None:
     """Before `act_after_s` the swarm flies as without commands; its weights change, and commands begin on time."""
     keys = ["uavs=4", "duration=3", "start.spacing=0.3", f"cost.separation={separation}", "learner.act_after_s=1.5"]
-    kept = Kept()
+    kept = StoredTelemetry()
     engine = Engine(load(None, keys, method=method), "held", sinks=[kept])
     engine.complete()
     commands = np.concatenate([block.accelerations for block in kept.blocks])[1:]  # of ticks 0, 1, …
     assert not commands[:15].any()
     assert commands[15].all()
-    unhindered = Kept()
+    unhindered = StoredTelemetry()
     Engine(load(None, keys[:-1], method=method), "free", sinks=[unhindered]).complete()
     assert np.concatenate([block.accelerations for block in unhindered.blocks])[2].all()

@@ -19,14 +19,14 @@ _STORED: dict[Any, np.dtype[Any]] = {
 }  # types that a message has not
 
 
-class Kept:
+class Stateful:
     """Base class of a part of a flight.
 
-    kept: its attributes that a checkpoint stores: numbers, bytes, sets, counters, arrays of a fixed shape, dicts of
+    stored: its attributes that a checkpoint stores: numbers, bytes, sets, counters, arrays of a fixed shape, dicts of
         arrays, generators, parts, lists of parts; a property may have any plain value.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ()
+    stored: ClassVar[tuple[str, ...]] = ()
 
     def settle(self) -> None:
         """Bring the attributes up to date, before they are stored."""
@@ -35,19 +35,19 @@ class Kept:
         """Set what follows from the attributes, after they were restored."""
 
 
-def state_of(part: Kept) -> dict[str, Any]:
+def state_of(part: Stateful) -> dict[str, Any]:
     """All that a checkpoint stores of a part, by name. Arrays may be the part's own: encode it before the next tick."""
     part.settle()
-    return {name: _plain(getattr(part, name)) for name in part.kept}
+    return {name: _plain(getattr(part, name)) for name in part.stored}
 
 
-def restore(part: Kept, state: Any) -> None:
+def restore(part: Stateful, state: Any) -> None:
     """Continue with what `state_of` returned.
 
     Raises:
         TypeError, ValueError, KeyError: something is missing, or of another type or shape.
     """
-    for name in part.kept:
+    for name in part.stored:
         if isinstance(getattr(type(part), name, None), property):
             setattr(part, name, state[name])
         else:
@@ -57,7 +57,7 @@ def restore(part: Kept, state: Any) -> None:
 
 def _plain(value: Any) -> Any:
     """A value that `encode_record` can write."""
-    if isinstance(value, Kept):
+    if isinstance(value, Stateful):
         return state_of(value)
     if isinstance(value, np.ndarray):
         return value.astype(_STORED.get(value.dtype, value.dtype), copy=False)
@@ -72,7 +72,7 @@ def _plain(value: Any) -> Any:
 
 def _like(name: str, now: Any, stored: Any) -> Any:
     """A stored value, as the attribute that is `now`; raises TypeError or ValueError if it cannot be one."""
-    if isinstance(now, Kept):
+    if isinstance(now, Stateful):
         restore(now, stored)
         return now
     if isinstance(now, np.random.Generator):
