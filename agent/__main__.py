@@ -4,7 +4,6 @@ from functools import partial
 from pathlib import Path
 
 import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variables once
-from meanflock.launch import blocklist  # noqa: F401  # first: keeps NumPy and msgspec from loading some libraries
 from meanflock.swarm.errors import needed
 
 with needed("an agent"):

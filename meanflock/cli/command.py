@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 from meanflock.cli import completion
 from meanflock.cli.arguments import CommandGroup
 from meanflock.swarm import __version__, logs
+from meanflock.swarm.ending import end
 from meanflock.swarm.errors import (
     EXIT_BAD_INPUT,
     EXIT_DONE,
@@ -181,7 +182,5 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         logs.stop()
     if arguments is None and not completes:
-        from meanflock.net.process import end  # only here: completion needs none of it
-
         end(code)
     return code

@@ -4,17 +4,28 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { SENSE = 1, ACT = 2, FIRST = 24, BATCH = 18, NAME = 4, LINK = 8, MOST_TABLES = 4 };
+enum { SENSE = 1, ACT = 2, HEAD = 19, BATCH = 13, NAME = 4, LINK = 8, MOST_TABLES = 5 };
 enum { ARRAY = 0x90, U32 = 0xce, BIN32 = 0xc6, ARRAY16 = 0xdc, SMALL = 127, BATCH_ITEMS = 7, COUNTED = 0xffff };
 
 static const int ITEM[] = {2, 4, 8, 4, 1, 2, 1}; /* bytes of "<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1" */
 enum { DTYPES = sizeof ITEM / sizeof *ITEM, FLOATS = 3 };
 
-/* Types of the values after the first table: b bytes, i int32, d float64; NULL for an unknown message. */
-static const char *tables_of(int type) { return type == SENSE ? "b" : type == ACT ? "iidb" : NULL; }
+/* Types of the tables: b bytes, i int32, d float64; NULL for an unknown message. */
+static const char *tables_of(unsigned long type) { return type == SENSE ? "db" : type == ACT ? "diidb" : NULL; }
 
-/* The rest of a message. */
-typedef struct { const unsigned char *start, *at, *end; } Reader;
+/* Bytes of a number of a table. */
+static int item_of(char letter) { return letter == 'd' ? 8 : letter == 'i' ? 4 : 1; }
+
+/* The rest of a message. `fault`: the reason to refuse it if it is well-formed; NULL for none. */
+typedef struct {
+    const unsigned char *at, *end;
+    const char *fault;
+} Reader;
+
+typedef struct {
+    const char *at;
+    uint64_t size;
+} Bytes;
 
 static uint32_t number_at(const unsigned char *at) {
     return (uint32_t)at[0] << 24 | (uint32_t)at[1] << 16 | (uint32_t)at[2] << 8 | at[3];
@@ -24,37 +35,46 @@ static PyObject *refuse(const char *why) { return PyErr_SetString(PyExc_ValueErr
 
 /* Defines a function that returns whether all numbers in `size` bytes, perhaps unaligned, are finite. Its loop has no
    early end, so that compilers vectorise it. */
-#define ALL_FINITE(name, word, infinite)                                  \
-    static int name(const unsigned char *at, size_t size) {               \
-        word beyond = 0;                                                  \
-        for (size_t i = 0; i + sizeof(word) <= size; i += sizeof(word)) { \
-            word bits;                                                    \
-            memcpy(&bits, at + i, sizeof bits);                           \
-            beyond |= (word)((word)(bits & (infinite)) == (infinite));    \
-        }                                                                 \
-        return !beyond;                                                   \
+#define ALL_FINITE(name, word, infinite)                                    \
+    static int name(const char *at, uint64_t size) {                        \
+        word beyond = 0;                                                    \
+        for (uint64_t i = 0; i + sizeof(word) <= size; i += sizeof(word)) { \
+            word bits;                                                      \
+            memcpy(&bits, at + i, sizeof bits);                             \
+            beyond |= (word)((word)(bits & (infinite)) == (infinite));      \
+        }                                                                   \
+        return !beyond;                                                     \
     }
 ALL_FINITE(all_finite_16, uint16_t, 0x7c00)
 ALL_FINITE(all_finite_32, uint32_t, 0x7f800000)
 ALL_FINITE(all_finite_64, uint64_t, 0x7ff0000000000000)
 
 /* Returns whether `size` bytes are finite floats of 2, 4 or 8 bytes each. */
-static int all_finite(const unsigned char *at, size_t size, int item) {
+static int all_finite(const char *at, uint64_t size, int item) {
     return item == 8 ? all_finite_64(at, size) : item == 4 ? all_finite_32(at, size) : all_finite_16(at, size);
 }
 
-/* Reads a byte string: its begin and its size; returns 0 and sets an error if there is none. */
-static int bytes_next(Reader *in, size_t *offset, size_t *size) {
+/* Notes a fault in what is well-formed: the first of its sizes and names, else the first of its numbers. */
+static void note(Reader *in, const char *why) {
+    if (in->fault == NULL || (in->fault[0] == 'n' && why[0] == 'w')) in->fault = why;
+}
+
+static void check_finite(Reader *in, Bytes floats, int item) {
+    if (!all_finite(floats.at, floats.size, item)) note(in, "non-finite: a number is not finite");
+}
+
+/* Reads a byte string; returns 0 and sets an error if there is none. */
+static int bytes_next(Reader *in, Bytes *found) {
     if (in->end - in->at < 5 || in->at[0] != BIN32 || (size_t)(in->end - in->at - 5) < number_at(in->at + 1))
         return refuse("malformed: not a byte string of that length"), 0;
-    *size = number_at(in->at + 1);
-    *offset = (size_t)(in->at - in->start) + 5;
-    in->at += 5 + *size;
+    found->size = number_at(in->at + 1);
+    found->at = (const char *)in->at + 5;
+    in->at += 5 + found->size;
     return 1;
 }
 
 /* Whether `count` numbers, `step` apart, are 0 … `end` − 1; they begin anywhere. */
-static int all_below(const unsigned char *at, uint64_t count, size_t step, uint64_t end) {
+static int all_below(const char *at, uint64_t count, size_t step, uint64_t end) {
     int within = 1;
     for (uint64_t i = 0; i < count; i++, at += step * sizeof(int32_t)) {
         int32_t number;
@@ -64,31 +84,33 @@ static int all_below(const unsigned char *at, uint64_t count, size_t step, uint6
     return within;
 }
 
+/* Whether the byte strings of a batch, each below 4 GiB, have the sizes that its numbers say. */
+static int batch_fits(uint64_t code, uint64_t width, uint64_t source, uint64_t payload, uint64_t links) {
+    const uint64_t sources = source / NAME;
+    return code < DTYPES && source % NAME == 0 && links % LINK == 0 && (!width || sources <= UINT32_MAX / width)
+        && payload == sources * width * ITEM[code];
+}
+
 /* `uavs`: number of all UAVs, to check what the batch names; 0: unchecked. */
 static PyObject *batch_next(Reader *in, uint32_t uavs) {
     const unsigned char *head = in->at;
     if (in->end - in->at < BATCH) return refuse("malformed: cut off");
-    if (head[0] != (ARRAY | BATCH_ITEMS) || head[1] > SMALL || head[2] != U32 || head[8] != U32 || head[13] != BIN32)
-        return refuse("malformed: not the head of a batch");
     const unsigned kind = head[1], code = head[7];
-    const uint32_t number = number_at(head + 3), width = number_at(head + 9), named = number_at(head + 14);
-    if (code >= DTYPES || named % NAME) return refuse("wrong-shape: no such dtype, or bytes that are no sources");
-    in->at += 13;
-    size_t source, payload, links, size;
-    if (!bytes_next(in, &source, &size) || !bytes_next(in, &payload, &size)) return NULL;
-    const uint64_t sources = named / NAME;
-    if (width && sources > UINT64_MAX / 8 / width) return refuse("wrong-shape: a payload of another size");
-    if (size != sources * width * ITEM[code]) return refuse("wrong-shape: a payload of another size");
-    if (code < FLOATS && !all_finite(in->start + payload, size, ITEM[code]))
-        return refuse("non-finite: a number is not finite");
-    if (!bytes_next(in, &links, &size)) return NULL;
-    if (size % LINK) return refuse("wrong-shape: bytes that are no links");
-    const unsigned char *link = in->start + links;
-    if (uavs && !(all_below(in->start + source, sources, 1, uavs) && all_below(link, size / LINK, 2, sources)
-                  && all_below(link + NAME, size / LINK, 2, uavs)))
-        return refuse("wrong-shape: UAVs or rows that are not there");
-    return Py_BuildValue("IIIInnnnn", kind, (unsigned)number, code, (unsigned)width, (Py_ssize_t)sources,
-                         (Py_ssize_t)source, (Py_ssize_t)payload, (Py_ssize_t)(size / LINK), (Py_ssize_t)links);
+    if (head[0] != (ARRAY | BATCH_ITEMS) || kind > SMALL || head[2] != U32 || code > SMALL || head[8] != U32)
+        return refuse("malformed: not the head of a batch");
+    const uint32_t number = number_at(head + 3), width = number_at(head + 9);
+    in->at += BATCH;
+    Bytes source, payload, links;
+    if (!bytes_next(in, &source) || !bytes_next(in, &payload) || !bytes_next(in, &links)) return NULL;
+    const uint64_t sources = source.size / NAME, pairs = links.size / LINK;
+    if (!batch_fits(code, width, source.size, payload.size, links.size))
+        note(in, "wrong-shape: no such dtype, or byte strings of other sizes");
+    else if (uavs && !(all_below(source.at, sources, 1, uavs) && all_below(links.at, pairs, 2, sources)
+                       && all_below(links.at + NAME, pairs, 2, uavs)))
+        note(in, "wrong-shape: UAVs or rows that are not there");
+    else if (code < FLOATS) check_finite(in, payload, ITEM[code]);
+    return Py_BuildValue("IIIIy#y#y#", kind, (unsigned)number, code, (unsigned)width, source.at, (Py_ssize_t)source.size,
+                         payload.at, (Py_ssize_t)payload.size, links.at, (Py_ssize_t)links.size);
 }
 
 static PyObject *batches_of(Reader *in, uint32_t uavs) {
@@ -110,7 +132,7 @@ static PyObject *batches_of(Reader *in, uint32_t uavs) {
 }
 
 /* Copies a first table of float64 to the caller's array; returns 0 and sets an error if its shape differs. */
-static int copy_table(PyObject *into, const unsigned char *table, uint32_t rows, uint32_t columns) {
+static int copy_table(PyObject *into, const char *table, uint32_t rows, uint32_t columns) {
     Py_buffer view;
     if (PyObject_GetBuffer(into, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | PyBUF_WRITABLE) < 0) return 0;
     const int fits = view.ndim == 2 && view.format != NULL && strcmp(view.format, "d") == 0
@@ -126,44 +148,38 @@ PyObject *wire_read(PyObject *module, PyObject *args) {
     Py_ssize_t length;
     int kind = 0;
     unsigned uavs = 0;
-    PyObject *raw, *into = Py_None;
+    PyObject *raw, *into = Py_None, *batches = NULL, *result = NULL;
     if (!PyArg_ParseTuple(args, "O|iOI:read", &raw, &kind, &into, &uavs)
         || PyBytes_AsStringAndSize(raw, &text, &length) < 0)
         return NULL;
     const unsigned char *head = (const unsigned char *)text;
-    const char *follow = length >= FIRST ? tables_of(head[1]) : NULL;
-    const size_t count = follow == NULL ? 0 : strlen(follow);
-    if (follow == NULL || head[0] != (ARRAY | (8 + count)) || head[2] != U32 || head[7] != U32 || head[12] > SMALL
-        || head[13] != U32 || head[18] > SMALL || head[19] != BIN32)
+    const char *letters = length < HEAD ? NULL : tables_of(head[1]);
+    const size_t count = letters == NULL ? 0 : strlen(letters);
+    if (letters == NULL || head[0] != (ARRAY | (7 + count)) || head[2] != U32 || head[7] != U32 || head[12] > SMALL
+        || head[13] != U32 || head[18] > SMALL)
         return refuse("malformed: not the head of a tick message");
     const uint32_t run = number_at(head + 3), tick = number_at(head + 8), rows = number_at(head + 14);
-    const uint64_t size = number_at(head + 20);
-    if (size != 8 * (uint64_t)rows * head[18]) return refuse("wrong-shape: a first table of another size");
-    if (size > (uint64_t)(length - FIRST)) return refuse("malformed: cut off");
-    Reader in = {head, head + FIRST + size, head + length};
-    if (!all_finite(head + FIRST, size, 8)) return refuse("non-finite: a number is not finite");
-    PyObject *tables = PyTuple_New(2 * (Py_ssize_t)count), *batches = NULL, *result = NULL;
-    for (size_t k = 0; tables != NULL && k < count; k++) {
-        size_t offset, bytes;
-        if (!bytes_next(&in, &offset, &bytes)) goto done;
-        if ((follow[k] == 'd' && bytes % 8) || (follow[k] == 'i' && bytes % 4)) {
-            refuse("wrong-shape: a table of another size");
-            goto done;
-        }
-        if (follow[k] == 'd' && !all_finite(head + offset, bytes, 8)) {
-            refuse("non-finite: a number is not finite");
-            goto done;
-        }
-        PyTuple_SetItem(tables, 2 * (Py_ssize_t)k, PyLong_FromSize_t(offset));
-        PyTuple_SetItem(tables, 2 * (Py_ssize_t)k + 1, PyLong_FromSize_t(bytes));
+    const unsigned type = head[1], flags = head[12], columns = head[18];
+    Reader in = {head + HEAD, head + length, NULL};
+    Bytes table[MOST_TABLES];
+    PyObject *others = PyTuple_New((Py_ssize_t)count - 1);
+    for (size_t k = 0; k < count; k++) {
+        if (others == NULL || !bytes_next(&in, &table[k])) goto done;
+        const int item = item_of(letters[k]);
+        if (table[k].size % item || (!k && table[k].size != 8 * (uint64_t)rows * columns))
+            note(&in, "wrong-shape: a table of another size");
+        else if (item == 8) check_finite(&in, table[k], item);
+        PyObject *bytes = k ? PyBytes_FromStringAndSize(table[k].at, (Py_ssize_t)table[k].size) : NULL;
+        if (k && (bytes == NULL || PyTuple_SetItem(others, (Py_ssize_t)k - 1, bytes) < 0)) goto done;
     }
-    batches = tables == NULL ? NULL : batches_of(&in, uavs);
-    if (batches != NULL && kind && kind != head[1]) refuse("wrong-kind: a message of the other type");
-    else if (batches != NULL && (into == Py_None || copy_table(into, head + FIRST, rows, head[18])))
-        result = Py_BuildValue("IIIIIIOO", (unsigned)head[1], run, tick, (unsigned)head[12], rows, (unsigned)head[18],
-                               tables, batches);
+    if ((batches = batches_of(&in, uavs)) == NULL) goto done;
+    if (in.fault == NULL && kind && kind != (int)type) in.fault = "wrong-kind: a message of the other type";
+    if (in.fault != NULL) refuse(in.fault);
+    else if (into == Py_None || copy_table(into, table[0].at, rows, columns))
+        result = Py_BuildValue("IIIIIIy#OO", type, (unsigned)run, (unsigned)tick, flags, (unsigned)rows, columns,
+                               table[0].at, (Py_ssize_t)table[0].size, others, batches);
 done:
-    Py_XDECREF(tables);
+    Py_XDECREF(others);
     Py_XDECREF(batches);
     return result;
 }
@@ -203,51 +219,41 @@ static int take_batch(PyObject *batch, Out *out) {
     if (!PyArg_ParseTuple(batch, "kkkkOOO:batch", &out->kind, &out->number, &out->code, &out->width, &array[SOURCE],
                           &array[PAYLOAD], &array[LINKS]))
         return -1;
-    if (!fits(out->kind, SMALL) || !fits(out->number, UINT32_MAX) || !fits(out->code, DTYPES - 1)
-        || !fits(out->width, UINT32_MAX))
-        return -1;
+    if (!fits(out->kind, SMALL) || !fits(out->number, UINT32_MAX) || !fits(out->width, UINT32_MAX)) return -1;
     for (; held < PARTS; held++)
         if (PyObject_GetBuffer(array[held], &out->part[held], PyBUF_C_CONTIGUOUS) < 0) return release(out->part, held), -1;
-    const uint64_t named = (uint64_t)out->part[SOURCE].len, size = (uint64_t)out->part[PAYLOAD].len;
-    const uint64_t sources = named / NAME;
-    if (named > UINT32_MAX || size > UINT32_MAX || out->part[LINKS].len % LINK
-        || (uint64_t)out->part[LINKS].len > UINT32_MAX || named % NAME
-        || (out->width && sources > UINT64_MAX / 8 / out->width) || size != sources * out->width * ITEM[out->code]) {
-        PyErr_SetString(PyExc_ValueError, "wrong-shape: a payload of another size");
-        return release(out->part, PARTS), -1;
-    }
-    return 0;
+    const uint64_t source = out->part[SOURCE].len, payload = out->part[PAYLOAD].len, links = out->part[LINKS].len;
+    if ((source | payload | links) <= UINT32_MAX && batch_fits(out->code, out->width, source, payload, links)) return 0;
+    PyErr_SetString(PyExc_ValueError, "wrong-shape: no such dtype, or byte strings of other sizes");
+    return release(out->part, PARTS), -1;
 }
 
 PyObject *wire_write(PyObject *module, PyObject *args) {
     unsigned long type, run, tick, flags, rows, columns;
     PyObject *first, *tables, *frames = NULL, *result = NULL, *sequence = NULL;
-    Py_buffer view[1 + MOST_TABLES];
+    Py_buffer view[MOST_TABLES];
     Out *out = NULL;
     int held = 0;
     Py_ssize_t batches = 0;
     if (!PyArg_ParseTuple(args, "kkkkkkOO!|O:write", &type, &run, &tick, &flags, &rows, &columns, &first, &PyTuple_Type,
                           &tables, &frames))
         return NULL;
-    const char *follow = type <= ACT ? tables_of((int)type) : NULL;
-    const Py_ssize_t count = follow == NULL ? 0 : (Py_ssize_t)strlen(follow);
-    if (follow == NULL || PyTuple_Size(tables) != count) return refuse("wrong-shape: no such type, or other tables");
+    const char *letters = tables_of(type);
+    const int count = letters == NULL ? 0 : (int)strlen(letters);
+    if (letters == NULL || PyTuple_Size(tables) != count - 1) return refuse("wrong-shape: no such type, or other tables");
     if (!fits(run, UINT32_MAX) || !fits(tick, UINT32_MAX) || !fits(rows, UINT32_MAX) || !fits(flags, SMALL)
         || !fits(columns, SMALL))
         return NULL;
-    size_t size = FIRST + 3;
-    for (; held <= count; held++) {
+    size_t size = HEAD + 3;
+    while (held < count) {
         PyObject *table = held ? PyTuple_GetItem(tables, held - 1) : first;
         if (PyObject_GetBuffer(table, &view[held], PyBUF_C_CONTIGUOUS) < 0) goto done;
-        size += (size_t)view[held].len + (held ? 5 : 0);
-        if (!fits((unsigned long)view[held].len, UINT32_MAX)) {
-            held++;
+        const uint64_t bytes = (uint64_t)view[held++].len;
+        if (bytes > UINT32_MAX || bytes % item_of(letters[held - 1]) || (held == 1 && bytes != 8 * (uint64_t)rows * columns)) {
+            refuse("wrong-shape: a table of another size");
             goto done;
         }
-    }
-    if ((uint64_t)view[0].len != 8 * (uint64_t)rows * columns) {
-        refuse("wrong-shape: a first table of another size");
-        goto done;
+        size += bytes + 5;
     }
     if (frames != NULL && (sequence = PySequence_Tuple(frames)) == NULL) goto done;
     const Py_ssize_t wanted = sequence == NULL ? 0 : PyTuple_Size(sequence);
@@ -258,19 +264,19 @@ PyObject *wire_write(PyObject *module, PyObject *args) {
     }
     for (; batches < wanted; batches++) {
         if (take_batch(PyTuple_GetItem(sequence, batches), &out[batches]) < 0) goto done;
-        size += BATCH - 5;
+        size += BATCH;
         for (int k = 0; k < PARTS; k++) size += (size_t)out[batches].part[k].len + 5;
     }
     if ((result = PyBytes_FromStringAndSize(NULL, (Py_ssize_t)size)) == NULL) goto done;
     unsigned char *at = (unsigned char *)PyBytes_AsString(result);
-    *at++ = (unsigned char)(ARRAY | (8 + count));
+    *at++ = (unsigned char)(ARRAY | (7 + count));
     *at++ = (unsigned char)type;
     at = put_number(at, U32, run);
     at = put_number(at, U32, tick);
     *at++ = (unsigned char)flags;
     at = put_number(at, U32, rows);
     *at++ = (unsigned char)columns;
-    for (int k = 0; k <= count; k++) at = put_bytes(at, &view[k]);
+    for (int k = 0; k < count; k++) at = put_bytes(at, &view[k]);
     *at++ = ARRAY16;
     *at++ = (unsigned char)(wanted >> 8);
     *at++ = (unsigned char)(wanted & 255);

@@ -16,20 +16,20 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("a swarm", "world"):
-    from meanflock.worldsim import __main__ as world  # first: the agent's keeps libraries from being loaded
-
-    from meanflock.agent import __main__ as agent  # isort: skip
+    from meanflock.agent import __main__ as agent
     from meanflock.agent.node import Agent
     from meanflock.federation.plan import plan_of, plugins_of
     from meanflock.launch import forks, orders
     from meanflock.launch.forks import Forks
     from meanflock.launch.orders import Ended, Loaded, Prepare, Report, Signal, StartOrder
     from meanflock.leader import __main__ as leader
-    from meanflock.net.process import READY, Interrupted, end, main
+    from meanflock.net.process import READY, Interrupted, main
     from meanflock.swarm import mission, plugins, scenario
+    from meanflock.swarm.ending import end
     from meanflock.swarm.errors import EXIT_DONE, FAILURES, BadInput
     from meanflock.swarm.wire.control import FLOAT_OF_BITS
     from meanflock.swarm.wire.messages import Welcome
+    from meanflock.worldsim import __main__ as world
 
 PROGRAMS: dict[str, Callable[[], None]] = {"worldsim": world.run, "leader": leader.run, "agent": agent.run}
 
@@ -104,7 +104,7 @@ def _become(order: StartOrder, given: list[int]) -> None:
     log = os.open(order.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(log, 2)
     os.close(log)
-    forks.show_as(order.command)
+    forks.show_as(order.module)
     if given:
         os.environ[READY] = str(given[0])
     sys.argv = [order.module, *order.command[order.command.index("-m") + 2 :]]
@@ -116,7 +116,6 @@ def _become(order: StartOrder, given: list[int]) -> None:
 def run() -> None:
     """Serve the launcher whose socket is the first argument."""
     channel = socket.socket(fileno=int(sys.argv[1]))
-    forks.show_as([sys.executable, "-P", "-m", "meanflock.launch.forker"])
     with suppress(BadInput):  # the room that needs it says so
         plugins.load_files(filter(None, os.environ.get(plugins.FILES, "").split(os.pathsep)))
     Server(channel).serve()

@@ -14,7 +14,6 @@ from meanflock.launch.orders import Ended, Loaded, Prepare, Signal, StartOrder
 from meanflock.net.process import TERM_GRACE_S
 
 _MODULE = "meanflock.launch.forker"
-_TITLE = " " * 2000  # an argument that makes room for the command lines of forks
 _SLACK_S = 2.0  # for the process itself, beyond the grace of its forks
 
 
@@ -30,7 +29,7 @@ class Forker(Family):
         with theirs:
             number = theirs.fileno()
             self.process = self.popen(
-                [sys.executable, "-P", "-m", _MODULE, str(number), _TITLE],
+                [sys.executable, "-P", "-m", _MODULE, str(number)],
                 self.folder / "forker.log",
                 environment(),
                 pass_fds=[number],

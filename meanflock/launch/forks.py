@@ -18,8 +18,6 @@ from meanflock.net.process import CHILD, TERM_GRACE_S
 
 SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD)
-# Fields of /proc/self/stat, counted behind the second: where the command line begins and ends in memory.
-_TITLE_FROM, _TITLE_TO = 48 - 3, 49 - 3
 
 
 class Forks:
@@ -111,16 +109,10 @@ def is_alone() -> bool:
     return SAFE and len(os.listdir("/proc/self/task")) == 1
 
 
-def show_as(command: Sequence[str]) -> None:
-    """Show this process as `command` in lists of processes. It must be shorter than the one it was started with."""
-    with suppress(OSError, ValueError):
-        fields = Path("/proc/self/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-        start, end = int(fields[_TITLE_FROM]), int(fields[_TITLE_TO])
-        room = end - start - 1
-        text = " ".join(command).encode()[: room - 1]
-        with open("/proc/self/mem", "r+b", buffering=0) as memory:
-            memory.seek(start)
-            memory.write(text.ljust(room, b"\0") + b" ")  # no zero at the end: the kernel then shows one text
+def show_as(name: str) -> None:
+    """Name this process in lists of processes, such as `ps` without options and `top`: `mf-` and at most 12 letters."""
+    with suppress(OSError):  # not Linux, or forbidden
+        Path("/proc/self/comm").write_text(f"mf-{name}", encoding="ascii")
 
 
 def batch() -> None:

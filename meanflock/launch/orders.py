@@ -9,7 +9,7 @@ class StartOrder(msgspec.Struct, frozen=True, tag=True):
     """Order: fork a program.
 
     number: by which later messages name the process.
-    command: the command that would start it alone; lists of processes show it.
+    command: the command that would start it alone.
     log: file for its standard error.
     """
 

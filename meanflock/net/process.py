@@ -1,7 +1,6 @@
 """Start and end of a process: flags that are also variables, signals, the launcher, restarts, exit codes."""
 
 import argparse
-import atexit
 import logging
 import math
 import os
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, NoReturn, Self
 
 from meanflock.net.access import DEFAULT_ENDPOINT, Identity
 from meanflock.swarm import logs, paths, plugins
+from meanflock.swarm.ending import end
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, MeanflockError
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _OVERDUE_S = 1.0  # after the first signal
 _GRACE_S = 10.0  # for processes that notice the end of their launcher themselves
-_THREADS_S = 5.0  # most time for threads to end after everything else
 QUICK_S = 10.0  # a process that dies sooner has died quickly
 TERM_GRACE_S = 5.0  # between SIGTERM and SIGKILL
 AT_MOST = 5  # number of quick deaths in a row after which a process is still started again
@@ -212,34 +211,6 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
         except TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def end(code: int) -> NoReturn:
-    """Ends this process as at the end of a program, but leaves the interpreter's memory to the system.
-
-    To take it apart would cost a forked process a copy of all that it shares, five times what it needs to end. Threads
-    that a plug-in has started are waited for, for a limited time.
-    """
-    try:
-        if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
-            _flush()
-            late = threading.Timer(_THREADS_S, os._exit, (code,))
-            late.daemon = True  # so that the timer does not keep the process alive
-            late.start()
-        threading._shutdown()  # type: ignore[attr-defined]
-        atexit._run_exitfuncs()
-        _flush()
-    finally:
-        os._exit(code)
-
-
-def _flush() -> None:
-    """Write what is printed, and what native code printed if NumPy has loaded what reaches it."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError, AttributeError):  # closed, or never open
-            stream.flush()
-    if (native := sys.modules.get("ctypes")) is not None:
-        native.CDLL(None).fflush(None)
 
 
 def main(body: Callable[[], None]) -> NoReturn:

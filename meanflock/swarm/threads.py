@@ -147,7 +147,7 @@ def _of_libraries() -> list[Pool]:
         import ctypes
 
         files = {f"/{line.partition('/')[2]}" for line in _MAPS.read_text().splitlines()}
-    except (ImportError, OSError):  # an agent of ours keeps ctypes out; not Linux
+    except (ImportError, OSError):  # a Python without ctypes; not Linux
         return []
     pools = []
     for path in sorted(filter(_LIBRARY.search, files)):

@@ -45,7 +45,7 @@ class Launched(Recorded):
 
     def forked(self, module: str) -> list[psutil.Process]:
         """The processes of a module; the one that was started last is first."""
-        found = [p for p in self.forker().children() if f"meanflock.{module}" in p.cmdline()]
+        found = [p for p in self.forker().children() if p.name() == f"mf-{module}"]
         return sorted(found, key=lambda p: (p.create_time(), p.pid), reverse=True)
 
     def family(self) -> list[psutil.Process]:

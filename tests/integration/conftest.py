@@ -16,15 +16,15 @@ from tests.faults.by_hand import Process, Processes, Recorded
 
 
 def processes_of(text: str) -> list[psutil.Process]:
-    """Other living processes of this worker's tests with `text` in their command line."""
+    """Other living processes of this worker's tests with `text` in their command line, or in a variable."""
     ours = {name: os.environ.get(name) for name in ("PYTEST_XDIST_TESTRUNUID", "PYTEST_XDIST_WORKER")}
     found = []
     for process in psutil.process_iter(["cmdline", "status", "environ"]):
         alive = process.info["status"] != psutil.STATUS_ZOMBIE and process.pid != os.getpid()
-        if alive and any(text in part for part in process.info["cmdline"] or []):
-            environ = process.info["environ"] or {}
-            if {name: environ.get(name) for name in ours} == ours:
-                found.append(process)
+        environ = process.info["environ"] or {}
+        named = any(text in part for part in (*(process.info["cmdline"] or ()), *environ.values()))
+        if alive and named and {name: environ.get(name) for name in ours} == ours:
+            found.append(process)
     return found
 
 
@@ -48,5 +48,6 @@ class Command(Recorded):
 
 
 @pytest.fixture
-def command(tmp_path: Path, processes: Processes) -> Command:
+def command(tmp_path: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Command:
+    monkeypatch.setenv("TESTED_COMMAND", str(tmp_path))  # by which its processes are found
     return Command(tmp_path / "runs", processes)

@@ -62,7 +62,7 @@ def test_a_finished_run_leaves_all_six_files_and_reruns_bit_identically(command,
     again = Command(command.out.parent / "again", processes).summary(str(folder / "scenario.toml"), "--in-process")
     assert again["trajectory_sha256"] == first["trajectory_sha256"]
     assert again["scenario_sha256"] == first["scenario_sha256"]
-    assert processes_of(first["run_id"]) == []
+    assert processes_of(str(command.out.parent)) == []
 
 
 def test_processes_started_by_hand_in_any_order_find_each_other(command, processes, tmp_path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import subprocess
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -153,3 +154,15 @@ def test_the_world_and_a_node_log_the_reason_of_a_drop_and_of_a_loss(capsys: pyt
 def test_a_fork_that_ends_at_once_is_not_waited_for() -> None:
     made = "import time\nfrom meanflock.launch.forks import Forks\nforks = Forks()\n"
     printed(sys.executable, "-c", f"{made}if forks.fork(0):\n    time.sleep(1e4)\nforks.end_all(1e4)")
+
+
+def test_a_process_ends_with_its_code_after_its_threads_and_what_is_registered_for_its_end() -> None:
+    program = """
+import atexit, threading, time
+from meanflock.swarm.ending import end
+atexit.register(print, "left")
+threading.Thread(target=lambda: (time.sleep(0.2), print("slept"))).start()
+end(3)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (3, "slept\nleft\n", "")

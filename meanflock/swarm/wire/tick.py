@@ -1,4 +1,4 @@
-"""The two messages of a tick ⇄ bytes of the fixed layout of `kernels/wire.py`.
+"""The two messages of a tick ⇄ bytes of the layout of `kernels/wire.py`.
 
 `kernels.read` checks that a message is well-formed, consistent in its sizes and finite, and that its frames name UAVs
 and rows that are there. The receiver checks run, tick and sender.
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from meanflock import kernels
-from meanflock.kernels.wire import ACT, DTYPES, FIRST, SENSE, Batch, Message
+from meanflock.kernels.wire import ACT, DTYPES, SENSE, Batch, Message
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense
@@ -25,7 +25,7 @@ _FLOAT, _INT = np.dtype("<f8"), np.dtype("<i4")
 
 
 def read_sense(raw: bytes, states: Floats | None = None, uavs: int = 0) -> Sense:
-    """Read a Sense; its arrays are views of `raw`.
+    """Read a Sense; its arrays are read-only.
 
     Args:
         states: (M, 4), array to which the states are written, which must have this shape; None: none.
@@ -34,20 +34,17 @@ def read_sense(raw: bytes, states: Floats | None = None, uavs: int = 0) -> Sense
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    _, run, tick, flags, rows, columns, tables, batches = _read(raw, SENSE, states, uavs)
+    _, run, tick, flags, rows, columns, table, (memory,), batches = _read(raw, SENSE, states, uavs)
     if flags & ~(REPORT | CHECKPOINT):
         raise MessageRejected("malformed", f"flags {flags:#x} of a Sense")
-    memory, size = tables
     if states is None:
-        states = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
-    if not (flags or batches or size):
-        return Sense(run, tick, states)
-    inbox = frames_in(raw, batches) if batches else ()
-    return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, raw[memory : memory + size])
+        states = np.ndarray((rows, columns), _FLOAT, table)
+    inbox = frames_in(batches) if batches else ()
+    return Sense(run, tick, states, bool(flags & REPORT), bool(flags & CHECKPOINT), inbox, memory)
 
 
 def read_act(raw: bytes, commands: Floats | None = None) -> Act:
-    """Read an Act; its arrays are views of `raw`.
+    """Read an Act; its arrays are read-only.
 
     Args:
         commands: (M, 2 + K), array to which the commands are written, which must have this shape; None: none.
@@ -55,26 +52,24 @@ def read_act(raw: bytes, commands: Floats | None = None) -> Act:
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
-    _, run, tick, flags, rows, columns, tables, batches = _read(raw, ACT, commands)
+    _, run, tick, flags, rows, columns, table, others, batches = _read(raw, ACT, commands)
+    lost, refused, models, memory = others
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     if commands is None:
-        commands = np.ndarray((rows, columns), _FLOAT, raw, FIRST)
-    lost, lost_size, refused, refused_size, models, models_size, memory, memory_size = tables
-    if not (batches or lost_size or refused_size or models_size or memory_size):
-        return Act(run, tick, commands)
-    width, left = divmod(models_size // 8, rows) if rows else (0, models_size)
+        commands = np.ndarray((rows, columns), _FLOAT, table)
+    width, left = divmod(len(models) // _FLOAT.itemsize, rows) if rows else (0, len(models))
     if left:
-        raise MessageRejected("wrong-shape", f"{models_size} bytes of models of {rows} UAVs")
+        raise MessageRejected("wrong-shape", f"{len(models)} bytes of models of {rows} UAVs")
     return Act(
         run,
         tick,
         commands,
-        np.ndarray(lost_size // 4, _INT, raw, lost) if lost_size else NOBODY,
-        np.ndarray(refused_size // 4, _INT, raw, refused) if refused_size else NOBODY,
-        np.ndarray((rows, width), _FLOAT, raw, models) if models_size else None,
-        raw[memory : memory + memory_size],
-        frames_in(raw, batches) if batches else (),
+        np.frombuffer(lost, _INT) if lost else NOBODY,
+        np.frombuffer(refused, _INT) if refused else NOBODY,
+        np.ndarray((rows, width), _FLOAT, models) if models else None,
+        memory,
+        frames_in(batches) if batches else (),
     )
 
 
@@ -105,25 +100,20 @@ def write_act(act: Act) -> bytes:
     return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, outbox)
 
 
-def frames_in(raw: bytes, batches: Iterable[Batch]) -> tuple[Frames, ...]:
+def frames_in(batches: Iterable[Batch]) -> tuple[Frames, ...]:
     """The batches of a message that was read.
 
     Raises:
         MessageRejected: `wrong-kind`: the kind of a batch is unknown.
     """
     frames = []
-    for kind, number, code, width, sources, source, payload, links, link in batches:
+    for kind, number, code, width, source, payload, links in batches:
         if kind >= len(_KINDS):
             raise MessageRejected("wrong-kind", f"frames of kind {kind}")
-        frames.append(
-            Frames(
-                _KINDS[kind],
-                number,
-                np.ndarray(sources, _INT, raw, source),
-                np.ndarray((sources, width), _DTYPES[code], raw, payload),
-                np.ndarray((links, 2), _INT, raw, link) if links else None,
-            )
-        )
+        named = np.frombuffer(source, _INT)
+        sent = np.ndarray((len(named), width), _DTYPES[code], payload)
+        pairs = np.frombuffer(links, _INT).reshape(-1, 2) if links else None
+        frames.append(Frames(_KINDS[kind], number, named, sent, pairs))
     return tuple(frames)
 
 
