@@ -84,8 +84,8 @@ class Books:
         # The entered ticks: states and hidden state after them, commands, and accelerations with gusts.
         self._states: list[state.States] = []
         self._hidden: list[Hidden] = []
-        self._commands: list[state.Plane] = []
-        self._felt: list[state.Plane] = []
+        self._commands: list[state.Vectors] = []
+        self._felt: list[state.Vectors] = []
         self._on_way: Mask = np.zeros(uavs, dtype=bool)
         self._waiting: Mask | None = None
 
@@ -98,8 +98,8 @@ class Books:
         self,
         states: state.States,
         hidden: Hidden,
-        commands: state.Plane,
-        felt: state.Plane,
+        commands: state.Vectors,
+        felt: state.Vectors,
         on_way: Mask,
         waiting: Mask | None,
     ) -> None:
@@ -204,7 +204,7 @@ class Noise:
         self._block = np.zeros((0, *self._shape[1:]))
         self._used = 0
 
-    def next(self) -> state.Plane:
+    def next(self) -> state.Vectors:
         """The numbers of the next tick."""
         if self._used == len(self._block):
             self._begin = random_state(self._draw)

@@ -21,7 +21,7 @@ class Commands:
     """
 
     def __init__(self, uavs: int, diagnostics: int) -> None:
-        self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
+        self.accelerations: state.Vectors = np.zeros((uavs, state.AXES))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
         self._largest: Floats = np.zeros(diagnostics)

@@ -65,7 +65,7 @@ class Script:
 
         return fails
 
-    def gust(self, tick: int, states: state.States) -> state.Plane | None:
+    def gust(self, tick: int, states: state.States) -> state.Vectors | None:
         """(N, 2), m/s², the acceleration of each UAV by gusts; None without gusts."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
         if not acting:

@@ -306,7 +306,7 @@ class Flight:
             self._sort()
             self._event("rejoined", f"{node} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
-    def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
+    def advance(self, accelerations: state.Vectors, gust: state.Vectors | None = None) -> None:
         """Fly one tick.
 
         UAVs on the ground stay at rest and spend no energy.
@@ -390,7 +390,7 @@ class Flight:
         self.idle: Mask | None = waiting | lost if is_waiting or self.any_lost else None
         self.on_way: Mask = flying & ~waiting
 
-    def _limited(self, accelerations: state.Plane, limit: float) -> state.Plane:
+    def _limited(self, accelerations: state.Vectors, limit: float) -> state.Vectors:
         """Commands (N, 2), those longer than the limit shortened to it and counted, m/s²."""
         length = np.hypot(accelerations[:, 0], accelerations[:, 1])
         longer = length > limit * (1.0 + 1e-9)  # a controller may have shortened its command to the limit itself

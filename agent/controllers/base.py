@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VX, VY, Floats, Mask, Plane, States, X, Y, distinct
+from meanflock.swarm.state import POSITION, VX, VY, Floats, Mask, States, Vectors, X, Y, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
@@ -77,7 +77,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     """
 
     memory: Memory
-    acceleration: Plane
+    acceleration: Vectors
     diagnostics: NDArray[np.float64] | None = None
     broadcasts: Sequence[Broadcast] = ()
     refused: NDArray[np.int32] = NOBODY

@@ -11,7 +11,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import AXES, POSITION, VELOCITY, Rows, States, Vectors
 
 CRUISE_M_S = 2.25  # speed of least energy per metre of the paper's craft
 SLOWING_1_S = 0.5
@@ -38,7 +38,7 @@ class Travel:
             memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
         return memory
 
-    def velocity(self, memory: Memory, own: States) -> tuple[Memory, Plane]:
+    def velocity(self, memory: Memory, own: States) -> tuple[Memory, Vectors]:
         """Memory after the tick, and velocities (M, 2) m/s: min(speed, slowing · distance) towards the goal."""
         if self._stays_inside:
             memory = self._arrive(memory, own)
@@ -54,13 +54,13 @@ class Travel:
         return memory | {"travel_arrived": arrived | reached, "travel_end": end}
 
 
-def towards(end: Plane, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Plane:
+def towards(end: Vectors, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Vectors:
     """Velocities (M, 2) m/s from rows (M, 4) towards their ends (M, 2) m: min(speed, slowing · distance)."""
     way = end - own[:, POSITION]
     return way * np.minimum(speed_m_s / np.maximum(state.norm(way), 1e-9), slowing_1_s)[:, None]
 
 
-def against_the_air(scenario: Scenario, own: States) -> Plane:
+def against_the_air(scenario: Scenario, own: States) -> Vectors:
     """Acceleration c0(v − v_o), (M, 2) m/s², that cancels drag and mean wind as they are known before take-off."""
     return scenario.wind.drag * (own[:, VELOCITY] - np.array(scenario.wind.mean))
 
@@ -71,7 +71,7 @@ def acceleration_limit(scenario: Scenario, most: float) -> float:
     return most if limit is None else min(most, limit)
 
 
-def limited(vectors: Plane, most: float) -> Plane:
+def limited(vectors: Vectors, most: float) -> Vectors:
     """Vectors (M, 2), those longer than `most` shortened to it."""
     return vectors * np.minimum(1.0, most / np.maximum(state.norm(vectors), 1e-9))[:, None]
 

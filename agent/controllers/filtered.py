@@ -18,7 +18,7 @@ from meanflock.agent.controllers.base import Controller, Memory, Options, Receiv
 from meanflock.agent.controllers.sharing.base import Neighbours
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane, States, distinct
+from meanflock.swarm.state import Floats, States, Vectors, distinct
 
 PREFIX = "filter_"  # of the filter's memory, and of a column whose name the controller has too
 _UNSENT = "unsent"  # the last of its columns
@@ -57,7 +57,7 @@ class Filter:
         self._neighbours = Neighbours(scenario, inner.prediction())
 
     @abstractmethod
-    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors) -> tuple[Vectors, Floats]:
         """Returns the accelerations that the rows fly, and the diagnostics of the filter.
 
         Args:
@@ -97,7 +97,9 @@ class Filter:
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
 
-    def _admitted(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+    def _admitted(
+        self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors
+    ) -> tuple[Vectors, Floats]:
         """The result of `admit`, checked. Errors name the filter, not the controller."""
         try:
             acceleration, reported = self.admit(own, others, uavs, wanted)

@@ -7,7 +7,7 @@ import numpy as np
 from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, Floats, Mask, Plane, Rows, States, norm
+from meanflock.swarm.state import AXES, POSITION, Floats, Mask, Rows, States, Vectors, norm
 
 WEIGHTS = {
     "progress": 1.0,  # by how much the UAV came nearer to its goal, m
@@ -47,7 +47,7 @@ class Terms:
         self._distance = self._to_goal(mission.starts(scenario))
 
     def after(
-        self, states: States, command: Plane, on_way: Mask, arrived: Mask, lost: Mask, collided: set[tuple[int, int]]
+        self, states: States, command: Vectors, on_way: Mask, arrived: Mask, lost: Mask, collided: set[tuple[int, int]]
     ) -> Floats:
         """The terms of a tick, (N, 6).
 

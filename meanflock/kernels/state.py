@@ -17,7 +17,7 @@ AXES = 2  # the plane of flight: x and y
 Floats: TypeAlias = NDArray[np.float64]  # any shape
 Mask: TypeAlias = NDArray[np.bool_]  # any shape
 States: TypeAlias = NDArray[np.float64]  # (..., 4)
-Plane: TypeAlias = NDArray[np.float64]  # (..., 2): an acceleration, a velocity, a position
+Vectors: TypeAlias = NDArray[np.float64]  # (..., axes): accelerations, velocities, positions
 Rows: TypeAlias = NDArray[np.float64]  # (...,): one number a UAV
 
 
@@ -43,7 +43,7 @@ def norm(states: States) -> Rows:
     return np.sqrt(dot(states, states))
 
 
-def approach(first: Plane, last: Plane) -> Rows:
+def approach(first: Vectors, last: Vectors) -> Rows:
     """Least squared distance to the origin of points that move straight from `first` to `last`, `(..., 2)`; `(...,)`.
 
     NaN where a point has no beginning or no end.

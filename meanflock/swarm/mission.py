@@ -97,7 +97,7 @@ def _stream(uavs: int, spacing: float) -> Floats:
     return np.stack([along, spacing * (number % _LANES - (_LANES - 1) / 2)], axis=-1)
 
 
-def goals(mission: Mission) -> state.Plane:
+def goals(mission: Mission) -> state.Vectors:
     """Goal of each UAV, (N, 2) in m. By default the origin is the goal of all.
 
     `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the

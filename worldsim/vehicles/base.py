@@ -49,7 +49,7 @@ class Vehicle:
 
     @abstractmethod
     def step(
-        self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
+        self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
     ) -> tuple[state.States, Hidden]:
         """Computes the states after one tick.
 
@@ -64,7 +64,7 @@ class Vehicle:
         raise NotImplementedError
 
     @abstractmethod
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 4) and `hidden`.
 
         The R rows are those of all UAVs in one or several ticks, tick by tick.
@@ -96,7 +96,7 @@ class MeanWind:
             length = np.sqrt(state.dot(across, across))[:, None]
             self._modes = wind.field_rms * math.sqrt(2.0 / wind.field_modes) * (across / length)
 
-    def __call__(self, states: state.States) -> state.Plane:
+    def __call__(self, states: state.States) -> state.Vectors:
         """The wind at each of `states` (..., 4), `(..., 2)`, m/s; `(2,)` if it is the same everywhere."""
         if self.uniform:
             return self._mean
@@ -146,8 +146,8 @@ class Physics:
         self,
         states: state.States,
         hidden: Hidden,
-        acceleration: state.Plane,
-        noise: state.Plane,
+        acceleration: state.Vectors,
+        noise: state.Vectors,
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest.
@@ -160,7 +160,7 @@ class Physics:
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
 
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """The power of the rows of all UAVs in one or several ticks, by `Vehicle.power`, W.
 
         Raises:
@@ -181,8 +181,8 @@ class Physics:
         self,
         states: state.States,
         hidden: Hidden,
-        acceleration: state.Plane,
-        noise: state.Plane,
+        acceleration: state.Vectors,
+        noise: state.Vectors,
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         for array in (states, *hidden.values()):

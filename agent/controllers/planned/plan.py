@@ -22,7 +22,7 @@ from meanflock.agent.controllers.base import Controller, Memory, Received, Rows,
 from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed, against_the_air
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States
+from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, States, Vectors
 
 ACCELERATION_M_S2, BRAKE_M_S2 = 1.0, 0.5
 FILLED = 0.84  # largest distance of a slot from the goal, relative to the destination's radius
@@ -157,7 +157,7 @@ class Planned(Controller):
         """A UAV that is off its trajectory is predicted to return to it."""
         return AlongPlan(self._trajectory.states, self.scenario.dt)
 
-    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
+    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Vectors]:
         """Errors of rows (M, 4) to their trajectories, (M, 2 axes, 2) m and m/s; and accelerations there, (M, 2)."""
         states, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
         off = own - states

@@ -74,7 +74,7 @@ class Rls(PlannedLearner):
         reported = np.concatenate([tracking(off)[:, None], memory["estimate"]], axis=1)
         return Step(memory | after, command, reported)
 
-    def _learn(self, memory: Memory, tick: int, moving: state.Plane) -> Memory:
+    def _learn(self, memory: Memory, tick: int, moving: state.Vectors) -> Memory:
         """Estimate and covariance with the data of the last tick; empty after a pause, or on the ground."""
         fresh = self._follows(memory, tick)
         if not fresh.any():

@@ -11,7 +11,7 @@ import numpy as np
 from meanflock.agent.controllers.policy.perception import width
 from meanflock.swarm import paths
 from meanflock.swarm.errors import FAILURES, BadInput, reason
-from meanflock.swarm.state import AXES, Floats, Plane
+from meanflock.swarm.state import AXES, Floats, Vectors
 
 TRAINED = Path(__file__).with_name("trained.npz")  # written by examples/train.py
 VERSION = 1
@@ -35,7 +35,7 @@ class Network(NamedTuple):
     scale: Floats
     layers: tuple[tuple[Floats, Floats], ...]
 
-    def __call__(self, observations: Floats) -> tuple[Plane, Floats | None]:
+    def __call__(self, observations: Floats) -> tuple[Vectors, Floats | None]:
         """Accelerations (M, 2), m/s², and messages (M, W) in −1 … 1, of observations (M, I).
 
         Sums go input by input, so that a row has the same bits in every batch.

@@ -23,7 +23,7 @@ from meanflock.agent.controllers.sharing.nearby import (
     with_obstacles,
 )
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import VELOCITY, Rows, States, Vectors
 
 INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
@@ -78,7 +78,7 @@ class BufferedVoronoi(TravellingController):
         acceleration = limited(options.velocity_gain_1_s * (velocity - own[:, VELOCITY]), self._limit)
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
-    def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Plane, Rows]:
+    def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """Half-planes n·v ≥ bound of velocities from which a row stops before the faces of its cell.
 
         Args:

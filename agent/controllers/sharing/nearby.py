@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import state
-from meanflock.swarm.state import VX, VY, Floats, Mask, Plane, Rows, States, X, Y
+from meanflock.swarm.state import VX, VY, Floats, Mask, Rows, States, Vectors, X, Y
 
 NOWHERE_M = 1e-9  # a distance without a direction
 OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
@@ -25,10 +25,10 @@ class Near(NamedTuple):
 
     row: NDArray[np.intp]
     other: NDArray[np.intp]
-    apart: Plane
-    closing: Plane
+    apart: Vectors
+    closing: Vectors
     distance: Rows
-    away: Plane
+    away: Vectors
 
 
 def near(
@@ -74,7 +74,7 @@ def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
     return distance - discs[:, 2], x / length, y / length
 
 
-def summed(row: NDArray[np.intp], vectors: Plane, rows: int) -> Plane:
+def summed(row: NDArray[np.intp], vectors: Vectors, rows: int) -> Vectors:
     """Sums of vectors (P, 2) by row, (rows, 2), in the order of the vectors."""
     return np.stack([np.bincount(row, vectors[:, axis], rows) for axis in range(state.AXES)], axis=-1)
 
@@ -86,8 +86,8 @@ class Closest(NamedTuple):
     object. squared: (M, K) m², of `away`. present: (M, K), mask of the columns in use; other columns have no meaning.
     """
 
-    away: Plane
-    closing: Plane
+    away: Vectors
+    closing: Vectors
     squared: Rows
     present: Mask
 
@@ -122,7 +122,7 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
     return which, which >= 0
 
 
-def _apart(x: Rows, y: Rows, closing: Plane, present: Mask, right: Rows | float) -> Closest:
+def _apart(x: Rows, y: Rows, closing: Vectors, present: Mask, right: Rows | float) -> Closest:
     """The objects as `Closest`. `right`: 1 if a UAV at the same place counts as right of the object, −1 if left."""
     squared = x * x + y * y
     if (same := present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
@@ -150,12 +150,12 @@ def stopping_slope(distance_m: Rows, deceleration: float, delay_s: float) -> Row
     return deceleration / np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0))
 
 
-def to_the_right(velocity: Plane, bias: float) -> Plane:
+def to_the_right(velocity: Vectors, bias: float) -> Vectors:
     """Velocities (M, 2) plus a share of each, turned by 90° to the right, m/s."""
     return velocity + bias * np.stack([velocity[:, 1], -velocity[:, 0]], axis=-1)
 
 
-def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:
+def with_obstacles(normals: Vectors, bounds: Rows, more: Vectors, least: Rows) -> tuple[Vectors, Rows]:
     """Append the half-planes of obstacles, `more` and `least`, with weight `OBSTACLE`, to those of UAVs, normals
     (M, K, 2) and bounds (M, K)."""
     return np.concatenate([normals, OBSTACLE * more], axis=1), np.concatenate([bounds, OBSTACLE * least], axis=1)

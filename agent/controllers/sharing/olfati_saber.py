@@ -15,7 +15,7 @@ from meanflock.agent.controllers.sharing.base import SharingController
 from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
+from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Rows, States, Vectors
 
 
 def bump(z: Rows, h: float) -> Rows:
@@ -73,7 +73,7 @@ class OlfatiSaber(SharingController):
             acceleration += self._of_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
-    def _of_pairs(self, pairs: Near) -> Plane:
+    def _of_pairs(self, pairs: Near) -> Vectors:
         """Accelerations by pairs, c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, (P, 2) m/s²."""
         options = self.options
         squared = pairs.distance * pairs.distance
@@ -85,7 +85,7 @@ class OlfatiSaber(SharingController):
         along = (options.c1 * action / np.sqrt(1.0 + options.epsilon_1_m2 * squared))[:, None] * pairs.apart
         return -along - (options.c2_1_s * weight)[:, None] * pairs.closing
 
-    def _of_obstacles(self, own: States) -> Plane:
+    def _of_obstacles(self, own: States) -> Vectors:
         """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)

@@ -15,7 +15,7 @@ from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import edges, near, summed
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import VELOCITY, Rows, States, Vectors
 
 
 class PotentialField(TravellingController):
@@ -58,7 +58,7 @@ class PotentialField(TravellingController):
             acceleration += self._off_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
-    def _off_obstacles(self, own: States) -> Plane:
+    def _off_obstacles(self, own: States) -> Vectors:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)

@@ -13,7 +13,7 @@ from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, near, summed
 from meanflock.swarm import state
-from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
+from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Rows, States, Vectors
 
 
 def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
@@ -73,7 +73,7 @@ class Vasarhelyi(TravellingController):
         np.maximum(least, options.v_frict_m_s**2, out=least)
         return (difference_squared > least) | (squared < options.r0_rep_m**2)
 
-    def _off_obstacles(self, own: States) -> Plane:
+    def _off_obstacles(self, own: States) -> Vectors:
         """Friction with `shill` agents, which move away from the nearest points of all obstacles: their Eq. 5 and 6,
         (M, 2) m/s.
         """
@@ -85,7 +85,7 @@ class Vasarhelyi(TravellingController):
         share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
         return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
 
-    def _push(self, pairs: Near) -> Plane:
+    def _push(self, pairs: Near) -> Vectors:
         """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
         options = self.options
         repulsion = options.p_rep_1_s * np.maximum(options.r0_rep_m - pairs.distance, 0.0)
