@@ -149,8 +149,8 @@ class Books:
         self.speed_sum = sums(self.speed_sum, speed)[-1]
         self.distance = sums(self.distance, speed * self._dt)[-1]
         self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
-        squared = commands * commands
-        self.effort = sums(self.effort, (squared[:, 0] + squared[:, 1]).reshape(shape) * self._on_way)[-1]
+        squared = state.squared(state.parts(commands))
+        self.effort = sums(self.effort, squared.reshape(shape) * self._on_way)[-1]
 
     def keep_energies(self, *, with_first: bool) -> None:
         """From now on, store the energies after each tick, for `take_energies`; `with_first`: also those of now."""
@@ -199,7 +199,7 @@ class Noise:
     def __init__(self, scenario: Scenario) -> None:
         self._draw = generator(scenario.seed, "wind")
         self._common = scenario.wind.common
-        self._shape = block_ticks(scenario.uavs), scenario.uavs + (self._common > 0), state.AXES
+        self._shape = block_ticks(scenario.uavs), scenario.uavs + (self._common > 0), scenario.dimensions
         self._begin = random_state(self._draw)  # before the block
         self._block = np.zeros((0, *self._shape[1:]))
         self._used = 0

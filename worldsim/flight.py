@@ -94,7 +94,7 @@ class Encounters:
         for first, second in seen.touching.tolist():
             self.touched.add((first, second))
             if on_way[first] and on_way[second]:
-                if math.dist(after[first, state.POSITION], after[second, state.POSITION]) < self._radius:
+                if math.dist(state.position(after[first]), state.position(after[second])) < self._radius:
                     self.collided_at_ticks.add((first, second))
                 if (first, second) not in self.collided:
                     self.collided.add((first, second))
@@ -109,8 +109,8 @@ class Encounters:
         """
         if not len(self._discs):
             return []
-        centres, radius = self._discs[:, : state.AXES], self._discs[:, state.AXES]
-        first, last = (states[:, None, state.POSITION] - centres for states in (before, after))
+        centres, radius = state.flat(self._discs), self._discs[:, 2]
+        first, last = (state.flat(states)[:, None] - centres for states in (before, after))
         new = (state.approach(first, last) < radius * radius) & ~self.hit
         if not np.count_nonzero(new):
             return []

@@ -51,7 +51,7 @@ class Filter:
         inner_names = tuple(inner.diagnostics)
         own_names = tuple(PREFIX + name if name in inner_names else name for name in (*self.columns, _UNSENT))
         self.diagnostics = (*inner_names, *own_names)
-        self.broadcast_numbers = inner.broadcast_numbers + Neighbours.numbers
+        self.broadcast_numbers = inner.broadcast_numbers + scenario.state_numbers
         self.pairwise = True  # it knows a state of every other UAV
         self.shares = True
         self._neighbours = Neighbours(scenario, inner.prediction())

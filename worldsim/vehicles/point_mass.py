@@ -49,7 +49,7 @@ class PointMass(Vehicle):
         """Power of the rotary wing at speed ‖v‖, or at ‖v − v_o(r)‖ if `vehicle.power_speed` is air; v_o is the mean
         wind without noise."""
         if self._through_air:
-            through = states[..., state.VELOCITY] - self._mean(states)
+            through = state.velocity(states) - self._mean(states)
             speed = np.sqrt(state.dot(through, through))
         else:
             speed = state.speed(states)

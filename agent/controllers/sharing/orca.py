@@ -15,7 +15,8 @@ from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, to_the_right, with_obstacles
-from meanflock.swarm.state import VELOCITY, Rows, States, Vectors
+from meanflock.swarm import state
+from meanflock.swarm.state import Rows, States, Vectors
 
 INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
@@ -49,7 +50,7 @@ class Orca(TravellingController):
         memory, preferred = self._travel.velocity(memory, own)
         preferred = to_the_right(preferred, self.options.right_bias)
         velocity, missing = self.velocity(own, others, memory["neighbour_uav"], preferred)
-        acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        acceleration = self.options.velocity_gain_1_s * (velocity - state.velocity(own))
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
     def velocity(

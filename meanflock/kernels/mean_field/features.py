@@ -7,7 +7,6 @@ Every function is row-wise: row i of the result depends on row i of the argument
 
 import numpy as np
 
-from meanflock.kernels import state
 from meanflock.kernels.mean_field.layout import Floats, Indices, Tables
 
 POWERS = 7  # 1, u, u² … u⁶ of each coordinate
@@ -20,13 +19,13 @@ def powers(t: Tables, states: Floats) -> Floats:
     result = np.empty((*states.shape, POWERS))
     result[..., 0] = 1.0
     result[..., 1:] = (states / t.scale)[..., None]
-    return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], state.SIZE * POWERS)
+    return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], states.shape[-1] * POWERS)
 
 
 def value(t: Tables, given: Floats) -> Floats:
     """Features of axis x and of axis y from powers, [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²]: `(..., 4, 2, 27)`."""
     return _products(given, t.value_first, t.value_second, t.value_factor).reshape(
-        *given.shape[:-1], 4, state.AXES, AXIS_FEATURES
+        *given.shape[:-1], 4, given.shape[-1] // (2 * POWERS), AXIS_FEATURES
     )
 
 

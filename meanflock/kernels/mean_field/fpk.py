@@ -25,9 +25,9 @@ def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
     """
     factors = np.empty((*b.shape[:-1], 8, 1))
     factors[..., 0, 0] = divergence
-    factors[..., 1:3, 0] = b[..., state.POSITION]  # ṙ of the state, in the order of the derivatives
+    factors[..., 1:3, 0] = state.position(b)  # ṙ of the state, in the order of the derivatives
     factors[..., 3, 0] = 0.0
-    factors[..., 4:6, 0] = b[..., state.VELOCITY]
+    factors[..., 4:6, 0] = state.velocity(b)
     factors[..., 6:8, 0] = -t.half_variance
     images = factors * pairs
     blocks = np.empty((*b.shape[:-1], 4, features.PAIRS))
@@ -56,7 +56,7 @@ def step(
     Returns:
         Weights after the step, and the residual e_F (...) before it.
     """
-    b = np.concatenate([states[..., state.VELOCITY], drift], axis=-1)
+    b = np.concatenate([state.velocity(states), drift], axis=-1)
     gradient = np.concatenate([operator(t, pairs, b, divergence(t, curvature)), sigma], axis=-1)
     residual = state.dot(weights, gradient)
     return weights - (t.mu_f * residual)[..., None] * gradient, residual

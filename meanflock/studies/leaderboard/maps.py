@@ -31,7 +31,7 @@ _RING: dict[str, Any] = {**plotstyle.RING, "markersize": 3.6, "markeredgewidth":
 
 def draw(flown: Scenario) -> Figure:
     """The map of a scenario, in metres."""
-    starts, goals = mission.starts(flown)[:, state.POSITION], mission.goals(flown)
+    starts, goals = state.position(mission.starts(flown)), mission.goals(flown)
     discs = mission.obstacles(flown)
     with plotstyle.style():
         figure = plotstyle.figure(_SIDE_IN, _SIDE_IN)
