@@ -172,12 +172,10 @@ class Medium:
         squares = []
         for along in state.parts(state.position(states)):
             apart = along[source] - along[target]
-            apart *= apart
-            squares.append(apart)
-        total, *others = squares
-        for other in others:
-            total += other
-        length = np.sqrt(total, out=total)
+            squares.append(np.multiply(apart, apart, out=apart))
+        for square in squares[1:]:
+            squares[0] += square
+        length = np.sqrt(squares[0], out=squares[0])
         return length if links.message is None else length[links.message]
 
     def _links(self, batch: Frames, states: state.States) -> Links:

@@ -149,7 +149,7 @@ class Books:
         self.speed_sum = sums(self.speed_sum, speed)[-1]
         self.distance = sums(self.distance, speed * self._dt)[-1]
         self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
-        squared = state.squared(state.parts(commands))
+        squared = state.dot(commands, commands)
         self.effort = sums(self.effort, squared.reshape(shape) * self._on_way)[-1]
 
     def keep_energies(self, *, with_first: bool) -> None:

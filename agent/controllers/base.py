@@ -188,6 +188,6 @@ def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
 
 def _can_be(reach: float, speed: float, states: Floats) -> Mask:
     numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
-    position, velocity = state.position(numbers), state.velocity(numbers)
-    possible: Mask = (state.dot(position, position) <= reach * reach) & (state.dot(velocity, velocity) <= speed * speed)
+    position, velocity = state.squared_halves(numbers)
+    possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)
     return possible

@@ -50,11 +50,23 @@ def parts(vectors: Vectors) -> list[Rows]:
 
 
 def squared(along: Sequence[Any] | NDArray[Any]) -> Any:
-    """‖·‖² of vectors, from the numbers along each axis; arrays of any shape, or floats."""
+    """‖·‖² of vectors, from the numbers along each axis; arrays of any shape, or floats.
+
+    For a view such as `velocity(states)` this is much faster than `dot`, whose innermost loop is over the axes.
+    """
     total = along[0] * along[0]
-    for part in along[1:]:
-        total += part * part
+    for axis in range(1, len(along)):  # to iterate over an array takes longer: it ends with an exception
+        total += along[axis] * along[axis]
     return total
+
+
+def squared_halves(states: States) -> tuple[Rows, Rows]:
+    """‖r‖² and ‖v‖² of states (M, 2 axes), (M,) each."""
+    squares, half = states * states, states.shape[1] // 2
+    place, pace = squares[:, 0], squares[:, half]
+    for axis in range(1, half):
+        place, pace = place + squares[:, axis], pace + squares[:, half + axis]
+    return place, pace
 
 
 def dot(first: Floats, second: Floats) -> Rows:
@@ -71,7 +83,7 @@ def dot(first: Floats, second: Floats) -> Rows:
 
 def length(vectors: Vectors) -> Rows:
     """‖·‖ of vectors, `(...,)`."""
-    return np.sqrt(dot(vectors, vectors))
+    return np.sqrt(squared(parts(vectors)))
 
 
 def speed(states: States) -> Rows:

@@ -26,6 +26,7 @@ from meanflock.kernels.state import (  # noqa: F401
     position,
     speed,
     squared,
+    squared_halves,
     velocity,
 )
 

@@ -63,8 +63,8 @@ class Perception:
         """The observations of rows (M, 4), (M, 4 + K (6 + W))."""
         uavs, rows = memory["neighbour_uav"], np.arange(len(own))[:, None]
         others = self._others.states(memory, tick)
-        here, there = state.parts(state.position(own)), state.parts(state.position(others))
-        squared = state.squared([theirs - mine[:, None] for mine, theirs in zip(here, there, strict=True)])
+        place = state.position(own)
+        squared = state.squared([others[..., axis] - place[:, axis, None] for axis in range(place.shape[1])])
         squared[rows[:, 0], uavs] = np.inf
         count = min(self.neighbours, others.shape[1] - 1)
         which = np.argsort(squared, axis=1, kind="stable")[:, :count]

@@ -134,9 +134,9 @@ class Neighbours:
             return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
         uav, left = memory["neighbour_uav"], memory["neighbour_repeats"]
         off = own - self._own(memory, tick)
-        moved, turned = state.position(off), state.velocity(off)
-        event = state.dot(moved, moved) > self._delta_squared
-        event |= state.dot(turned, turned) > self._velocity_delta_squared
+        moved, turned = state.squared_halves(off)
+        event = moved > self._delta_squared
+        event |= turned > self._velocity_delta_squared
         left = np.where(event, self._repeats, left)
         due = left > 0
         numbers = np.rint((own - self._origin[uav]) * (1.0 / UNIT))

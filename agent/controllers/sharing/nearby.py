@@ -12,6 +12,7 @@ from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
 
 NOWHERE_M = 1e-9  # a distance without a direction
 OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
+FLAT = range(2)  # columns of x and y, of states and of discs
 NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
 
@@ -44,15 +45,16 @@ def near(
         own: (M, 4). states: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
         matters: condition on squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
-    gaps = _gaps(state.position(own), state.position(states))
+    axes = state.axes(own)
+    gaps = _gaps(own, states, range(axes))
     squared = state.squared(gaps)
     squared[np.arange(len(own)), uavs] = np.inf
     chosen = squared <= range_m * range_m
     if matters is not None:
-        chosen &= matters(squared, state.squared(_gaps(state.velocity(own), state.velocity(states))))
+        chosen &= matters(squared, state.squared(_gaps(own, states, range(axes, 2 * axes))))
     row, other = np.nonzero(chosen)
     apart = np.stack([gap[row, other] for gap in gaps], axis=-1)
-    closing = state.velocity(own)[row] - state.velocity(states)[row, other]
+    closing = state.velocity(own).take(row, axis=0) - states[row, other, axes:]
     distance = np.sqrt(squared[row, other])
     away = apart / np.maximum(distance, NOWHERE_M)[:, None]
     if (one_place := distance < NOWHERE_M).any():
@@ -61,9 +63,9 @@ def near(
     return Near(row, other, apart, closing, distance, away)
 
 
-def _gaps(own: Vectors, others: Vectors) -> list[Floats]:
-    """Differences of rows (M, axes) and others (M, N, axes), or (N, axes) for all rows; (M, N) along each axis."""
-    return [mine[:, None] - theirs for mine, theirs in zip(state.parts(own), state.parts(others), strict=True)]
+def _gaps(own: Floats, others: Floats, columns: range) -> list[Floats]:
+    """Differences of rows (M, …) and others (M, N, …), or (N, …) that are those of all rows; (M, N) in each column."""
+    return [own[:, column, None] - others[..., column] for column in columns]
 
 
 def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
@@ -72,7 +74,7 @@ def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
     Returns:
         Distance, x and y, (M, K) each.
     """
-    x, y = _gaps(state.flat(own), state.flat(discs))
+    x, y = _gaps(own, discs, FLAT)
     distance = np.sqrt(x * x + y * y)
     length = np.maximum(distance, NOWHERE_M)
     return distance - discs[:, 2], x / length, y / length
@@ -102,18 +104,19 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     Args:
         own: (M, 4), states of the rows, which are `uavs` (M,). others: (M, N, 4), states of all UAVs known to them.
     """
-    gaps = _gaps(state.position(own), state.position(others))
+    axes = state.axes(own)
+    gaps = _gaps(own, others, range(axes))
     squared = state.squared(gaps)
     squared[np.arange(len(own)), uavs] = np.inf
     which, present = _first(squared, reach_m * reach_m, most)
     row, right = np.arange(len(own))[:, None], np.where(uavs[:, None] < which, -1.0, 1.0)
-    closing = state.velocity(own)[:, None] - state.velocity(others)[row, which]
+    closing = own[:, None, axes:] - others[row, which, axes:]
     return _apart([gap[row, which] for gap in gaps], closing, present, right)
 
 
 def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
     """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
-    gaps = _gaps(state.flat(own), state.flat(discs))
+    gaps = _gaps(own, discs, FLAT)
     which, present = _first(np.sqrt(state.squared(gaps)) - discs[:, 2], reach_m, most)
     row, velocity = np.arange(len(own))[:, None], state.flat(state.velocity(own))
     closing = np.broadcast_to(velocity[:, None], (*which.shape, velocity.shape[1]))
