@@ -33,12 +33,14 @@ def pairs(t: Tables, given: Floats) -> Floats:
     """Pairs from powers, `(..., 8, 15)`: A, ∂A/∂x, ∂A/∂y of positions; V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy² of
     velocities.
     """
-    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(*given.shape[:-1], 8, PAIRS)
+    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(
+        *given.shape[:-1], len(t.pair_first) // PAIRS, PAIRS
+    )
 
 
 def terms(t: Tables, given: Floats) -> Floats:
     """Terms [1, σ_F] from pairs, `(..., 70)`: x̄^a ȳ^b v̄x^c v̄y^d is a product of a position pair and a velocity pair."""
-    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 3, :].take(t.at_velocity, axis=-1)
+    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 1 + len(t.wind), :].take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result
 
