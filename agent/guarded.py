@@ -20,7 +20,7 @@ from meanflock.federation.plan import Plan
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import as_floats, check_bounded, check_memory, check_same_form
-from meanflock.swarm.state import AXES, BEYOND_SENSE, Floats, Mask, distinct
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
@@ -48,7 +48,7 @@ class Guarded:
         self.broken: Mask | None = None
         scenario = plan.scenario
         self._method, self._declared = scenario.method, plan.declared
-        self._blank = np.zeros((len(uavs), AXES + len(self._declared.diagnostics)))  # commands
+        self._blank = np.zeros((len(uavs), scenario.dimensions + len(self._declared.diagnostics)))  # commands
         self._uavs = uavs
         self._everyone = scenario.uavs
         self._problems = problems
@@ -147,6 +147,7 @@ class Guarded:
     def _step_rows(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
         """The steps of all rows, each alone. A row that fails keeps its memory, and its commands are NaN."""
         columns = self._blank.shape[1]
+        axes = columns - len(self._declared.diagnostics)
         commands = np.full((len(own), columns), np.nan)
         sent: dict[int, dict[int, NDArray[np.generic]]] = {}  # payloads by number of the broadcast, then by row
 
@@ -175,7 +176,7 @@ class Guarded:
         )
         after = _with_rows(memory, {row: step.memory for row, step in steps.items()})
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
-        return Step(after, commands[:, :AXES], commands[:, AXES:], broadcasts, refused), commands
+        return Step(after, commands[:, :axes], commands[:, axes:], broadcasts, refused), commands
 
     def _taught(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
         after = self.controller.set(memory, rows, models)
@@ -227,13 +228,13 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
     Raises:
         TypeError, ValueError: a part of the step has a wrong type, shape or value.
     """
-    commands = blank.copy()
+    commands, axes = blank.copy(), blank.shape[1] - len(declared.diagnostics)
     try:
-        largest = kernels.columns(step.acceleration, step.diagnostics, commands, AXES)
+        largest = kernels.columns(step.acceleration, step.diagnostics, commands, axes)
     except (AttributeError, TypeError, ValueError):  # numbers of another dtype, or of another shape
         if not isinstance(step, Step):
             raise TypeError(f"`step` returns a {type(step).__name__}; expected mf.Step(memory, acceleration)") from None
-        largest = kernels.columns(*_tables(step, len(blank), declared), commands, AXES)
+        largest = kernels.columns(*_tables(step, (len(blank), axes), declared), commands, axes)
     check_same_form("memory", step.memory, before)
     if step.broadcasts:
         check_broadcasts(step.broadcasts, len(blank), declared)
@@ -249,10 +250,10 @@ def _check_refused(refused: object, uavs: int) -> None:
         raise ValueError(f"`refused` names UAVs from {refused.min()} to {refused.max()}; there are 0 … {uavs - 1}")
 
 
-def _tables(step: Step, rows: int, declared: Declared) -> tuple[Floats, Floats]:
+def _tables(step: Step, shape: tuple[int, int], declared: Declared) -> tuple[Floats, Floats]:
     """The accelerations and diagnostics of a step as float64, or the error that says what is wrong with them."""
-    columns = len(declared.diagnostics)
-    acceleration = as_floats("acceleration", step.acceleration, (rows, AXES))
+    rows, columns = shape[0], len(declared.diagnostics)
+    acceleration = as_floats("acceleration", step.acceleration, shape)
     if step.diagnostics is None and columns:
         raise ValueError(f"no diagnostics; expected shape {(rows, columns)}")
     diagnostics = np.zeros((rows, 0)) if step.diagnostics is None else step.diagnostics

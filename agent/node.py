@@ -7,7 +7,7 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.party import Party
 from meanflock.federation.plan import plan_of
-from meanflock.swarm import faults, state
+from meanflock.swarm import faults
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import decode
@@ -34,7 +34,9 @@ class Agent:
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
         self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
-        starts = expect("initial_states", welcome.initial_states, (self._scenario.uavs, state.SIZE), self._float)
+        starts = expect(
+            "initial_states", welcome.initial_states, (self._scenario.uavs, self._scenario.state_numbers), self._float
+        )
         self._controller = Guarded(plan, self.uavs, self.problems)
         self._memory = self._controller.init(starts.astype(np.float64))
         if welcome.memory:

@@ -12,7 +12,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.swarm.declared import MAX_BROADCAST_NUMBERS, MAX_PARAMETERS
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane, States
+from meanflock.swarm.state import Floats, States, Vectors
 
 
 class Command(msgspec.Struct, frozen=True, eq=False):
@@ -22,7 +22,7 @@ class Command(msgspec.Struct, frozen=True, eq=False):
     are.
     """
 
-    acceleration: Plane
+    acceleration: Vectors
     broadcasts: Sequence[Broadcast] = ()
     models: Floats | None = None
 

@@ -38,7 +38,7 @@ def step(flown: Scenario, backend: ModuleType = kernels) -> Callable[[], object]
     memory = controller.init(np.arange(flown.uavs), plan)
     draw = np.random.default_rng(1)
     own = plan + 0.1 * draw.standard_normal(plan.shape)
-    own[:, state.VELOCITY] -= 2.25 * np.sqrt(0.5)
+    state.velocity(own)[...] -= 2.25 * np.sqrt(0.5)
 
     def once() -> None:
         with nearest_of(backend):

@@ -40,7 +40,7 @@ def learner_step(method: str, uavs: int, backend: ModuleType = kernels) -> Calla
     weights = MeanFieldLearner(flown, learns_density=method != "hjb").init(uavs, plan)
     prepared = backend.prepare(tables(flown))
     states = plan.copy()
-    states[:, state.VELOCITY] = np.array(flown.wind.mean)
+    state.velocity(states)[...] = np.array(flown.wind.mean)
     known = np.repeat(plan[None], uavs, axis=0) if method == "hjb" else None
     stepped, numbers = np.empty_like(weights), np.empty((uavs, NUMBERS))
     return lambda: backend.learn(prepared, states, weights, known, stepped, numbers)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.errors import FAILURES, RunFailed, last_line
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane
+from meanflock.swarm.state import Floats, Vectors
 
 MOST_SLOTS = 1_000_000  # limit of the slots of a message
 
@@ -34,7 +34,7 @@ class Message(NamedTuple):
     source: NDArray[np.intp]
     target: NDArray[np.intp]
     distance_m: Floats
-    position_m: Plane
+    position_m: Vectors
 
 
 class Channel:

@@ -135,7 +135,7 @@ class Medium(Stateful):
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
-            message = Message(tick, bits, links.source, links.target, distance, states[:, state.POSITION])
+            message = Message(tick, bits, links.source, links.target, distance, state.position(states))
             for array in self.memory.values():
                 array.flags.writeable = False
             answer = self._channel.carry(dict(self.memory), message, self.draw)
@@ -161,15 +161,16 @@ class Medium(Stateful):
 
     def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
         """Lengths of the links by radio, `(K,)`, m."""
-        x, y = states[:, state.X], states[:, state.Y]
         source, target = links.source, links.target
         if links.message is not None:  # each pair of UAVs once
             source, target = links.record[:, 1:3].astype(np.intp).T
-        along, across = x[source] - x[target], y[source] - y[target]
-        along *= along
-        across *= across
-        along += across
-        length = np.sqrt(along, out=along)
+        squares = []
+        for along in state.parts(state.position(states)):
+            apart = along[source] - along[target]
+            squares.append(np.multiply(apart, apart, out=apart))
+        for square in squares[1:]:
+            squares[0] += square
+        length = np.sqrt(squares[0], out=squares[0])
         return length if links.message is None else length[links.message]
 
     def _links(self, batch: Frames, states: state.States) -> Links:
@@ -206,10 +207,8 @@ class Medium(Stateful):
         """Mask (S, N) of the UAVs that each source reaches; None if every UAV reaches every other."""
         if self._are_together(states, reach):
             return None
-        here = states[sources]
-        along = here[:, state.X, None] - states[:, state.X]
-        across = here[:, state.Y, None] - states[:, state.Y]
-        reached: NDArray[np.bool_] = along * along + across * across <= reach * reach
+        apart = [along[sources, None] - along for along in state.parts(state.position(states))]
+        reached: NDArray[np.bool_] = state.squared(apart) <= reach * reach
         reached[np.arange(len(sources)), sources] = False
         return reached
 
@@ -218,9 +217,9 @@ class Medium(Stateful):
 
         Rounding is monotone, so no computed distance within the box exceeds its computed diagonal.
         """
-        here = states[:, state.POSITION]
-        along, across = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
-        return bool(along * along + across * across <= reach * reach)
+        here = state.position(states)
+        sides = (np.maximum.reduce(here) - np.minimum.reduce(here)).tolist()
+        return bool(state.squared(sides) <= reach * reach)
 
 
 def _begun(channel: Channel, name: str, uavs: int) -> Memory:

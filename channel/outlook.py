@@ -11,11 +11,11 @@ from meanflock.channel.base import Channel, closed_form, failed
 from meanflock.federation.fragments import longest
 from meanflock.federation.plan import Plan, plan_of
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm import logs, plugins
+from meanflock.swarm import logs, plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, Floats
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import FrameKind
 
 WARN_FROM = 0.5  # share of lost whole models from which a warning is given
@@ -131,7 +131,7 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
 
 def _distances(scenario: Scenario, hop: Hop) -> Iterator[Floats]:
     """Lengths of the links of a hop by radio at take-off, (K,), m; those of some senders at a time, to save memory."""
-    places = starts(scenario)[:, POSITION]
+    places = state.position(starts(scenario))
     targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
     width = targets.shape[1]
     some = max(1, _LINKS_AT_ONCE // width)

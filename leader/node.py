@@ -4,7 +4,6 @@ import numpy as np
 
 from meanflock.federation.party import Party
 from meanflock.federation.plan import plan_of
-from meanflock.swarm import state
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
 
@@ -16,6 +15,7 @@ class Leader:
         """Raises BadInput if `init` of the aggregation rule fails."""
         self.problems: list[str] = []  # texts for the world that were not sent yet
         plan = plan_of(decode(welcome.scenario))
+        self._no_commands = np.zeros((0, plan.scenario.dimensions))
         self._party = Party(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)
 
     def act(self, sense: Sense) -> Act:
@@ -34,7 +34,7 @@ class Leader:
         return Act(
             sense.run,
             sense.tick,
-            np.zeros((0, state.AXES)),
+            self._no_commands,
             refused=~np.array(refused, dtype=np.int32),
             memory=self._party.rule_record,
             outbox=tuple(outbox),

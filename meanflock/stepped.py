@@ -22,7 +22,7 @@ from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins.guard import as_floats, check_finite
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, States
+from meanflock.swarm.state import States
 
 DEFAULT_METHOD = Scenario.__struct_defaults__[Scenario.__struct_fields__.index("method")]
 
@@ -221,7 +221,7 @@ class Stepped:
     def _checked(self, acceleration: Any, broadcasts: Any, models: Any) -> Command:
         uavs, declared = self.scenario.uavs, plan_of(self.scenario).declared
         try:
-            commanded = as_floats("acceleration", acceleration, (uavs, AXES))
+            commanded = as_floats("acceleration", acceleration, (uavs, self.scenario.dimensions))
             if len(broadcasts):
                 check_broadcasts(broadcasts, uavs, declared)
             if models is not None:

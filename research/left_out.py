@@ -132,8 +132,8 @@ class MixedDrag(PointMass):
     name = "mixed-drag"
 
     def step(
-        self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
+        self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
     ) -> tuple[state.States, Hidden]:
         more = self._wind.drag * SPREAD * np.linspace(-1.0, 1.0, len(states))[:, None]
-        through = states[:, state.VELOCITY] - self._mean(states)
+        through = state.velocity(states) - self._mean(states)
         return super().step(states, hidden, acceleration - more * through, noise)

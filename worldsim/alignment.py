@@ -28,10 +28,8 @@ def speed_difference(states: state.States, seed: int, tick: int) -> SpeedDiffere
     if n <= EXACT:
         return SpeedDifference(kernels.alignment(states), 0.0)
     first, second = generator(seed, "alignment", tick).integers(n, size=(2, SAMPLE), dtype=np.int32)
-    vx, vy = np.ascontiguousarray(states[:, state.VELOCITY].T)
-    along = vx.take(first) - vx.take(second)
-    across = vy.take(first) - vy.take(second)
-    speeds = np.sqrt(along * along + across * across)
+    columns = np.ascontiguousarray(state.velocity(states).T)
+    speeds = np.sqrt(state.squared([along.take(first) - along.take(second) for along in columns]))
     mean = float(np.add.reduce(speeds)) / SAMPLE
     speeds -= mean
     speeds *= speeds

@@ -80,8 +80,8 @@ class Books(Stateful):
         # The entered ticks: states and hidden state after them, commands, and accelerations with gusts.
         self._states: list[state.States] = []
         self._hidden: list[Hidden] = []
-        self._commands: list[state.Plane] = []
-        self._felt: list[state.Plane] = []
+        self._commands: list[state.Vectors] = []
+        self._felt: list[state.Vectors] = []
         self._on_way: Mask = np.zeros(uavs, dtype=bool)
         self._waiting: Mask | None = None
 
@@ -94,8 +94,8 @@ class Books(Stateful):
         self,
         states: state.States,
         hidden: Hidden,
-        commands: state.Plane,
-        felt: state.Plane,
+        commands: state.Vectors,
+        felt: state.Vectors,
         on_way: Mask,
         waiting: Mask | None,
     ) -> None:
@@ -145,8 +145,8 @@ class Books(Stateful):
         self.speed_sum = sums(self.speed_sum, speed)[-1]
         self.distance = sums(self.distance, speed * self._dt)[-1]
         self.ticks_on_way = self.ticks_on_way + shape[0] * self._on_way
-        squared = commands * commands
-        self.effort = sums(self.effort, (squared[:, 0] + squared[:, 1]).reshape(shape) * self._on_way)[-1]
+        squared = state.dot(commands, commands)
+        self.effort = sums(self.effort, squared.reshape(shape) * self._on_way)[-1]
 
     def keep_energies(self, *, with_first: bool) -> None:
         """From now on, store the energies after each tick, for `take_energies`; `with_first`: also those of now."""
@@ -183,12 +183,12 @@ class Noise(Stateful):
     def __init__(self, scenario: Scenario) -> None:
         self._draw = generator(scenario.seed, "wind")
         self._common = scenario.wind.common
-        self._shape = block_ticks(scenario.uavs), scenario.uavs + (self._common > 0), state.AXES
+        self._shape = block_ticks(scenario.uavs), scenario.uavs + (self._common > 0), scenario.dimensions
         self._begin = random_state(self._draw)  # before the block
         self._block = np.zeros((0, *self._shape[1:]))
         self._used = 0
 
-    def next(self) -> state.Plane:
+    def next(self) -> state.Vectors:
         """The numbers of the next tick."""
         if self._used == len(self._block):
             self._begin = random_state(self._draw)

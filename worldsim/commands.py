@@ -25,8 +25,8 @@ class Commands(Stateful):
 
     stored = ("accelerations", "largest", "summed")
 
-    def __init__(self, uavs: int, diagnostics: int) -> None:
-        self.accelerations: state.Plane = np.zeros((uavs, state.AXES))
+    def __init__(self, uavs: int, axes: int, diagnostics: int) -> None:
+        self.accelerations: state.Vectors = np.zeros((uavs, axes))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
         self.largest: Floats = np.zeros(diagnostics)
@@ -46,17 +46,17 @@ class Commands(Stateful):
         Returns:
             The UAVs that replied with a diverged number; their rows are not stored.
         """
-        stored = replied & awake
+        stored, axes = replied & awake, self.accelerations.shape[1]
         diverged = _NOBODY
         if b"\0" in stored.tobytes() or not np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0) < BEYOND_SENSE:
             bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
             stored &= bounded
             diverged = np.flatnonzero(replied & ~bounded)
-            np.copyto(self.accelerations, numbers[:, : state.AXES], where=stored[:, None])
+            np.copyto(self.accelerations, numbers[:, :axes], where=stored[:, None])
             numbers = np.where(stored[:, None], numbers, 0.0)
         else:
-            self.accelerations[...] = numbers[:, : state.AXES]
-        self.diagnostics = numbers[:, state.AXES :]
+            self.accelerations[...] = numbers[:, :axes]
+        self.diagnostics = numbers[:, axes:]
         if on_way is not self._on_way or len(self._block) == self._most:
             self.settle()
             self._on_way = on_way

@@ -13,7 +13,6 @@ from meanflock.federation.mailbox import links_of, mail_for, only
 from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm import state
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -144,7 +143,7 @@ class LocalCrew:
                 name, names = f"agent-{rows[0]}", tuple(rows.tolist())
                 self.agents.append(Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record)))
         self._places = [place_of(agent.uavs) for agent in self.agents]
-        self._nothing = np.zeros((uavs, state.AXES + len(plan.declared.diagnostics)))
+        self._nothing = np.zeros((uavs, plan.scenario.dimensions + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
         self._standbys = plan.leaders(tick) if leaders is None else leaders
         nodes = len(self.agents) + self._standbys
@@ -230,7 +229,7 @@ class LocalCrew:
         self._took_over = False
         inbox = mail_for(senses.letters, "leader", after=self._read_by_leader)
         self._read_by_leader = senses.newest
-        states = np.zeros((0, state.SIZE))
+        states = np.zeros((0, self._plan.scenario.state_numbers))
         reply = leader.act(Sense(0, senses.tick, states, inbox=inbox, memory=record))
         acts.outbox += reply.outbox
         acts.add(reply)

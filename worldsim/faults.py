@@ -65,12 +65,12 @@ class Script:
 
         return fails
 
-    def gust(self, tick: int, states: state.States) -> state.Plane | None:
+    def gust(self, tick: int, states: state.States) -> state.Vectors | None:
         """(N, 2), m/s², the acceleration of each UAV by gusts; None without gusts."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
         if not acting:
             return None
-        pushed = np.zeros((len(states), state.AXES))
+        pushed = np.zeros((len(states), state.axes(states)))
         for fault in acting:
             hit = _inside(fault, states)
             hit[list(fault.uavs)] = True
@@ -86,7 +86,7 @@ class Script:
 def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
     if fault.centre is None or fault.radius_m is None:
         return np.zeros(len(states), dtype=bool)
-    from_centre = states[:, state.POSITION] - np.array(fault.centre)
+    from_centre = state.flat(states) - np.array(fault.centre)
     within: NDArray[np.bool_] = (from_centre * from_centre).sum(axis=-1) <= fault.radius_m**2
     return within
 

@@ -101,7 +101,7 @@ class Encounters(Stateful):
         for first, second in seen.touching.tolist():
             self.touched.add((first, second))
             if on_way[first] and on_way[second]:
-                if math.dist(after[first, state.POSITION], after[second, state.POSITION]) < self._radius:
+                if math.dist(state.position(after[first]), state.position(after[second])) < self._radius:
                     self.collided_at_ticks.add((first, second))
                 if (first, second) not in self.collided:
                     self.collided.add((first, second))
@@ -116,8 +116,8 @@ class Encounters(Stateful):
         """
         if not len(self._discs):
             return []
-        centres, radius = self._discs[:, : state.AXES], self._discs[:, state.AXES]
-        first, last = (states[:, None, state.POSITION] - centres for states in (before, after))
+        centres, radius = state.flat(self._discs), self._discs[:, 2]
+        first, last = (state.flat(states)[:, None] - centres for states in (before, after))
         new = (state.approach(first, last) < radius * radius) & ~self.hit
         if not np.count_nonzero(new):
             return []
@@ -293,7 +293,7 @@ class Flight(Stateful):
             self._sort()
             self._event("rejoined", f"{node} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
 
-    def advance(self, accelerations: state.Plane, gust: state.Plane | None = None) -> None:
+    def advance(self, accelerations: state.Vectors, gust: state.Vectors | None = None) -> None:
         """Fly one tick.
 
         UAVs on the ground stay at rest and spend no energy.
@@ -353,7 +353,7 @@ class Flight(Stateful):
         self.idle: Mask | None = waiting | lost if is_waiting or self.any_lost else None
         self.on_way: Mask = flying & ~waiting
 
-    def _limited(self, accelerations: state.Plane, limit: float) -> state.Plane:
+    def _limited(self, accelerations: state.Vectors, limit: float) -> state.Vectors:
         """Commands (N, 2), those longer than the limit shortened to it and counted, m/s²."""
         length = np.hypot(accelerations[:, 0], accelerations[:, 1])
         longer = length > limit * (1.0 + 1e-9)  # a controller may have shortened its command to the limit itself

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import state
 from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
 from meanflock.worldsim.checkpoint import MAX_BYTES, split
@@ -88,7 +88,8 @@ class Blocks:
             block_rows: most rows of a block; None in real time.
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
-        uavs, self._declared = world.scenario.uavs, world.plan.declared
+        scenario, self._declared = world.scenario, world.plan.declared
+        uavs = scenario.uavs
         self._world = world
         self._mailer = mailer
         self._watch = watch
@@ -96,10 +97,12 @@ class Blocks:
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
-        rows = self._rows = max(1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(len(self._declared.diagnostics)))))
+        rows = self._rows = max(
+            1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(scenario, len(self._declared.diagnostics))))
+        )
         self._columns: dict[str, Any] = {  # as `Telemetry` has them
-            "states": np.zeros((rows, uavs, state.SIZE)),
-            "accelerations": np.zeros((rows, uavs, state.AXES), dtype=np.float32),
+            "states": np.zeros((rows, uavs, scenario.state_numbers)),
+            "accelerations": np.zeros((rows, uavs, scenario.dimensions), dtype=np.float32),
             "diagnostics": np.zeros((rows, uavs, len(self._declared.diagnostics)), dtype=np.float32),
             "status": np.zeros((rows, uavs), dtype=np.uint8),
             "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
@@ -198,9 +201,9 @@ class Blocks:
         self._begin(self.block + 1, self._first_tick + n)
 
 
-def _row_bytes(diagnostics: int) -> int:
+def _row_bytes(scenario: Scenario, diagnostics: int) -> int:
     """Bytes of a UAV's row: states, and in single precision acceleration, diagnostics and energy; status."""
-    return 8 * state.SIZE + 4 * (state.AXES + diagnostics + 1) + 1
+    return 8 * scenario.state_numbers + 4 * (scenario.dimensions + diagnostics + 1) + 1
 
 
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:

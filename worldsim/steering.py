@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.state import AXES, Mask, States
+from meanflock.swarm.state import Mask, States
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.crew import Crew
 from meanflock.worldsim.tick import Acts, Note, Row, Senses
@@ -75,7 +75,7 @@ class Steered:
             acts.steered = len(wanted)
             acts.commands, absent = acts.commands.copy(), absent.copy()
             for uav, setpoint in wanted.items():
-                acts.commands[uav, :AXES], absent[uav] = setpoint.acceleration, False
+                acts.commands[uav, : len(setpoint.acceleration)], absent[uav] = setpoint.acceleration, False
         return acts, absent
 
     def write(self, row: Row) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.mailbox import Letter
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.state import Floats, Mask, Plane, States
+from meanflock.swarm.state import Floats, Mask, States, Vectors
 from meanflock.swarm.wire.messages import NOBODY, Act, Frames
 from meanflock.worldsim.checkpoint import Memories
 
@@ -115,7 +115,7 @@ class Row(NamedTuple):
     tick: int
     states: States
     status: NDArray[np.uint8]
-    accelerations: Plane
+    accelerations: Vectors
     diagnostics: Floats
     links: NDArray[np.int32]
     events: list[FlightEvent]

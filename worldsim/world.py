@@ -10,7 +10,6 @@ from meanflock.federation.account import ModelsHash
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
 from meanflock.federation.post import Post
-from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import Event, RoundEnded
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
@@ -63,7 +62,7 @@ class World(Stateful):
         self.post = Post(plan)
         self.models = ModelsHash(plan)
         self.counters = Counters()
-        self.commands = Commands(scenario.uavs, len(plan.declared.diagnostics))
+        self.commands = Commands(scenario.uavs, scenario.dimensions, len(plan.declared.diagnostics))
         self._script = Script(scenario)
         self._merger = FrameMerger(self.post)
         self._checkpoint_every = checkpoint_every
@@ -72,7 +71,7 @@ class World(Stateful):
         if resume is not None:
             self._resume(resume)
         else:
-            self.air.meter.initial(state.SIZE * scenario.radio.bits_per_float)  # the mission plan
+            self.air.meter.initial(scenario.state_numbers * scenario.radio.bits_per_float)  # the mission plan
 
     @property
     def tick(self) -> int:

@@ -30,7 +30,7 @@ from meanflock.agent.controllers.sharing.nearby import (
 )
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane, Rows, States
+from meanflock.swarm.state import Floats, Rows, States, Vectors
 
 INFEASIBLE_M_S2 = 1e-6  # violation up to which a half-plane counts as satisfied
 
@@ -70,7 +70,7 @@ class HalfPlaneFilter(Filter):
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
 
     @abstractmethod
-    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """Half-planes n·a ≥ bound of accelerations of the rows.
 
         Args:
@@ -82,7 +82,7 @@ class HalfPlaneFilter(Filter):
         """
         raise NotImplementedError
 
-    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors) -> tuple[Vectors, Floats]:
         """Returns the acceleration nearest to `wanted` that satisfies all half-planes, and `infeasible`."""
         options = self.options
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
@@ -113,7 +113,7 @@ class Ecbf(HalfPlaneFilter):
         distance_m: Distance = 1.1
         rate_1_s: Rate = 3.0
 
-    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """ḧ + 2kḣ + k²h ≥ 0 of each pair, solved for the acceleration, see `HalfPlaneFilter`."""
         away, closing = near.away, near.closing
         along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
@@ -138,7 +138,7 @@ class Braking(HalfPlaneFilter):
 
         reaction_s: Annotated[float, Meta(ge=0, description="time before a UAV brakes, beside one tick, s")] = 0.0
 
-    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Plane, Rows]:
+    def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """ḣ + kh ≥ 0 of each pair, solved for the acceleration, see `HalfPlaneFilter`."""
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)

@@ -15,9 +15,10 @@ import msgspec
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from meanflock.swarm import state
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VX, VY, Floats, Mask, Plane, States, X, Y, distinct
+from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
@@ -77,7 +78,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     """
 
     memory: Memory
-    acceleration: Plane
+    acceleration: Vectors
     diagnostics: NDArray[np.float64] | None = None
     broadcasts: Sequence[Broadcast] = ()
     refused: NDArray[np.int32] = NOBODY
@@ -181,13 +182,12 @@ def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
     that speed.
     """
     speed = scenario.radio.plausible_speed
-    farthest = float(np.hypot(*starts(scenario)[:, POSITION].T).max())
+    farthest = float(np.hypot(*state.position(starts(scenario)).T).max())
     return partial(_can_be, farthest + speed * scenario.duration, speed)
 
 
 def _can_be(reach: float, speed: float, states: Floats) -> Mask:
     numbers = states.astype(np.float64, copy=False)  # the square of an integer may overflow
-    squared = numbers * numbers
-    position, velocity = squared[:, X] + squared[:, Y], squared[:, VX] + squared[:, VY]
+    position, velocity = state.squared_halves(numbers)
     possible: Mask = (position <= reach * reach) & (velocity <= speed * speed)
     return possible

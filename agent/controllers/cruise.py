@@ -11,7 +11,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import Rows, States, Vectors
 
 CRUISE_M_S = 2.25  # speed of least energy per metre of the paper's craft
 SLOWING_1_S = 0.5
@@ -33,12 +33,12 @@ class Travel:
 
     def init(self, uavs: NDArray[np.intp]) -> Memory:
         """Memory of rows with numbers (M,): the point to which each flies. Names begin with `travel_`."""
-        memory: Memory = {"travel_end": self._goals[uavs, :AXES]}
+        memory: Memory = {"travel_end": state.position(self._goals[uavs])}
         if self._stays_inside:
             memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
         return memory
 
-    def velocity(self, memory: Memory, own: States) -> tuple[Memory, Plane]:
+    def velocity(self, memory: Memory, own: States) -> tuple[Memory, Vectors]:
         """Memory after the tick, and velocities (M, 2) m/s: min(speed, slowing · distance) towards the goal."""
         if self._stays_inside:
             memory = self._arrive(memory, own)
@@ -50,19 +50,19 @@ class Travel:
         reached &= ~arrived
         if not reached.any():
             return memory
-        end = np.where(reached[:, None], own[:, POSITION], memory["travel_end"])
+        end = np.where(reached[:, None], state.position(own), memory["travel_end"])
         return memory | {"travel_arrived": arrived | reached, "travel_end": end}
 
 
-def towards(end: Plane, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Plane:
+def towards(end: Vectors, own: States, speed_m_s: Rows | float, slowing_1_s: float) -> Vectors:
     """Velocities (M, 2) m/s from rows (M, 4) towards their ends (M, 2) m: min(speed, slowing · distance)."""
-    way = end - own[:, POSITION]
+    way = end - state.position(own)
     return way * np.minimum(speed_m_s / np.maximum(state.norm(way), 1e-9), slowing_1_s)[:, None]
 
 
-def against_the_air(scenario: Scenario, own: States) -> Plane:
+def against_the_air(scenario: Scenario, own: States) -> Vectors:
     """Acceleration c0(v − v_o), (M, 2) m/s², that cancels drag and mean wind as they are known before take-off."""
-    return scenario.wind.drag * (own[:, VELOCITY] - np.array(scenario.wind.mean))
+    return scenario.wind.drag * (state.velocity(own) - np.array(scenario.wind.mean))
 
 
 def acceleration_limit(scenario: Scenario, most: float) -> float:
@@ -71,7 +71,7 @@ def acceleration_limit(scenario: Scenario, most: float) -> float:
     return most if limit is None else min(most, limit)
 
 
-def limited(vectors: Plane, most: float) -> Plane:
+def limited(vectors: Vectors, most: float) -> Vectors:
     """Vectors (M, 2), those longer than `most` shortened to it."""
     return vectors * np.minimum(1.0, most / np.maximum(state.norm(vectors), 1e-9))[:, None]
 
@@ -102,5 +102,5 @@ class Cruise(Controller):
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         memory, wanted = self._travel.velocity(memory, own)
-        acceleration = self.options.velocity_gain_1_s * (wanted - own[:, VELOCITY])
+        acceleration = self.options.velocity_gain_1_s * (wanted - state.velocity(own))
         return Step(memory, acceleration + against_the_air(self.scenario, own))

@@ -18,7 +18,7 @@ from meanflock.agent.controllers.base import Controller, Memory, Options, Receiv
 from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane, States, distinct
+from meanflock.swarm.state import Floats, States, Vectors, distinct
 
 PREFIX = "filter_"  # of the filter's memory, and of a column whose name the controller has too
 _UNSENT = "unsent"  # the last of its columns
@@ -51,13 +51,13 @@ class Filter:
         inner_names = tuple(inner.diagnostics)
         own_names = tuple(PREFIX + name if name in inner_names else name for name in (*self.columns, _UNSENT))
         self.diagnostics = (*inner_names, *own_names)
-        self.broadcast_numbers = inner.broadcast_numbers + NeighbourStates.numbers
+        self.broadcast_numbers = inner.broadcast_numbers + scenario.state_numbers
         self.pairwise = True  # it knows a state of every other UAV
         self.shares = True
         self._neighbours = NeighbourStates(scenario, inner.prediction())
 
     @abstractmethod
-    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+    def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors) -> tuple[Vectors, Floats]:
         """Returns the accelerations that the rows fly, and the diagnostics of the filter.
 
         Args:
@@ -97,7 +97,9 @@ class Filter:
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
         )
 
-    def _admitted(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Plane) -> tuple[Plane, Floats]:
+    def _admitted(
+        self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors
+    ) -> tuple[Vectors, Floats]:
         """The result of `admit`, checked. Errors name the filter, not the controller."""
         try:
             acceleration, reported = self.admit(own, others, uavs, wanted)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.cruise import against_the_air
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, States
+from meanflock.swarm.state import States
 
 
 class Lqr(Controller):
@@ -45,7 +45,7 @@ class Lqr(Controller):
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         k_r, k_v = self.gains
-        feedback = -k_r * (own[:, POSITION] - self._goals[memory["uav"]]) - k_v * own[:, VELOCITY]
+        feedback = -k_r * (state.position(own) - self._goals[memory["uav"]]) - k_v * state.velocity(own)
         return Step(memory, feedback + against_the_air(self.scenario, own))
 
 

@@ -18,7 +18,7 @@ from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.plugins.guard import as_floats
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Plane
+from meanflock.swarm.state import Floats, Vectors
 
 if TYPE_CHECKING:
     from meanflock.env.parallel import ParallelFlock
@@ -103,7 +103,7 @@ class Policy:
             "controller": {"file": str(path), "sha256": self.sha256},
         }
 
-    def __call__(self, observations: Floats) -> Plane:
+    def __call__(self, observations: Floats) -> Vectors:
         """Returns the actions (M, 2 + W) of observations (M, width); a row's bits do not depend on the others.
 
         Raises:

@@ -18,7 +18,7 @@ from meanflock.swarm import mission as missions
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, Floats, Mask, Rows
+from meanflock.swarm.state import Floats, Mask, Rows
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.worldsim.flight import ARRIVED, LOST
 
@@ -46,8 +46,8 @@ class Form:
         self.acceleration = _acceleration(acceleration)
         self.weights = weights_of(reward)
         self.inputs = width(self.neighbours, self.message)
-        self.outputs = AXES + self.message
         source = source_of(mission)
+        self.outputs = source.dimensions + self.message
         self.seed = seed_of(mission, keys.get("seed"))
         numbers = Perception(source, self.neighbours, self.message).broadcast_numbers
         settings = {key: value for key, value in keys.items() if key.partition(".")[0] not in ("controller", "method")}
@@ -56,7 +56,7 @@ class Form:
 
     def bounds(self) -> Rows:
         """Largest numbers of an action."""
-        return np.array([self.acceleration] * AXES + [1.0] * self.message)
+        return np.array([self.acceleration] * (self.outputs - self.message) + [1.0] * self.message)
 
 
 def _acceleration(value: Any) -> float:
@@ -110,7 +110,8 @@ class Episode(Stepped):
         """Fly one tick with actions (N, 2 + W); afterwards `observations` (N, width) are those of the next tick."""
         flight = self._world.flight
         on_way, before = flight.on_way.copy(), flight.status.copy()
-        command, messages = actions[:, :AXES], actions[:, AXES:] if self._form.message else None
+        axes = actions.shape[1] - self._form.message
+        command, messages = actions[:, :axes], actions[:, axes:] if self._form.message else None
         memory, broadcasts = self._perception.send(self._memory, self.tick, self.states, messages)
         self.step(command, broadcasts)
         self._memory = memory

@@ -12,7 +12,7 @@ from meanflock.env.episode import Episode, Form
 from meanflock.env.seeds import Seeds
 from meanflock.runs import Run
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.state import SIZE, Floats, States
+from meanflock.swarm.state import Floats, States
 
 
 class ParallelFlock(ParallelEnv[str, Floats, Floats]):
@@ -40,7 +40,7 @@ class ParallelFlock(ParallelEnv[str, Floats, Floats]):
             agent: Box(-np.inf, np.inf, (form.inputs,), np.float64) for agent in self.possible_agents
         }
         self.action_spaces = {agent: Box(-bounds, bounds, dtype=np.float64) for agent in self.possible_agents}
-        self.state_space = Box(-np.inf, np.inf, (form.scenario.uavs, SIZE), np.float64)
+        self.state_space = Box(-np.inf, np.inf, (form.scenario.uavs, form.scenario.state_numbers), np.float64)
         self.np_random: np.random.Generator | None = None
         self.np_random_seed: int | None = None
         self._seeds = Seeds(form.seed)

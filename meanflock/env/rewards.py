@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, Floats, Mask, Plane, Rows, States, norm
+from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors, norm
 
 WEIGHTS = {
     "progress": 1.0,  # by how much the UAV came nearer to its goal, m
@@ -47,7 +47,7 @@ class Terms:
         self._distance = self._to_goal(mission.starts(scenario))
 
     def after(
-        self, states: States, command: Plane, on_way: Mask, arrived: Mask, lost: Mask, collided: set[tuple[int, int]]
+        self, states: States, command: Vectors, on_way: Mask, arrived: Mask, lost: Mask, collided: set[tuple[int, int]]
     ) -> Floats:
         """The terms of a tick, (N, 6).
 
@@ -71,4 +71,4 @@ class Terms:
         return terms
 
     def _to_goal(self, states: States) -> Rows:
-        return norm(states[:, POSITION] - self._goals[:, :AXES])
+        return norm(state.position(states) - state.position(self._goals))

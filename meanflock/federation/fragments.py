@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import plugins
+from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, MessageRejected, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, Floats
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.control import expect
 
 WHOLE = 0  # value of `federation.fragment`: no model is cut
@@ -250,7 +250,7 @@ def longest(scenario: Scenario) -> int:
 
 def _distances(scenario: Scenario) -> Floats:
     """Distances of all UAVs from the leader's at take-off, without its own, m."""
-    places, leader = starts(scenario)[:, POSITION], scenario.federation.leader
+    places, leader = state.position(starts(scenario)), scenario.federation.leader
     return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
 
 

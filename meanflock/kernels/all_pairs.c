@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "axes.h"
 #include "pairwise.h"
 
 enum { TOGETHER = 16 }; /* boxes that are compared at once; any number gives the same result */
@@ -23,10 +24,10 @@ typedef struct { /* a UAV in the order of the sweep; the order of the keys is th
     int64_t uav;
 } Place;
 
-ptrdiff_t pairs_room(ptrdiff_t n) { return 4 * n + 8 * (n + TOGETHER) + 4 * n; }
+ptrdiff_t pairs_room(int axes, ptrdiff_t n) { return 2 * axes * n + 4 * axes * (n + TOGETHER) + 4 * n; }
 
-typedef struct { /* columns in that order: the box around each segment, and its ends */
-    double *low_x, *high_x, *low_y, *high_y, *x, *y, *to_x, *to_y;
+typedef struct { /* columns in the order of the sweep, one for each axis: the box around each segment, and its ends */
+    double *low[MOST_AXES], *high[MOST_AXES], *from[MOST_AXES], *to[MOST_AXES];
 } Sweep;
 
 static int by_pair(const void *a, const void *b) {
@@ -37,13 +38,15 @@ static int by_pair(const void *a, const void *b) {
 }
 
 /* Closest approach of two UAVs, from their differences; kernels/state.py: approach. */
-static double approach(double x, double y, double to_x, double to_y) {
-    const double step_x = to_x - x, step_y = to_y - y, before = x * step_x + y * step_y, after = to_x * step_x + to_y * step_y;
-    const double ends = smaller(x * x + y * y, to_x * to_x + to_y * to_y);
+FOR_AXES double approach(const int axes, const double *from, const double *to) {
+    double step[MOST_AXES], at[MOST_AXES];
+    for (int k = 0; k < axes; k++) step[k] = to[k] - from[k];
+    const double before = inner(axes, from, step), after = inner(axes, to, step);
+    const double ends = smaller(inner(axes, from, from), inner(axes, to, to));
     if (!(before < 0.0 && after > 0.0)) return ends;
-    const double share = -before / (step_x * step_x + step_y * step_y);
-    const double at_x = x + share * step_x, at_y = y + share * step_y;
-    return smaller(ends, at_x * at_x + at_y * at_y);
+    const double share = -before / inner(axes, step, step);
+    for (int k = 0; k < axes; k++) at[k] = from[k] + share * step[k];
+    return smaller(ends, inner(axes, at, at));
 }
 
 /* Sorts places by their keys, digit by digit; returns `place` or `other`, whichever has the result. */
@@ -67,60 +70,74 @@ static uint64_t key(double number) {
 }
 
 /* Orders the UAVs whose position at the end of the tick is finite; their number goes to `present`. */
-static const Place *swept(ptrdiff_t n, const double *x, Place *place, const Sweep *sweep, ptrdiff_t *present) {
-    const double *y = x + n, *to_x = y + n, *to_y = to_x + n;
+FOR_AXES const Place *swept(const int axes, ptrdiff_t n, const double *from, Place *place, const Sweep *sweep,
+                            ptrdiff_t *present) {
+    const double *to = from + axes * n;
     ptrdiff_t count = 0;
-    for (ptrdiff_t uav = 0; uav < n; uav++)
-        if (to_x[uav] == to_x[uav] && to_y[uav] == to_y[uav]) place[count++] = (Place){key(fmin(x[uav], to_x[uav])), uav};
+    for (ptrdiff_t uav = 0; uav < n; uav++) {
+        int is_here = 1;
+        for (int k = 0; k < axes; k++) is_here &= to[k * n + uav] == to[k * n + uav];
+        if (is_here) place[count++] = (Place){key(fmin(from[uav], to[uav])), uav};
+    }
     place = sorted(count, place, place + n);
     for (ptrdiff_t i = 0; i < count; i++) {
-        const ptrdiff_t uav = place[i].uav;
-        sweep->x[i] = x[uav], sweep->y[i] = y[uav], sweep->to_x[i] = to_x[uav], sweep->to_y[i] = to_y[uav];
-        sweep->low_x[i] = fmin(x[uav], to_x[uav]), sweep->high_x[i] = fmax(x[uav], to_x[uav]);
-        sweep->low_y[i] = fmin(y[uav], to_y[uav]), sweep->high_y[i] = fmax(y[uav], to_y[uav]);
+        for (int k = 0; k < axes; k++) {
+            const double begin = from[k * n + place[i].uav], end = to[k * n + place[i].uav];
+            sweep->from[k][i] = begin, sweep->to[k][i] = end;
+            sweep->low[k][i] = fmin(begin, end), sweep->high[k][i] = fmax(begin, end);
+        }
     }
-    for (ptrdiff_t i = count; i < count + TOGETHER; i++) sweep->low_x[i] = sweep->low_y[i] = sweep->high_y[i] = INFINITY;
+    for (ptrdiff_t i = count; i < count + TOGETHER; i++)
+        for (int k = 0; k < axes; k++) sweep->low[k][i] = sweep->high[k][i] = INFINITY;
     *present = count;
     return place;
 }
 
 /* Squared distance of the boxes of two places in the order. */
-INLINE double box(const Sweep *s, ptrdiff_t i, ptrdiff_t j) {
-    const double along = larger(s->low_x[j] - s->high_x[i], 0.0);
-    const double across = larger(larger(s->low_y[j] - s->high_y[i], s->low_y[i] - s->high_y[j]), 0.0);
-    return along * along + across * across;
+FOR_AXES double box(const int axes, const Sweep *s, ptrdiff_t i, ptrdiff_t j) {
+    double gap[MOST_AXES] = {larger(s->low[0][j] - s->high[0][i], 0.0)}; /* the sweep is along the first axis */
+    for (int k = 1; k < axes; k++)
+        gap[k] = larger(larger(s->low[k][j] - s->high[k][i], s->low[k][i] - s->high[k][j]), 0.0);
+    return inner(axes, gap, gap);
 }
 
 /* Returns whether one of the TOGETHER boxes from the j-th on is within the squared reach of the i-th. */
-static TARGET int any_close(const Sweep *s, ptrdiff_t i, ptrdiff_t j, double reach) {
+FOR_AXES int any_close(const int axes, const Sweep *s, ptrdiff_t i, ptrdiff_t j, double reach) {
     int64_t close = 0;
-    for (ptrdiff_t k = j; k < j + TOGETHER; k++) close |= box(s, i, k) > reach ? 0 : 1;
+    for (ptrdiff_t k = j; k < j + TOGETHER; k++) close |= box(axes, s, i, k) > reach ? 0 : 1;
     return close != 0;
 }
 
-Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most) {
+static TARGET int any_close_in_plane(const Sweep *s, ptrdiff_t i, ptrdiff_t j, double reach) {
+    return any_close(PLANE, s, i, j, reach);
+}
+
+FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest,
+                           char *found, ptrdiff_t most) {
     const ptrdiff_t length = n + TOGETHER;
-    double *at = room + 4 * n;
-    const Sweep s = {at, at + length, at + 2 * length, at + 3 * length, at + 4 * length, at + 5 * length, at + 6 * length,
-                     at + 7 * length};
+    double *at = room + 2 * axes * n;
+    Sweep s;
+    for (int k = 0; k < axes; k++, at += 4 * length)
+        s.low[k] = at, s.high[k] = at + length, s.from[k] = at + 2 * length, s.to[k] = at + 3 * length;
     ptrdiff_t present;
-    const Place *place = swept(n, room, (Place *)(at + 8 * length), &s, &present);
+    const Place *place = swept(axes, n, room, (Place *)at, &s, &present);
     Measured seen = {0, 0, nearest * nearest};
     hazard *= hazard, collision *= collision;
     const double radius = larger(hazard, collision);
     for (ptrdiff_t i = 0; i < present; i++) {
         double reach = larger(radius, seen.nearest);
         for (ptrdiff_t first = i + 1; first < present; first += TOGETHER) {
-            const double along = larger(s.low_x[first] - s.high_x[i], 0.0);
+            const double along = larger(s.low[0][first] - s.high[0][i], 0.0);
             if (along * along > reach) break;
-            if (!any_close(&s, i, first, reach)) continue;
+            if (!any_close_in_plane(&s, i, first, reach)) continue;
             const ptrdiff_t end = present - first < TOGETHER ? present : first + TOGETHER;
             for (ptrdiff_t j = first; j < end; j++) {
-                const double apart = box(&s, i, j);
+                const double apart = box(axes, &s, i, j);
                 if (apart > reach) continue;
-                const double to_x = s.to_x[j] - s.to_x[i], to_y = s.to_y[j] - s.to_y[i];
-                const double squared = larger(apart, approach(s.x[j] - s.x[i], s.y[j] - s.y[i], to_x, to_y));
-                seen.near += to_x * to_x + to_y * to_y <= hazard;
+                double from[MOST_AXES], to[MOST_AXES];
+                for (int k = 0; k < axes; k++) from[k] = s.from[k][j] - s.from[k][i], to[k] = s.to[k][j] - s.to[k][i];
+                const double squared = larger(apart, approach(axes, from, to));
+                seen.near += inner(axes, to, to) <= hazard;
                 if (squared < seen.nearest) {
                     seen.nearest = squared;
                     reach = larger(radius, squared);
@@ -136,4 +153,8 @@ Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, doubl
     qsort(found, seen.touching < most ? seen.touching : most, 2 * sizeof(int64_t), by_pair);
     seen.nearest = sqrt(seen.nearest);
     return seen;
+}
+
+Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most) {
+    return measured(PLANE, n, room, hazard, collision, nearest, found, most);
 }

@@ -33,18 +33,17 @@ def pairs(
     hazard = hazard_m * hazard_m
     collision = collision_m * collision_m
     nearest = nearest_m * nearest_m
-    first, last = before[:, state.POSITION], after[:, state.POSITION]
+    first, last = state.position(before), state.position(after)
     low, high = np.fmin(first, last), np.fmax(first, last)
     present = np.flatnonzero(~np.isnan(last).any(axis=-1))
-    order = present[np.argsort(low[present, state.X], kind="stable")]
+    order = present[np.argsort(low[present, 0], kind="stable")]
     few = len(order) <= FEW
     left, right = np.triu_indices(len(order), 1) if few else (np.arange(len(order) - 1), np.arange(1, len(order)))
     near, touching = 0, [np.zeros((0, 2), dtype=np.intp)]
     while len(left):  # places in the order; next, each left one with the one after its right one
         i, j = order[left], order[right]
         gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
-        gap *= gap
-        box, reach = gap[:, state.X] + gap[:, state.Y], max(hazard, collision, nearest)
+        along, box, reach = gap[:, 0], state.squared(state.parts(gap)), max(hazard, collision, nearest)
         close = ~(box > reach)
         i, j = i[close], j[close]
         apart = last[j] - last[i]
@@ -53,7 +52,7 @@ def pairs(
         nearest = float(np.fmin.reduce(squared, initial=nearest))  # ignores NaN
         touch = squared < collision
         touching.append(np.sort(np.stack([i[touch], j[touch]], axis=-1)))
-        ahead = ~(gap[:, state.X] > reach) & (right < len(order) - 1)
+        ahead = ~(along * along > reach) & (right < len(order) - 1)
         left, right = (left[:0], right[:0]) if few else (left[ahead], right[ahead] + 1)
     all_touching = np.concatenate(touching)
     all_touching = all_touching[np.lexsort(all_touching.T[::-1])]

@@ -4,55 +4,76 @@
 
 #include <math.h>
 
+#include "axes.h"
 #include "pairwise.h"
 
 enum { FEW = 100 }; /* as in differences.py */
 enum { BLOCK = 1024 }; /* columns of the sums that stay in the cache; any number gives the same bits */
 
-ptrdiff_t alignment_room(ptrdiff_t n) { return 2 * n + (n <= FEW ? n * n : 2 * n); }
+ptrdiff_t alignment_room(int axes, ptrdiff_t n) { return axes * n + (n <= FEW ? n * n : n + axes * n); }
 
-/* Distances from a point to n points (x, y). */
-static TARGET void distances(ptrdiff_t n, double from_x, double from_y, const double *__restrict x,
-                             const double *__restrict y, double *__restrict apart) {
+/* Distances from the i-th of n points to all of them, which are in columns. */
+FOR_AXES void distances(const int axes, ptrdiff_t n, const double *__restrict points, ptrdiff_t i,
+                        double *__restrict apart) {
+    double from[MOST_AXES], way[MOST_AXES];
+    for (int k = 0; k < axes; k++) from[k] = points[k * n + i];
     for (ptrdiff_t j = 0; j < n; j++) {
-        const double along = x[j] - from_x, across = y[j] - from_y;
-        apart[j] = sqrt(along * along + across * across);
+        for (int k = 0; k < axes; k++) way[k] = points[k * n + j] - from[k];
+        apart[j] = sqrt(inner(axes, way, way));
     }
 }
 
-/* Adds the distances from a point to n points (x, y). */
-static TARGET void add_distances(ptrdiff_t n, float from_x, float from_y, const float *__restrict x,
-                                 const float *__restrict y, double *__restrict sums) {
-    for (ptrdiff_t j = 0; j < n; j++) {
-        const float along = x[j] - from_x, across = y[j] - from_y;
-        sums[j] += (double)sqrtf(along * along + across * across);
+/* Adds the distances from a point to `count` points; all are in columns, `step` numbers apart. */
+FOR_AXES void add_distances(const int axes, ptrdiff_t step, ptrdiff_t count, const float *__restrict from,
+                            const float *__restrict points, double *__restrict sums) {
+    float at[MOST_AXES], way[MOST_AXES];
+    for (int k = 0; k < axes; k++) at[k] = from[k * step];
+    for (ptrdiff_t j = 0; j < count; j++) {
+        for (int k = 0; k < axes; k++) way[k] = points[k * step + j] - at[k];
+        float squared = way[0] * way[0];
+        for (int k = 1; k < axes; k++) squared += way[k] * way[k];
+        sums[j] += (double)sqrtf(squared);
     }
 }
 
-/* Σ_{i < j} ‖u_j − u_i‖ of velocities relative to their mean, in single precision; `room` for 2 n doubles. */
-static double sum_of_all(ptrdiff_t n, const double *x, const double *y, double *room) {
+static TARGET void flat_distances(ptrdiff_t n, const double *__restrict points, ptrdiff_t i, double *__restrict apart) {
+    distances(PLANE, n, points, i, apart);
+}
+
+static TARGET void add_flat_distances(ptrdiff_t step, ptrdiff_t count, const float *__restrict from,
+                                      const float *__restrict points, double *__restrict sums) {
+    add_distances(PLANE, step, count, from, points, sums);
+}
+
+/* Σ_{i < j} ‖u_j − u_i‖ of velocities relative to their mean, in single precision. `room`: n doubles and the points as
+ * floats. */
+FOR_AXES double sum_of_all(const int axes, ptrdiff_t n, const double *points, double *room) {
     double *sums = room;
-    float *to_x = (float *)(room + n), *to_y = to_x + n;
-    for (ptrdiff_t j = 0; j < n; j++) sums[j] = 0.0, to_x[j] = (float)x[j], to_y[j] = (float)y[j];
+    float *single = (float *)(room + n);
+    for (ptrdiff_t j = 0; j < n; j++) sums[j] = 0.0;
+    for (ptrdiff_t j = 0; j < axes * n; j++) single[j] = (float)points[j];
     for (ptrdiff_t start = 0; start < n; start += BLOCK) {
         const ptrdiff_t end = n - start < BLOCK ? n : start + BLOCK;
         for (ptrdiff_t i = 0; i < end - 1; i++) {
-            const ptrdiff_t from = i < start ? start : i + 1;
-            add_distances(end - from, to_x[i], to_y[i], to_x + from, to_y + from, sums + from);
+            const ptrdiff_t first = i < start ? start : i + 1;
+            add_flat_distances(n, end - first, single + i, single + first, sums + first);
         }
     }
     return sum_of(sums, n);
 }
 
-double alignment(ptrdiff_t n, double *room) {
-    double *x = room, *y = x + n;
-    room += 2 * n;
+FOR_AXES double mean_distance(const int axes, ptrdiff_t n, double *points) {
+    double *room = points + axes * n;
     if (!n) return 0.0;
     if (n > FEW) {
-        const double mean_x = sum_of(x, n) / (double)n, mean_y = sum_of(y, n) / (double)n;
-        for (ptrdiff_t j = 0; j < n; j++) x[j] -= mean_x, y[j] -= mean_y;
-        return 2.0 * sum_of_all(n, x, y, room) / ((double)n * (double)n);
+        for (double *column = points; column < room; column += n) {
+            const double mean = sum_of(column, n) / (double)n;
+            for (ptrdiff_t j = 0; j < n; j++) column[j] -= mean;
+        }
+        return 2.0 * sum_of_all(axes, n, points, room) / ((double)n * (double)n);
     }
-    for (ptrdiff_t i = 0; i < n; i++) distances(n, x[i], y[i], x, y, room + i * n);
+    for (ptrdiff_t i = 0; i < n; i++) flat_distances(n, points, i, room + i * n);
     return sum_of(room, n * n) / (double)(n * n);
 }
+
+double alignment(ptrdiff_t n, double *room) { return mean_distance(PLANE, n, room); }

@@ -19,20 +19,18 @@ def alignment(states: Floats) -> float:
 
     Of more than `FEW` UAVs it is in single precision, see `ALIGNMENT_ERROR`; infinite or NaN beyond 10¹⁸ m/s.
     """
-    n, columns = len(states), np.ascontiguousarray(states[:, state.VELOCITY].T)
+    n, columns = len(states), np.ascontiguousarray(state.velocity(states).T)
     if n <= FEW:
         difference = columns[:, :, None] - columns[:, None, :]
-        difference *= difference
-        return float(np.add.reduce(np.sqrt(difference[0] + difference[1]).ravel())) / max(1, n * n)
+        return float(np.add.reduce(np.sqrt(state.squared(difference)).ravel())) / max(1, n * n)
     columns -= (np.add.reduce(columns, axis=-1) / n)[:, None]
     return 2.0 * _sum(columns.astype(np.float32)) / (float(n) * float(n))
 
 
 def _sum(columns: NDArray[np.float32]) -> float:
-    """Σ_{i < j} ‖u_j − u_i‖ of velocities (2, N) relative to their mean."""
+    """Σ_{i < j} ‖u_j − u_i‖ of velocities (axes, N) relative to their mean."""
     sums = np.zeros(columns.shape[1])  # of each j
     for i in range(columns.shape[1] - 1):
         difference = columns[:, i + 1 :] - columns[:, i, None]
-        difference *= difference
-        sums[i + 1 :] += np.sqrt(difference[0] + difference[1])
+        sums[i + 1 :] += np.sqrt(state.squared(difference))
     return float(np.add.reduce(sums))

@@ -1,42 +1,73 @@
 /* What motion.py says: the same operations in the same order. */
-#include "module.h"
+#include "module.h" /* Python.h comes first */
 
 #include <math.h>
 #include <string.h>
 
-enum { SIZE = 4, AXES = 2 }; /* of a state, kernels/state.py */
+#include "axes.h"
+
+typedef struct { /* arguments as in motion.py; arrays begin anywhere */
+    const char *states, *acceleration, *noise, *wind;
+    char *moved;
+    Py_ssize_t rows, winds;
+    double drag, shake, dt;
+} Motion;
+
+FOR_AXES void move(const int axes, const Motion *m) {
+    const size_t vector = axes * sizeof(double), state = 2 * vector;
+    for (Py_ssize_t i = 0; i < m->rows; i++) {
+        double now[2 * MOST_AXES], pushed[MOST_AXES], drawn[MOST_AXES], air[MOST_AXES], next[2 * MOST_AXES];
+        memcpy(now, m->states + i * state, state);
+        memcpy(pushed, m->acceleration + i * vector, vector);
+        memcpy(drawn, m->noise + i * vector, vector);
+        memcpy(air, m->wind + (m->winds == 1 ? 0 : i) * vector, vector);
+        for (int axis = 0; axis < axes; axis++) {
+            const double change = (pushed[axis] - (now[axes + axis] - air[axis]) * m->drag) * m->dt;
+            const double velocity = (now[axes + axis] + change) + m->shake * drawn[axis];
+            next[axes + axis] = velocity;
+            next[axis] = velocity * m->dt + now[axis];
+        }
+        memcpy(m->moved + i * state, next, state);
+    }
+}
 
 PyObject *motion_move(PyObject *module, PyObject *args) {
     PyObject *states, *acceleration, *noise, *wind, *moved;
     Arrays arrays = {.held = 0};
-    double drag, shake, dt;
-    if (!PyArg_ParseTuple(args, "OOOOdddO:move", &states, &acceleration, &noise, &wind, &drag, &shake, &dt, &moved))
+    Motion m;
+    if (!PyArg_ParseTuple(args, "OOOOdddO:move", &states, &acceleration, &noise, &wind, &m.drag, &m.shake, &m.dt, &moved))
         return NULL;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, SIZE);
-    if (n < 0 || !doubles(&arrays, acceleration, "acceleration", n * AXES, READ)
-        || !doubles(&arrays, noise, "noise", n * AXES, READ))
+    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
+    if (n < 0 || !doubles(&arrays, acceleration, "acceleration", n * PLANE, READ)
+        || !doubles(&arrays, noise, "noise", n * PLANE, READ))
         return done(&arrays, NULL);
-    const Py_ssize_t winds = items(&arrays, wind, "wind", 1, AXES);
-    if (winds < 0 || !doubles(&arrays, moved, "moved", n * SIZE, WRITTEN)) return done(&arrays, NULL);
+    const Py_ssize_t winds = items(&arrays, wind, "wind", 1, PLANE);
+    if (winds < 0 || !doubles(&arrays, moved, "moved", n * 2 * PLANE, WRITTEN)) return done(&arrays, NULL);
     if (winds != 1 && winds != n) {
         PyErr_SetString(PyExc_ValueError, "wind: not one, nor one for each UAV");
         return done(&arrays, NULL);
     }
-    for (Py_ssize_t i = 0; i < n; i++) { /* arrays begin anywhere */
-        double now[SIZE], pushed[AXES], drawn[AXES], air[AXES], next[SIZE];
-        memcpy(now, (const char *)arrays.view[0].buf + i * SIZE * D, sizeof now);
-        memcpy(pushed, (const char *)arrays.view[1].buf + i * AXES * D, sizeof pushed);
-        memcpy(drawn, (const char *)arrays.view[2].buf + i * AXES * D, sizeof drawn);
-        memcpy(air, (const char *)arrays.view[3].buf + (winds == 1 ? 0 : i) * AXES * D, sizeof air);
-        for (int axis = 0; axis < AXES; axis++) {
-            const double change = (pushed[axis] - (now[AXES + axis] - air[axis]) * drag) * dt;
-            const double velocity = (now[AXES + axis] + change) + shake * drawn[axis];
-            next[AXES + axis] = velocity;
-            next[axis] = velocity * dt + now[axis];
-        }
-        memcpy((char *)arrays.view[4].buf + i * SIZE * D, next, sizeof next);
-    }
+    m.states = arrays.view[0].buf, m.acceleration = arrays.view[1].buf, m.noise = arrays.view[2].buf;
+    m.wind = arrays.view[3].buf, m.moved = arrays.view[4].buf;
+    m.rows = n, m.winds = winds;
+    move(PLANE, &m);
     return done(&arrays, Py_NewRef(Py_None));
+}
+
+/* Clears the rows that are not at their goals; returns how many are left. */
+FOR_AXES Py_ssize_t at_goals(const int axes, Py_ssize_t rows, const char *states, const char *goals, double radius,
+                             char *inside) {
+    const size_t state = 2 * axes * sizeof(double);
+    Py_ssize_t count = 0;
+    for (Py_ssize_t i = 0; i < rows; i++) {
+        double here[2 * MOST_AXES], goal[2 * MOST_AXES], squared = 0.0;
+        memcpy(here, states + i * state, state);
+        memcpy(goal, goals + i * state, state);
+        for (int k = 0; k < 2 * axes; k++) squared += (here[k] - goal[k]) * (here[k] - goal[k]);
+        inside[i] = inside[i] && sqrt(squared) <= radius;
+        count += inside[i];
+    }
+    return count;
 }
 
 PyObject *motion_reached(PyObject *module, PyObject *args) {
@@ -44,19 +75,10 @@ PyObject *motion_reached(PyObject *module, PyObject *args) {
     Arrays arrays = {.held = 0};
     double radius;
     if (!PyArg_ParseTuple(args, "OOdO:reached", &states, &goals, &radius, &within)) return NULL;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, SIZE);
-    if (n < 0 || !doubles(&arrays, goals, "goals", n * SIZE, READ)
+    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
+    if (n < 0 || !doubles(&arrays, goals, "goals", n * 2 * PLANE, READ)
         || !sized(hold(&arrays, within, "within", "?", 1, WRITTEN), "within", n))
         return done(&arrays, NULL);
-    char *inside = arrays.view[2].buf;
-    Py_ssize_t count = 0;
-    for (Py_ssize_t i = 0; i < n; i++) {
-        double here[SIZE], goal[SIZE], squared = 0.0;
-        memcpy(here, (const char *)arrays.view[0].buf + i * SIZE * D, sizeof here);
-        memcpy(goal, (const char *)arrays.view[1].buf + i * SIZE * D, sizeof goal);
-        for (int k = 0; k < SIZE; k++) squared += (here[k] - goal[k]) * (here[k] - goal[k]);
-        inside[i] = inside[i] && sqrt(squared) <= radius;
-        count += inside[i];
-    }
-    return done(&arrays, PyLong_FromSsize_t(count));
+    const Py_buffer *view = arrays.view;
+    return done(&arrays, PyLong_FromSsize_t(at_goals(PLANE, n, view[0].buf, view[1].buf, radius, view[2].buf)));
 }

@@ -23,15 +23,15 @@ def move(
         acceleration: (N, 2), m/s². noise: (N, 2), standard normal. wind: (N, 2) or (2,), m/s. drag: 1/s. shake: m/s.
             dt: s.
     """
-    change = states[:, state.VELOCITY] - wind
+    change = state.velocity(states) - wind
     change *= drag
     np.subtract(acceleration, change, out=change)
     change *= dt
-    velocity = np.add(states[:, state.VELOCITY], change, out=change)
+    velocity = np.add(state.velocity(states), change, out=change)
     velocity += shake * noise
-    moved[:, state.VELOCITY] = velocity
+    state.velocity(moved)[...] = velocity
     velocity *= dt
-    np.add(velocity, states[:, state.POSITION], out=moved[:, state.POSITION])
+    np.add(velocity, state.position(states), out=state.position(moved))
 
 
 def reached(states: Floats, goals: Floats, radius: float, within: Mask, /) -> int:

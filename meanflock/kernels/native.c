@@ -9,9 +9,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "axes.h"
 #include "native.h"
-
-enum { SIZE = 4, AXES = 2 }; /* of a state, kernels/state.py */
 
 /* ---- arrays ---- */
 
@@ -56,20 +55,20 @@ double *room_for(Arrays *arrays, Py_ssize_t count) {
 
 /* ---- pairs ---- */
 
-/* Copies columns of an array of states, from `column` on, one after the other. */
-static void copy_columns(const Py_buffer *states, int column, int count, double *to) {
-    const Py_ssize_t n = states->len / (SIZE * D);
+/* Copies the columns of a half of states, from `column` on, one after the other. */
+FOR_AXES void copy_half(const int axes, const Py_buffer *states, int column, double *to) {
+    const Py_ssize_t width = 2 * axes, n = states->len / (width * D);
     const char *from = (const char *)states->buf + column * D; /* may be unaligned */
     for (Py_ssize_t i = 0; i < n; i++)
-        for (int k = 0; k < count; k++) memcpy(to + k * n + i, from + (i * SIZE + k) * D, D);
+        for (int k = 0; k < axes; k++) memcpy(to + k * n + i, from + (i * width + k) * D, D);
 }
 
 static PyObject *align(PyObject *module, PyObject *states) {
     Arrays arrays = {.held = 0};
     double *room;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, SIZE);
-    if (n < 0 || (room = room_for(&arrays, alignment_room(n))) == NULL) return done(&arrays, NULL);
-    copy_columns(arrays.view, AXES, AXES, room);
+    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
+    if (n < 0 || (room = room_for(&arrays, alignment_room(PLANE, n))) == NULL) return done(&arrays, NULL);
+    copy_half(PLANE, arrays.view, PLANE, room);
     return done(&arrays, PyFloat_FromDouble(alignment(n, room)));
 }
 
@@ -78,13 +77,13 @@ static PyObject *measure(PyObject *module, PyObject *args) {
     Arrays arrays = {.held = 0};
     double hazard, collision, nearest, *room;
     if (!PyArg_ParseTuple(args, "OOdddO:pairs", &before, &after, &hazard, &collision, &nearest, &found)) return NULL;
-    const Py_ssize_t n = items(&arrays, before, "before", 1, SIZE);
-    if (n < 0 || !doubles(&arrays, after, "after", n * SIZE, READ)) return done(&arrays, NULL);
+    const Py_ssize_t n = items(&arrays, before, "before", 1, 2 * PLANE);
+    if (n < 0 || !doubles(&arrays, after, "after", n * 2 * PLANE, READ)) return done(&arrays, NULL);
     const Py_buffer *to = hold(&arrays, found, "found", "lq", 8, WRITTEN);
     const Py_ssize_t most = to == NULL ? 0 : to->len / 16; /* of pairs of 8 bytes each */
-    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(n))) == NULL) return done(&arrays, NULL);
-    copy_columns(&arrays.view[0], 0, AXES, room);
-    copy_columns(&arrays.view[1], 0, AXES, room + AXES * n);
+    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(PLANE, n))) == NULL) return done(&arrays, NULL);
+    copy_half(PLANE, &arrays.view[0], 0, room);
+    copy_half(PLANE, &arrays.view[1], 0, room + PLANE * n);
     const Measured seen = pairs(n, room, hazard, collision, nearest, to->buf, most);
     return done(&arrays, Py_BuildValue("LLd", (long long)seen.near, (long long)seen.touching, seen.nearest));
 }

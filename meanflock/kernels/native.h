@@ -5,10 +5,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Size of alignment's working memory in doubles, columns vx and vy included. */
-ptrdiff_t alignment_room(ptrdiff_t n);
+/* Size of alignment's working memory in doubles, the columns of the velocities included. */
+ptrdiff_t alignment_room(int axes, ptrdiff_t n);
 
-/* Mean of ‖v_j − v_i‖ over all N² pairs of n UAVs, whose columns vx and vy are at the begin of `room`. */
+/* Mean of ‖v_j − v_i‖ over all N² pairs of n UAVs in the plane; the columns of their velocities are at the begin of
+ * `room`. */
 double alignment(ptrdiff_t n, double *room);
 
 typedef struct {
@@ -17,10 +18,10 @@ typedef struct {
 } Measured;
 
 /* Size of the working memory of pairs, in doubles. */
-ptrdiff_t pairs_room(ptrdiff_t n);
+ptrdiff_t pairs_room(int axes, ptrdiff_t n);
 
-/* Measures the tick of n UAVs; their columns x, y before and x, y after are at the begin of `room`. At most `most` of the
- * pairs that touch go into `found`, 16 bytes each. */
+/* Measures the tick of n UAVs in the plane; the columns of their positions before and after are at the begin of `room`.
+ * At most `most` of the pairs that touch go into `found`, 16 bytes each. */
 Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most);
 
 /* Solves one row: wanted (2), normals (count, 2), bounds (count), room for 7 count doubles; writes a (2).

@@ -9,10 +9,10 @@ import psutil
 
 from meanflock.federation.plan import plan_of
 from meanflock.launch import forks
+from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION
 
 MEGABYTE = 2**20
 # Measured values plus a quarter. Private memory of a process; shared memory is counted once.
@@ -37,7 +37,7 @@ def pair_bytes(scenario: Scenario) -> int:
     to_all = [hop for hop in plan.hops if hop.targets is None and not hop.is_local]
     if all(len(hop.senders) < scenario.uavs for hop in to_all):
         return 0
-    places = starts(scenario)[:, POSITION]
+    places = state.position(starts(scenario))
     largest = float(np.linalg.norm(np.ptp(places, axis=0)))
     return PAIR_BYTES if all(largest <= (hop.range_m or largest) for hop in to_all) else FAR_PAIR_BYTES
 

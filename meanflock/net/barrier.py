@@ -13,7 +13,6 @@ from meanflock.federation.post import Post
 from meanflock.net import keys
 from meanflock.net.bus import Bus
 from meanflock.net.members import LEADER, Member
-from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Floats, States, contains
@@ -34,7 +33,7 @@ class Replies:
         self._run = run
         self._post = post
         self._longest = longest
-        self._columns = state.AXES + len(declared.diagnostics)
+        self._columns = scenario.dimensions + len(declared.diagnostics)
         self._weights = declared.weights
         self._broadcast_numbers = declared.broadcast_numbers
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]

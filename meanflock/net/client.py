@@ -14,7 +14,7 @@ import numpy as np
 
 from meanflock.net import keys
 from meanflock.net.bus import Bus, Delivery
-from meanflock.swarm import plugins, state, threads
+from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
@@ -75,7 +75,7 @@ class NodeClient:
         if not isinstance(welcome, Welcome) or welcome.run != self._fingerprint:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._act_key = keys.act(self._run, welcome.node)
-        self._blank = np.zeros((len(welcome.uavs), state.SIZE))  # of the states of a Sense
+        self._blank = np.zeros((len(welcome.uavs), welcome.initial_states.shape[-1]))  # of the states of a Sense
         self._everyone = len(welcome.initial_states)
         try:
             _check_plugins(welcome, request.role)

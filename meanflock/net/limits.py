@@ -9,7 +9,7 @@ from meanflock.federation.plan import Plan
 from meanflock.net import keys
 from meanflock.net.bus import Quota
 from meanflock.net.members import LEADER
-from meanflock.swarm import mission, state
+from meanflock.swarm import mission
 from meanflock.swarm.declared import MAX_BROADCASTS, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
 from meanflock.swarm.plugins.guard import check_memory
@@ -37,7 +37,7 @@ class Limits:
         rule = Rule(plan)
         rule.check_radio(plan)
         state_of_rule = control.encode_record(rule.begin())
-        numbers = state.AXES + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
+        numbers = plan.scenario.dimensions + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
         numbers += sum(hop.coding.width for hop in plan.hops if hop.role == "agent" and not hop.is_local)
         self._row = _NUMBER_BYTES * numbers + len(memory)

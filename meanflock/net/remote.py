@@ -15,7 +15,6 @@ from meanflock.net.limits import Limits
 from meanflock.net.members import LEADER, Member, Members
 from meanflock.net.outbox import Outbox
 from meanflock.net.pace import DelayRules
-from meanflock.swarm import state
 from meanflock.swarm.errors import MessageRejected, RunFailed
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.control import decode_record
@@ -30,8 +29,6 @@ log = logging.getLogger("meanflock.world")
 
 STALL_S = 0.5  # longest step of the wait that counts: in a longer one this machine stood still, perhaps the nodes too
 ASK_AGAIN_S = 1.0  # a request without a reply is repeated: the first one after a declaration can get lost
-
-_NO_STATES = np.zeros((0, state.SIZE))  # the request of a leader has none
 
 
 class RemoteCrew:
@@ -93,6 +90,7 @@ class RemoteCrew:
         self._clock = clock
         self._is_resumed = resume is not None
         self._news: list[News] = []
+        self._no_states = np.zeros((0, world.scenario.state_numbers))  # the request of a leader has none
         self._barrier = Barrier(bus, run, Replies(plan, keys.fingerprint(run), world.post, limits.act), clock)
         self._admission = Admission(
             bus,
@@ -217,7 +215,7 @@ class RemoteCrew:
             record = b"" if leader.informed else senses.rule_record
             mail = mail_for(senses.letters, "leader", after=leader.read)
             leader.informed, leader.read = True, senses.newest
-            self._barrier.ask(leader, _NO_STATES, mail, memory=record)
+            self._barrier.ask(leader, self._no_states, mail, memory=record)
 
     # -- replies ------------------------------------------------------------------------------------------------
 

@@ -15,9 +15,10 @@ from meanflock.federation.topology.clusters import Division
 from meanflock.recording import blueprint, drawing, mission_map
 from meanflock.recording.blueprint import Lane
 from meanflock.recording.drawing import Sent, Ticks, circle
+from meanflock.swarm import state
 from meanflock.swarm.faults import Gust, Jam, Partition, Pause
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, States
+from meanflock.swarm.state import States
 from meanflock.worldsim.faults import Script, words
 
 Lasting = Pause | Partition | Jam | Gust
@@ -99,7 +100,7 @@ class Disturbances:
         """The marks of ticks (T,) with the `states` (T, N, 4) of the UAVs."""
         if len(self._heads):
             heads = _Rows(blueprint.HEADS, _POINTS)
-            for tick, places in zip(ticks.tolist(), states[:, self._heads, POSITION].tolist(), strict=True):
+            for tick, places in zip(ticks.tolist(), state.flat(states[:, self._heads]).tolist(), strict=True):
                 heads.add(tick, places)
             yield from heads.sent()
         if self._faults:
@@ -113,7 +114,7 @@ class Disturbances:
             acting = [fault for fault in self._faults if fault.acts(tick, self._dt)]
             if not acting and self._shown == []:
                 continue
-            points = now[:, POSITION]
+            points = state.flat(now)
             halos.add(tick, *_halos(acting, points))
             jams.add(tick, _jammed_links(acting, points))
             gusts.add(tick, *self._gusts(tick, now))
@@ -131,7 +132,7 @@ class Disturbances:
         if pushed is None:
             return [], []
         hit = (pushed != 0.0).any(axis=-1)
-        return (pushed[hit] * blueprint.GUST_S2).tolist(), states[hit, POSITION].tolist()
+        return (state.flat(pushed[hit]) * blueprint.GUST_S2).tolist(), state.flat(states[hit]).tolist()
 
 
 def _halos(acting: Sequence[Lasting], points: NDArray[np.float64]) -> tuple[list[list[float]], list[int]]:

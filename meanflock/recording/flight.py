@@ -51,8 +51,8 @@ def uav_colors(states: state.States, diagnostics: Floats, status: NDArray[np.uin
 
 def uav_rows(ticks: Ticks, states: state.States, colors: Colors, leader: int) -> Iterator[Sent]:
     """UAVs with states (R, N, 4) and colours (R, N) at ticks (R,), their velocities, and the frame of the leader."""
-    points = states[..., state.POSITION].astype(np.float32)
-    arrows = (states[..., state.VELOCITY] * blueprint.ARROW_S).astype(np.float32)
+    points = state.flat(states).astype(np.float32)
+    arrows = (state.flat(state.velocity(states)) * blueprint.ARROW_S).astype(np.float32)
     places = rr.components.Position2DBatch(points.reshape(-1, 2))
     shades = rr.components.ColorBatch(colors.reshape(-1))
     vectors = rr.components.Vector2DBatch(arrows.reshape(-1, 2))

@@ -84,7 +84,7 @@ def key_box(scenario: Scenario, maps: int) -> Corners:
 
 def start_box(scenario: Scenario) -> Corners:
     """The box around all starts, with a margin of one spacing."""
-    places = mission.starts(scenario)[:, state.POSITION]
+    places = state.flat(mission.starts(scenario))
     return places.min(axis=0) - scenario.start.spacing, places.max(axis=0) + scenario.start.spacing
 
 
@@ -129,7 +129,7 @@ def _log_start(part: Part, scenario: Scenario) -> None:
         corners = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
         part.line("map/start", corners, drawing.GREY, 1.0)
     else:
-        part.dots("map/start", mission.starts(scenario)[:, state.POSITION], drawing.GREY, 2.5)
+        part.dots("map/start", state.flat(mission.starts(scenario)), drawing.GREY, 2.5)
     part.label("map/start/label", (float(low[0] + high[0]) / 2, float(low[1])), "start", drawing.GREY)
 
 

@@ -118,7 +118,7 @@ class Writer:
         energy = np.concatenate([block.energy for block in blocks])
         links = np.concatenate([block.links for block in blocks])
         events = [event for block in blocks for event in block.events]
-        positions = states[..., state.POSITION].astype(np.float32)
+        positions = state.flat(states).astype(np.float32)
         colors = uav_colors(states, diagnostics, status, self._reported)
 
         chosen = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)

@@ -28,8 +28,8 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     rows, n = len(block.states), block.states.shape[1] if uavs is None else uavs
     reports = len(expect("report_ticks", block.report_ticks, (None,), np.int32))
     for name, shape, dtype in (
-        ("states", (rows, n, state.SIZE), np.float64),
-        ("accelerations", (rows, n, state.AXES), np.float32),
+        ("states", (rows, n, 2 * state.DIMENSIONS), np.float64),
+        ("accelerations", (rows, n, state.DIMENSIONS), np.float32),
         ("diagnostics", (rows, n, len(block.diagnostic_names)), np.float32),
         ("status", (rows, n), np.uint8),
         ("energy", (rows, n), np.float32),

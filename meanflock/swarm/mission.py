@@ -43,12 +43,9 @@ class Mission(Protocol):
 
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 4) in m and m/s. All UAVs are at rest."""
-    start, states = mission.start, np.zeros((mission.uavs, state.SIZE))
-    if start.positions:
-        states[:, state.POSITION] = start.positions
-    else:
-        states[:, state.POSITION] = _positions(start, mission.uavs)
-    return states
+    start = mission.start
+    places = np.array(start.positions, dtype=np.float64) if start.positions else _positions(start, mission.uavs)
+    return state.at_rest(places)
 
 
 def formation(start: Any) -> str:
@@ -97,7 +94,7 @@ def _stream(uavs: int, spacing: float) -> Floats:
     return np.stack([along, spacing * (number % _LANES - (_LANES - 1) / 2)], axis=-1)
 
 
-def goals(mission: Mission) -> state.Plane:
+def goals(mission: Mission) -> state.Vectors:
     """Goal of each UAV, (N, 2) in m. By default the origin is the goal of all.
 
     `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the
@@ -106,21 +103,19 @@ def goals(mission: Mission) -> state.Plane:
     destination, start = mission.destination, mission.start
     if destination.positions:
         return np.array(destination.positions, dtype=np.float64)
-    from_there = starts(mission)[:, state.POSITION]
+    from_there = state.position(starts(mission))
     if destination.goals == "opposite":
         return 2.0 * np.array(start.centre) - from_there
     if destination.goals == "across":
         return from_there + 2.0 * start.radius * _headings(mission.uavs)
     if destination.goals == "parallel":
         return from_there - np.array(start.centre)
-    return np.zeros((mission.uavs, state.AXES))
+    return np.zeros(from_there.shape)
 
 
 def goal_states(mission: Mission) -> state.States:
     """Goals as states at rest, (N, 4). A controller that flies to the origin needs the state minus its goal."""
-    states = np.zeros((mission.uavs, state.SIZE))
-    states[:, state.POSITION] = goals(mission)
-    return states
+    return state.at_rest(goals(mission))
 
 
 def launches(mission: Mission) -> NDArray[np.intp]:
@@ -140,9 +135,9 @@ def check(mission: Mission) -> None:
     discs = obstacles(mission)
     if len(discs):
         remedy = "move one of them"
-        for verb, places in (("starts", starts(mission)[:, state.POSITION]), ("has its goal", goals(mission))):
+        for verb, places in (("starts", state.position(starts(mission))), ("has its goal", goals(mission))):
             for number, (x, y, radius) in enumerate(discs.tolist()):
-                inside = np.flatnonzero(np.hypot(*(places - (x, y)).T) <= radius)
+                inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     if mission.start.positions or formation(mission.start) not in GRIDS:
@@ -167,7 +162,7 @@ def _check_apart(mission: Mission) -> None:
 
     Grids are not checked: their spacing is a key of its own, and their collisions are counted.
     """
-    places, least = starts(mission)[:, state.POSITION], mission.metrics.collision_radius
+    places, least = state.position(starts(mission)), mission.metrics.collision_radius
     when = launches(mission)
     order = np.argsort(places[:, 0], kind="stable")
     ascending, ticks = places[order], when[order]

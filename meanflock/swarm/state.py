@@ -10,24 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.kernels.state import (  # noqa: F401
-    AXES,
-    POSITION,
-    SIZE,
-    VELOCITY,
-    VX,
-    VY,
     Floats,
     Mask,
-    Plane,
     Rows,
     States,
-    X,
-    Y,
+    Vectors,
     approach,
+    at_rest,
+    axes,
     dot,
+    flat,
+    length,
     norm,
+    parts,
+    position,
     speed,
+    squared,
+    squared_halves,
+    velocity,
 )
+
+DIMENSIONS = 2  # number of axes of every flight; code that has a scenario asks it, code that has an array asks that
 
 BEYOND_SENSE = 1e30  # bound of commands, models and diagnostics: a larger number, or NaN, has diverged
 

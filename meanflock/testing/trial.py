@@ -16,7 +16,7 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins import guard
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, States
+from meanflock.swarm.state import States
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
@@ -80,7 +80,8 @@ class PointSwarm:
         self._period = period if self.declared.is_federated else 0
         self._ticks = max(TICKS, ROUNDS * self._period + AFTER)
         draw = np.random.default_rng(0)
-        self._shake = draw.standard_normal((self._ticks, scenario.uavs, AXES))
+        self._axes = scenario.dimensions
+        self._shake = draw.standard_normal((self._ticks, scenario.uavs, self._axes))
         self._arrives = draw.random((self._ticks, scenario.uavs, scenario.uavs)) > LOST
 
     def init(self, instance: Controller, uavs: NDArray[np.intp]) -> Memory:
@@ -158,7 +159,7 @@ class PointSwarm:
     def checked(self, step: Step, before: Memory, rows: int) -> NDArray[np.float64]:
         """Check a step after the memory `before`; returns its commands (M, 2 + K)."""
         try:
-            blank = np.zeros((rows, AXES + len(self.declared.diagnostics)))
+            blank = np.zeros((rows, self._axes + len(self.declared.diagnostics)))
             commands, _ = checked_step(step, before, blank, self.declared, len(self.uavs))
         except FAILURES as error:
             fail(
@@ -203,7 +204,7 @@ class PointSwarm:
         """
         instances = [self.make() for _ in groups]
         memories = [self.init(one, group) for one, group in zip(instances, groups, strict=True)]
-        own, columns = self.plan.copy(), AXES + len(self.declared.diagnostics)
+        own, columns = self.plan.copy(), self._axes + len(self.declared.diagnostics)
         remedies = {"remedy": GONE} if afresh else {}
         frames: list[Received] = []
         commands, broadcasts = [], []
@@ -235,7 +236,7 @@ class PointSwarm:
                 mean = self._on_air(self.models(instances, memories, **remedies)).astype(np.float64).mean(axis=0)
             commands.append(now)
             broadcasts.append(joined)
-            own = self._moved(own, now[:, :AXES], tick)
+            own = self._moved(own, now[:, : self._axes], tick)
         memory = {name: np.concatenate([one[name] for one in memories]) for name in memories[0]}
         models = self.models(instances, memories) if self.declared.parameters else np.zeros((len(own), 0))
         return Trial(commands, broadcasts, memory, models)

@@ -91,7 +91,7 @@ def series_of(scenario: Scenario, snapshot: Snapshot, sums: Sums) -> dict[str, F
     method = Method(scenario.method)
     tick = snapshot.tick
     states = snapshot.states
-    speed, position = state.speed(states), states[..., state.POSITION]
+    speed, position = state.speed(states), state.position(states)
     trip = np.where(snapshot.arrived, snapshot.arrival_energy, snapshot.energy)
     phi_a, phi_c, distinct = sums.phi(tick, scenario.uavs)
     size, phi_learned = np.abs(snapshot.diagnostics[..., :2]), snapshot.diagnostics[..., 2].mean(axis=1)
@@ -186,7 +186,7 @@ def _pair_distance(states: Floats) -> Floats:
     n = states.shape[1]
     if n == 1:
         return np.full(len(states), np.nan)
-    along, across = (column[:, :, None] - column[:, None, :] for column in (states[..., state.X], states[..., state.Y]))
+    along, across = (column[:, :, None] - column[:, None, :] for column in state.parts(state.position(states)))
     along *= along
     across *= across
     along += across

@@ -51,7 +51,7 @@ def filter_moments(
     closed-form E‖w̃‖². msd_fall: simulated MSD at half the step over that at the step. The last three with a small step,
     in the directions followed, for as long as the slowest of them takes.
     """
-    gradients = theory.fpk_gradients(scenario, states, np.zeros((len(states), state.AXES)), np.zeros(len(states)))
+    gradients = theory.fpk_gradients(scenario, states, np.zeros(state.velocity(states).shape), np.zeros(len(states)))
     r = theory.correlation(gradients)
     bound = theory.step_bound(r)
     values, vectors = np.linalg.eigh(r)

@@ -29,7 +29,7 @@ _SEPARATED = "start.spacing=6"
 
 def _marks(ax: Axes, flown: Trace) -> None:
     """Start square, destination ring, axes in metres with one scale."""
-    start = flown.states[0][:, state.POSITION]
+    start = state.position(flown.states[0])
     low, high = start.min(axis=0) - 2.0, start.max(axis=0) + 2.0
     ax.add_patch(
         Rectangle((low[0], low[1]), *(high - low), fill=False, edgecolor=plotstyle.INK, linewidth=0.9, zorder=4)
@@ -56,7 +56,7 @@ def _box(flights: list[Trace]) -> tuple[Floats, Floats]:
     """Corners of a box around starts, destination and 99.6 % of all positions, with a margin."""
     corners = [np.full((1, 2), -8.0), np.full((1, 2), 8.0)]
     for flown in flights:
-        position = flown.states[..., state.POSITION]
+        position = state.position(flown.states)
         corners.append(position[0] + 4.0)
         corners.append(position[0] - 4.0)
         corners.append(np.nanpercentile(position.reshape(-1, 2), (0.2, 99.8), axis=0))
@@ -82,7 +82,7 @@ def trajectories(view: View) -> Figure | None:
         last = row == len(trips) - 1
         for ax, until in zip(grid[row], (*SNAPSHOTS_S, trip.times[-1]), strict=False):
             part = drawn.until(until)
-            _paths(ax, part.states[..., state.POSITION], shade[: len(part.times)])
+            _paths(ax, state.position(part.states), shade[: len(part.times)])
             _marks(ax, part)
             so_far = met[met[:, 0] <= until]
             _stars(ax, so_far)
@@ -152,7 +152,7 @@ def offline(view: View) -> Figure | None:
     figure = plotstyle.figure(plotstyle.PAGE_IN, 2.75)
     axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for letter, ax, (title, method, flown) in zip("abc", axes, panels, strict=False):
-        _paths(ax, flown.states[..., state.POSITION], plotstyle.colour(method), 0.8)
+        _paths(ax, state.position(flown.states), plotstyle.colour(method), 0.8)
         _marks(ax, flown)
         met = collisions(flown)
         _stars(ax, met)

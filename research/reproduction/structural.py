@@ -212,7 +212,7 @@ def cost_share(scenario: Scenario) -> float:
     )
     states, on_way = blocks[0][:-1], blocks[1][:-1] == Status.FLYING
     phi_g = diagnostics[..., plan_of(scenario).declared.diagnostics.index("phi_G")]
-    position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
+    position, velocity = state.position(states), state.velocity(states)
     towards = np.abs(state.dot(position, velocity)) / np.sqrt(state.dot(position, position))
     cost = scenario.cost
     others = towards + cost.c1 * state.dot(velocity, velocity) + cost.c3 * state.dot(commands, commands)

@@ -40,7 +40,7 @@ def fpk_gradients(scenario: Scenario, states: Floats, actions: Floats, curvature
     """
     t = tables(scenario)
     pairs = features.pairs(t, features.powers(t, states))
-    b = np.concatenate([states[:, state.VELOCITY], hjb.drift(t, states, actions)], axis=-1)
+    b = np.concatenate([state.velocity(states), hjb.drift(t, states, actions)], axis=-1)
     operator = fpk.operator(t, pairs, b, fpk.divergence(t, curvature))
     return np.concatenate([operator, features.terms(t, pairs)[:, 1:]], axis=-1)
 
@@ -169,7 +169,7 @@ def flight_cost(scenario: Scenario, states: Floats, accelerations: Floats) -> Fl
         states: (K + 1, ..., 4), of ticks 0…K. accelerations: (K, ..., 2), of the ticks that led to 1…K. Returns: (...).
     """
     cost, dt = scenario.cost, scenario.dt
-    position, velocity = states[-1][..., state.POSITION], states[1:][..., state.VELOCITY]
+    position, velocity = state.position(states[-1]), state.velocity(states[1:])
     running = cost.c1 * (velocity**2).sum(axis=(0, -1)) + cost.c3 * (accelerations**2).sum(axis=(0, -1))
     return np.sqrt((position**2).sum(axis=-1)) + dt * running
 
@@ -195,9 +195,9 @@ def response(scenario: Scenario, ticks: int, knots: int) -> tuple[Floats, Floats
 
 def coast(scenario: Scenario, start: Floats, ticks: int) -> Floats:
     """The flight without command in the mean wind, `(ticks + 1, 4)`, by the world's own dynamics."""
-    states = np.empty((ticks + 1, state.SIZE))
+    states = np.empty((ticks + 1, scenario.state_numbers))
     states[0] = start
-    nothing, vehicle = np.zeros(state.AXES), PointMass(PointMass.Options(), scenario)
+    nothing, vehicle = np.zeros(scenario.dimensions), PointMass(PointMass.Options(), scenario)
     for n in range(ticks):
         states[n + 1], _ = vehicle.step(states[n], {}, nothing, nothing)
     return states
@@ -241,8 +241,8 @@ class Transcription:
         """The flight of u."""
         by_acceleration, by_velocity, by_position = self._by_unknowns
         states = self._drift.copy()
-        states[:, state.VELOCITY] += by_velocity @ unknowns
-        states[:, state.POSITION] += by_position @ unknowns
+        state.velocity(states)[...] += by_velocity @ unknowns
+        state.position(states)[...] += by_position @ unknowns
         accelerations = by_acceleration @ unknowns
         return Optimum(float(flight_cost(self.scenario, states, accelerations)), accelerations, states)
 
@@ -255,12 +255,12 @@ def transcribe(scenario: Scenario, start: Floats, ticks: int) -> Transcription:
     hessian = 2.0 * dt * (cost.c1 * by_velocity.T @ by_velocity + cost.c3 * by_acceleration.T @ by_acceleration)
     scaled = np.linalg.inv(np.linalg.cholesky(hessian)).T  # knots = scaled @ u
     by_unknowns = (by_acceleration @ scaled, by_velocity @ scaled, by_position @ scaled)
-    moving = drift[1:, state.VELOCITY]
+    moving = state.velocity(drift)[1:]
     return Transcription(
         scenario=scenario,
         linear=2.0 * dt * cost.c1 * (by_unknowns[1][1:].T @ moving),
         end=by_unknowns[2][-1],
-        coast=drift[-1, state.POSITION],
+        coast=state.position(drift)[-1],
         constant=dt * cost.c1 * float((moving**2).sum()),
         _drift=drift,
         _by_unknowns=by_unknowns,
@@ -280,7 +280,7 @@ def gaps(
     for uav, tick in enumerate(arrival.tolist()):
         ticks = tick if tick > 0 else len(accelerations)
         realised = flight_cost(scenario, states[: ticks + 1, uav], accelerations[:ticks, uav])
-        last = states[ticks, uav, state.POSITION]
+        last = state.position(states[ticks, uav])
         left = float(np.linalg.norm(last)) if moving else 0.0
         result[uav] = (float(realised) - left) / best_flight(scenario, states[0, uav], ticks).cost
     return result

@@ -43,8 +43,9 @@ def trace(view: View, experiment: str, method: str, **coordinates: object) -> Tr
         return None
     times, row = np.unique(frame["t_s"], return_inverse=True)
     uav = frame["uav"].astype(np.intp)
-    states = np.full((len(times), uav.max() + 1, state.SIZE), np.nan)
-    for k, column in enumerate(("x_m", "y_m", "vx_m_s", "vy_m_s")):
+    columns = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+    states = np.full((len(times), uav.max() + 1, len(columns)), np.nan)
+    for k, column in enumerate(columns):
         states[row, uav, k] = frame[column]
     status = np.zeros(states.shape[:2], dtype=np.uint8)
     status[row, uav] = frame["status"].astype(np.uint8)
@@ -63,7 +64,7 @@ def collisions(flown: Trace) -> Floats:
     A trace has every second tick. The tick between is not lost: a position is the one before plus dt times the new
     velocity, so r(k − 1) = r(k) − dt v(k), exactly.
     """
-    position, velocity = flown.states[..., state.POSITION], flown.states[..., state.VELOCITY]
+    position, velocity = state.position(flown.states), state.velocity(flown.states)
     dt, radius = Scenario().dt, Scenario().metrics.collision_radius
     met: dict[tuple[int, int], tuple[float, float, float]] = {}
     before = position[0]

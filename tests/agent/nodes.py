@@ -30,7 +30,7 @@ def welcome(case: Scenario, uavs: tuple[int, ...] = UAVS) -> Welcome:
 
 def states_at(tick: int, uavs: tuple[int, ...] = UAVS) -> state.States:
     """Made-up states of some UAVs: the same UAV is at the same place whoever holds it."""
-    everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, state.SIZE))
+    everyone = np.random.default_rng(tick).uniform([0, 0, -5, -5], [160, 110, 5, 5], (8, 4))
     return everyone[list(uavs)]
 
 

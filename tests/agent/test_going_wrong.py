@@ -12,7 +12,7 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Rece
 from meanflock.agent.node import Agent
 from meanflock.launch import engine
 from meanflock.launch.engine import Engine
-from meanflock.swarm import plugins, state
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
@@ -287,7 +287,7 @@ def test_a_state_beyond_the_radio_s_floats_is_not_sent_and_the_others_are() -> N
     agent = Agent(nodes.welcome(nodes.flown("radio.bits_per_float=16", "sharing.policy=tick", method="vasarhelyi")))
     agent.act(nodes.sense(0))  # the mission plan is in the place of its broadcast
     states = nodes.states_at(1)
-    states[1, state.X] = 7e4
+    states[1, 0] = 7e4
     with np.errstate(over="ignore"):
         act = agent.act(nodes.sense(1, states=states))
     assert isinstance(wire.read_act(wire.write_act(act)), Act)

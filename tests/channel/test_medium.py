@@ -34,8 +34,8 @@ def scenario(*settings: str, **options: Any) -> Scenario:
 
 def line(*metres: float) -> state.States:
     """UAVs at rest along x."""
-    states = np.zeros((len(metres), state.SIZE))
-    states[:, state.X] = metres
+    states = np.zeros((len(metres), 4))
+    states[:, 0] = metres
     return states
 
 
@@ -165,7 +165,7 @@ def test_the_bill_is_that_of_the_links_that_were_used() -> None:
     sent, outages, spent, airtime = np.zeros((UAVS, UAVS), int), np.zeros((UAVS, UAVS), int), 0, 0.0
     ticks = [(near, everyone), (near, everyone), (apart, everyone), (near, [0, 2, 5]), (apart, [0, 2, 5])] * 4
     for tick, (states, speakers) in enumerate(ticks):
-        along = states[:, state.X]
+        along = states[:, 0]
         records = medium.send(tick, [frames(FrameKind.STATE, speakers, 4)], states)
         assert records[:, 1:3].tolist() == [
             [source, target]

@@ -32,11 +32,11 @@ def measured(
 def distances(states: np.ndarray) -> np.ndarray:
     """The squared distances of all pairs, N × N."""
     difference = states[:, None] - states[None]
-    return difference[..., state.X] ** 2 + difference[..., state.Y] ** 2
+    return difference[..., 0] ** 2 + difference[..., 1] ** 2
 
 
 coarse = st.sampled_from([0.0, 0.1, 0.25, -0.3, 0.5, 1.0, -7.75, 1e-160, 1e6, 1e6 + 0.25])
-swarms = arrays(np.float64, st.tuples(st.integers(1, 40), st.just(state.SIZE)), elements=coarse)
+swarms = arrays(np.float64, st.tuples(st.integers(1, 40), st.just(4)), elements=coarse)
 
 
 @both_forms
@@ -60,7 +60,7 @@ def test_pairs_at_rest_are_those_of_the_matrix(
 
 def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The least distance of all pairs on straight segments, N × N, in extended precision."""
-    first, last = (states[:, state.POSITION].astype(np.longdouble) for states in (before, after))
+    first, last = (state.position(states).astype(np.longdouble) for states in (before, after))
     apart, moved = first[:, None] - first[None], (last - first)[:, None] - (last - first)[None]
     length = (moved**2).sum(axis=-1)
     share = np.clip(-(apart * moved).sum(axis=-1) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
@@ -83,7 +83,7 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike
 ) -> None:
     """Some UAVs have no segment, some are left out; on a grid many have the same x."""
     draw = np.random.default_rng(seed)
-    before = draw.normal(size=(uavs, state.SIZE)) * spread
+    before = draw.normal(size=(uavs, 4)) * spread
     before = np.rint(before / spread) * spread if grid else before
     after = before + draw.normal(size=before.shape) * step
     before[draw.random(uavs) < 0.1] = np.nan
@@ -102,15 +102,15 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike
 
 
 def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) -> None:
-    states = np.zeros((4, state.SIZE))
-    states[0], states[1, state.X], states[2, state.Y] = np.nan, np.inf, 1e200
+    states = np.zeros((4, 4))
+    states[0], states[1, 0], states[2, 1] = np.nan, np.inf, 1e200
     with np.errstate(all="ignore"):
         assert measured(backend, states, states, 1.0, 1.0, math.inf) == (0, [], math.inf)
 
 
 def test_pairs_beyond_the_room_for_them_are_counted(backend: ModuleType) -> None:
     found = np.full((3, 2), -7)
-    states = np.zeros((6, state.SIZE))
+    states = np.zeros((6, 4))
     for room in (found[:2], found[:0]):
         assert backend.pairs(states, states, 1.0, 1.0, math.inf, room) == (15, 15, 0.0)
         assert (found[:2] >= 0).all()
@@ -118,7 +118,7 @@ def test_pairs_beyond_the_room_for_them_are_counted(backend: ModuleType) -> None
 
 
 def test_a_large_swarm_needs_no_room_for_all_its_pairs(backend: ModuleType) -> None:
-    states = np.random.default_rng(6).normal(size=(2000, state.SIZE)) * [100.0, 100.0, 1.0, 1.0]
+    states = np.random.default_rng(6).normal(size=(2000, 4)) * [100.0, 100.0, 1.0, 1.0]
     tracemalloc.start()
     try:
         backend.alignment(states)
@@ -141,15 +141,15 @@ def exact(velocities: np.ndarray) -> float:
 
 
 def flown(velocities: np.ndarray) -> np.ndarray:
-    states = np.zeros((len(velocities), state.SIZE))
-    states[:, state.VELOCITY] = velocities
+    states = np.zeros((len(velocities), 4))
+    state.velocity(states)[...] = velocities
     return states
 
 
 @both_forms
 @given(st.integers(1, FEW), st.integers(0, 2**32 - 1))
 def test_few_uavs_are_one_sum_in_double_precision(backend: ModuleType, uavs: int, seed: int) -> None:
-    velocities = np.random.default_rng(seed).choice([0.0, 0.1, -0.3, 1.0, 1e-160, 1e6 + 0.25], (uavs, state.AXES))
+    velocities = np.random.default_rng(seed).choice([0.0, 0.1, -0.3, 1.0, 1e-160, 1e6 + 0.25], (uavs, 2))
     apart = velocities[:, None] - velocities
     speeds = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2)
     assert backend.alignment(flown(velocities)) == speeds.ravel().sum() / uavs**2
@@ -189,13 +189,13 @@ def test_the_error_is_bounded_and_both_forms_alike_for_any_velocities(
 
 @pytest.mark.parametrize("uavs", [0, 1, FEW + 1, 1500])
 def test_equal_velocities_have_no_difference(backend: ModuleType, uavs: int) -> None:
-    assert backend.alignment(flown(np.full((uavs, state.AXES), 0.5))) == 0.0
+    assert backend.alignment(flown(np.full((uavs, 2), 0.5))) == 0.0
 
 
 @pytest.mark.parametrize("uavs", [2, FEW + 1, 1500])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e200])
 def test_a_velocity_beyond_all_bounds_gives_no_finite_number(backend: ModuleType, uavs: int, bad: float) -> None:
-    velocities = np.random.default_rng(1).normal(size=(uavs, state.AXES))
+    velocities = np.random.default_rng(1).normal(size=(uavs, 2))
     velocities[1, 0] = bad
     with np.errstate(all="ignore"):
         assert not math.isfinite(backend.alignment(flown(velocities)))

@@ -131,7 +131,7 @@ def test_compare_records_every_flight_under_its_own_name_on_one_timeline(run, tm
         states = np.concatenate([block.states for block in kept.blocks])
         ticks, positions = column(path, f"{part}/{look.UAVS}", "Points2D:positions")
         np.testing.assert_array_equal(ticks, np.arange(41))
-        np.testing.assert_array_equal(np.array(positions), states[..., state.POSITION].astype(np.float32))
+        np.testing.assert_array_equal(np.array(positions), state.position(states).astype(np.float32))
         _, energy = scalars(path, f"{part}/{side_by_side.ENERGY}")
         assert energy[-1, 0] == pytest.approx(alone["energy_end_mean_J"])
         _, bits = scalars(path, f"{part}/{side_by_side.BITS}")

@@ -19,9 +19,9 @@ from tests.methods import METHODS
 @pytest.mark.parametrize("uavs", [1, 7, 25, 200])
 def test_every_uav_starts_at_rest_on_its_own_place_of_a_centred_grid(uavs: int) -> None:
     states = starts(load(None, [f"uavs={uavs}"]))
-    assert states.shape == (uavs, state.SIZE)
-    assert not states[:, state.VELOCITY].any()
-    position = states[:, state.POSITION]
+    assert states.shape == (uavs, 4)
+    assert not state.velocity(states).any()
+    position = state.position(states)
     steps = (position - position[0]) / math.sqrt(2)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert len({tuple(row) for row in np.round(steps).tolist()}) == uavs
@@ -36,7 +36,7 @@ def test_every_uav_starts_at_rest_on_its_own_place_of_a_centred_grid(uavs: int) 
 def test_a_circle_places_uavs_evenly_and_sends_each_to_the_other_side() -> None:
     circle = ["start.formation=circle", "start.radius=25.0", "start.centre=[3.0, 4.0]"]
     flown = load(None, ["uavs=6", *circle, "destination.goals=opposite"])
-    from_centre = starts(flown)[:, state.POSITION] - [3.0, 4.0]
+    from_centre = state.position(starts(flown)) - [3.0, 4.0]
     np.testing.assert_allclose(np.hypot(*from_centre.T), 25.0)
     angles = np.unwrap(np.arctan2(*from_centre.T[::-1]))
     np.testing.assert_allclose(np.diff(angles), math.pi / 3)
@@ -47,7 +47,7 @@ def test_a_circle_places_uavs_evenly_and_sends_each_to_the_other_side() -> None:
 def test_two_streams_cross_at_the_centre_and_keep_their_order() -> None:
     streams = ["start.formation=streams", "start.radius=35.0", "start.centre=[0.0, 0.0]"]
     flown = load(None, ["uavs=9", *streams, "destination.goals=across"])
-    place, way = starts(flown)[:, state.POSITION], goals(flown) - starts(flown)[:, state.POSITION]
+    place, way = state.position(starts(flown)), goals(flown) - state.position(starts(flown))
     np.testing.assert_allclose(way[:5], [[70.0, 0.0]] * 5)
     np.testing.assert_allclose(way[5:], [[0.0, 70.0]] * 4)
     assert np.abs(place[:5].mean(axis=0) - [-35.0, 0.0]).max() < 2.0
@@ -65,7 +65,7 @@ def test_by_default_all_fly_to_the_origin_at_once_and_parallel_goals_are_the_for
 def test_waves_are_rows_that_leave_one_after_another() -> None:
     flown = load(None, ["uavs=7", "start.formation=waves", "start.group=3", "start.interval=4.04"])
     assert launches(flown).tolist() == [0, 0, 0, 40, 40, 40, 81]
-    rows = starts(flown)[:, state.Y]
+    rows = starts(flown)[:, 1]
     assert rows[0] == rows[1] == rows[2] < rows[3] == rows[5] < rows[6]
 
 

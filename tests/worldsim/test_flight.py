@@ -29,7 +29,7 @@ def calm(*settings: str, uavs: int = 3) -> Flight:
 
 def put(flight: Flight, uav: int, *, position: Any, velocity: Any = (0.0, 0.0)) -> None:
     states = flight.states.copy()
-    states[uav, state.POSITION], states[uav, state.VELOCITY] = position, velocity
+    states[uav] = *position, *velocity
     flight.states = states
 
 
@@ -88,7 +88,7 @@ def test_a_lost_uav_gets_no_command_and_never_arrives() -> None:
         flight.advance(np.ones((3, 2)))
     np.testing.assert_allclose(flight.states[0], [1.5, 1.5, 1.0, 2.0])
     assert (flight.status[0], flight.arrival_tick[0]) == (Status.LOST, -1)  # though it is at the goal
-    np.testing.assert_allclose(flight.states[1, state.VELOCITY], 0.5)
+    np.testing.assert_allclose(state.velocity(flight.states)[1], 0.5)
     assert kinds(flight) == [("lost", (0,))]
     assert flight_summary(flight)["lost"] == 1
 
@@ -142,7 +142,7 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
             flight.rehash(np.array(history))
         before, flying = flight.states, flight.on_way.copy()
         aloft = flight.launch_tick <= tick
-        wanted = draw.normal(size=(12, 2)) * 12.0 - 0.5 * (before[:, state.POSITION] - [93.0, 1.5])
+        wanted = draw.normal(size=(12, 2)) * 12.0 - 0.5 * (state.position(before) - [93.0, 1.5])
         if tick == 12:
             wanted[3, 0] = np.inf
         if tick == 20:
@@ -151,7 +151,7 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
         flight.advance(wanted)
         history.append(flight.states)
         aloft[3] &= tick != 12  # put back
-        first, last = before[:, state.POSITION], flight.states[:, state.POSITION]
+        first, last = state.position(before), state.position(flight.states)
         for i, j in combinations(np.flatnonzero(aloft).tolist(), 2):
             apart = segment_distance(first[i] - first[j], last[i] - last[j])
             nearest = min(nearest, apart)
@@ -249,7 +249,7 @@ def test_radio_and_controllers_have_an_energy_that_changes_no_flight_and_lost_ua
 
 @pytest.mark.parametrize(("uavs", "columns"), [(1, 1), (1, 3), (9, 1), (40, 1), (40, 2), (200, 1), (200, 4)])
 def test_diagnostics_are_summed_tick_by_tick(uavs: int, columns: int) -> None:
-    draw, commands = np.random.default_rng(uavs), Commands(uavs, columns)
+    draw, commands = np.random.default_rng(uavs), Commands(uavs, 2, columns)
     everyone, total, largest = np.ones(uavs, bool), np.zeros(columns), np.zeros(columns)
     on_way = everyone
     for tick in range(75):

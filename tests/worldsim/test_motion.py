@@ -35,13 +35,13 @@ def test_mean_and_variance_are_those_of_the_ornstein_uhlenbeck_wind(case: dict[s
     vehicle = PointMass(PointMass.Options(), load(None, [f"dt={dt}", "wind.sigma=0.1", "wind.drag=0.1"]))
     for _ in range(round(case["t_s"] / dt)):
         end, _ = vehicle.step(end, {}, still, draw.standard_normal((ROWS, 2)))
-    for part, name in ((state.VELOCITY, "velocity"), (state.POSITION, "position")):
+    for part, name in ((state.velocity, "velocity"), (state.position, "position")):
         mean, variance = np.array(case[f"{name}_mean"]), case[f"{name}_variance"]
-        error = np.abs(end[:, part].mean(axis=0) - mean) / math.sqrt(variance / ROWS)
+        error = np.abs(part(end).mean(axis=0) - mean) / math.sqrt(variance / ROWS)
         assert (error < 4).all(), (name, error)
-        error = np.abs(end[:, part].var(axis=0) - variance) / (variance * math.sqrt(2 / ROWS))
+        error = np.abs(part(end).var(axis=0) - variance) / (variance * math.sqrt(2 / ROWS))
         assert (error < 4).all(), (name, error)
-    across = np.corrcoef(end[:, state.VX], end[:, state.VY])[0, 1]
+    across = np.corrcoef(end[:, 2], end[:, 3])[0, 1]
     assert abs(across) < 4 / math.sqrt(ROWS)
 
 
@@ -118,8 +118,8 @@ def test_the_field_has_no_divergence() -> None:
 
 def power(speed: np.ndarray) -> np.ndarray:
     """In W, of speeds in m/s."""
-    states = np.zeros((len(speed), state.SIZE))
-    states[:, state.VX] = speed
+    states = np.zeros((len(speed), 4))
+    states[:, 2] = speed
     return PointMass(PointMass.Options(), load(None)).power(states, {}, np.zeros((len(speed), 2)))
 
 

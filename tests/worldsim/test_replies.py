@@ -98,7 +98,7 @@ def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_roun
 @pytest.mark.parametrize("column", range(5))
 @pytest.mark.parametrize("size", [BEYOND_SENSE, -BEYOND_SENSE, np.inf, np.nan])
 def test_a_command_beyond_the_bound_is_named_and_not_used(size: float, column: int) -> None:
-    commands, given, each = Commands(5, 3), np.random.default_rng(1).normal(size=(5, 5)), np.ones(5, dtype=bool)
+    commands, given, each = Commands(5, 2, 3), np.random.default_rng(1).normal(size=(5, 5)), np.ones(5, dtype=bool)
     given[2, column] = given[4, 0] = size
     assert commands.store(given, np.arange(5) != 4, each, each).tolist() == [2]  # 4 has not replied
     assert commands.accelerations.any(axis=-1).tolist() == [True, True, False, True, False]

@@ -49,7 +49,7 @@ class Vehicle:
 
     @abstractmethod
     def step(
-        self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
+        self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
     ) -> tuple[state.States, Hidden]:
         """Computes the states after one tick.
 
@@ -64,7 +64,7 @@ class Vehicle:
         raise NotImplementedError
 
     @abstractmethod
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 4) and `hidden`.
 
         The R rows are those of all UAVs in one or several ticks, tick by tick.
@@ -90,20 +90,20 @@ class MeanWind:
         self.uniform = wind.field_rms == 0.0
         if not self.uniform:
             draw = generator(scenario.seed, "wind-field")
-            self._waves = draw.standard_normal((wind.field_modes, state.AXES)) / wind.field_length
+            self._waves = draw.standard_normal((wind.field_modes, scenario.dimensions)) / wind.field_length
             self._phases = draw.uniform(0.0, 2.0 * math.pi, wind.field_modes)
             across = np.stack([-self._waves[:, 1], self._waves[:, 0]], axis=-1)
             length = np.sqrt(state.dot(across, across))[:, None]
             self._modes = wind.field_rms * math.sqrt(2.0 / wind.field_modes) * (across / length)
 
-    def __call__(self, states: state.States) -> state.Plane:
+    def __call__(self, states: state.States) -> state.Vectors:
         """The wind at each of `states` (..., 4), `(..., 2)`, m/s; `(2,)` if it is the same everywhere."""
         if self.uniform:
             return self._mean
-        x, y = states[..., state.X, None], states[..., state.Y, None]
+        x, y = (along[..., None] for along in state.parts(state.flat(states)))
         # Products first, then a sum in NumPy's order: a row's bits do not depend on how many rows there are.
         swing = np.cos(x * self._waves[:, 0] + y * self._waves[:, 1] + self._phases)
-        along = [np.add.reduce(swing * self._modes[:, axis], axis=-1) for axis in range(state.AXES)]
+        along = [np.add.reduce(swing * mode, axis=-1) for mode in self._modes.T]
         return self._mean + np.stack(along, axis=-1)
 
 
@@ -146,8 +146,8 @@ class Physics:
         self,
         states: state.States,
         hidden: Hidden,
-        acceleration: state.Plane,
-        noise: state.Plane,
+        acceleration: state.Vectors,
+        noise: state.Vectors,
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest.
@@ -160,7 +160,7 @@ class Physics:
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
 
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """The power of the rows of all UAVs in one or several ticks, by `Vehicle.power`, W.
 
         Raises:
@@ -181,8 +181,8 @@ class Physics:
         self,
         states: state.States,
         hidden: Hidden,
-        acceleration: state.Plane,
-        noise: state.Plane,
+        acceleration: state.Vectors,
+        noise: state.Vectors,
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         for array in (states, *hidden.values()):
@@ -200,7 +200,7 @@ class Physics:
             _check_finite("states", moved[far & finite], np.flatnonzero(far & finite))
             moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
-            moved[far, state.VELOCITY] = 0.0
+            state.velocity(moved)[far] = 0.0
             changed = {name: _put_back(part, hidden[name], diverged) for name, part in changed.items()}
         if waiting is not None:
             still = np.flatnonzero(waiting)

@@ -26,7 +26,7 @@ class PointMass(Vehicle):
         self._shake = scenario.wind.sigma * math.sqrt(scenario.dt)
 
     def step(
-        self, states: state.States, hidden: Hidden, acceleration: state.Plane, noise: state.Plane
+        self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
     ) -> tuple[state.States, Hidden]:
         """One Euler–Maruyama step: dv = a dt − c0(v − v_o(r))dt + σ_wind dW, then dr = v dt with the new v.
 
@@ -45,11 +45,11 @@ class PointMass(Vehicle):
         )
         return moved, hidden
 
-    def power(self, states: state.States, hidden: Hidden, acceleration: state.Plane) -> state.Rows:
+    def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """Power of the rotary wing at speed ‖v‖, or at ‖v − v_o(r)‖ if `vehicle.power_speed` is air; v_o is the mean
         wind without noise."""
         if self._through_air:
-            through = states[..., state.VELOCITY] - self._mean(states)
+            through = state.velocity(states) - self._mean(states)
             speed = np.sqrt(state.dot(through, through))
         else:
             speed = state.speed(states)

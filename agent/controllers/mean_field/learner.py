@@ -23,7 +23,15 @@ from meanflock import kernels
 from meanflock.kernels.mean_field import features, interaction
 from meanflock.kernels.mean_field.features import POWERS
 from meanflock.kernels.mean_field.interaction import empirical
-from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, NUMBERS, VALUE_FEATURES, Tables
+from meanflock.kernels.mean_field.layout import (
+    DENSITY,
+    DENSITY_FEATURES,
+    DIMENSIONS,
+    MODEL_FLOATS,
+    NUMBERS,
+    VALUE_FEATURES,
+    Tables,
+)
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, mean_field
 from meanflock.swarm.scenario.tables import Wind
@@ -51,18 +59,18 @@ class Keys(NamedTuple):
 def _value_exponents() -> Indices:
     """Exponents of σ_H, (54, 4): axis x then y, lexicographic in (position, velocity) within an axis."""
     rows = []
-    for position, velocity in ((state.X, state.VX), (state.Y, state.VY)):
+    for axis in range(DIMENSIONS):
         for i, j in product(range(VALUE_DEGREE + 1), repeat=2):
             if 1 <= i + j <= VALUE_DEGREE:
-                row = [0] * state.SIZE
-                row[position], row[velocity] = i, j
+                row = [0] * (2 * DIMENSIONS)
+                row[axis], row[DIMENSIONS + axis] = i, j
                 rows.append(row)
     return np.array(rows)
 
 
 def _density_exponents() -> Indices:
     """Exponents of σ_F, (69, 4), lexicographic: the terms of degree 1…4 in four variables."""
-    grid = product(range(DENSITY_DEGREE + 1), repeat=state.SIZE)
+    grid = product(range(DENSITY_DEGREE + 1), repeat=2 * DIMENSIONS)
     return np.array([row for row in grid if 1 <= sum(row) <= DENSITY_DEGREE])
 
 
@@ -74,8 +82,7 @@ assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
 
 def scales(learner: mean_field.LearnerTable) -> Floats:
     """Scales [L_r, L_r, L_v, L_v] of a state."""
-    position, velocity = learner.position_scale, learner.velocity_scale
-    return np.array([position, position, velocity, velocity])
+    return np.repeat([learner.position_scale, learner.velocity_scale], DIMENSIONS)
 
 
 def standard_nodes() -> Floats:
@@ -86,7 +93,7 @@ def standard_nodes() -> Floats:
 
 def offsets(spread: mean_field.Density) -> Floats:
     """Offsets δ of the quadrature's nodes from the UAV, `(64, 4)`."""
-    return standard_nodes() * ([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
+    return standard_nodes() * np.repeat([spread.node_position_std, spread.node_velocity_std], DIMENSIONS)
 
 
 def keys(scenario: Scenario) -> Keys:
@@ -104,15 +111,15 @@ def tables_of(given: Keys) -> Tables:
     """All tables, by what they depend on."""
     learner, cost, wind, density, radius = given
     scale, nodes = scales(learner), offsets(density)
-    terms = np.concatenate([np.zeros((1, state.SIZE), dtype=np.intp), DENSITY_EXPONENTS])
+    terms = np.concatenate([np.zeros((1, 2 * DIMENSIONS), dtype=np.intp), DENSITY_EXPONENTS])
     factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
     monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
     value_first, value_second, value_factor = _value_products(scale, learner.multinomial)
     pairs = [(i, j) for i, j in product(range(DENSITY_DEGREE + 1), repeat=2) if i + j <= DENSITY_DEGREE]
     pair_first, pair_second, pair_factor = _pair_products(scale, pairs)
     number = {pair: k for k, pair in enumerate(pairs)}
-    at_position = np.array([number[a, b] for a, b, _, _ in terms.tolist()])
-    at_velocity = np.array([number[c, d] for _, _, c, d in terms.tolist()])
+    at_position = np.array([number[tuple(term)] for term in state.position(terms).tolist()])
+    at_velocity = np.array([number[tuple(term)] for term in state.velocity(terms).tolist()])
     count = len(pairs)
     coefficient = np.array(
         [_coefficient(DENSITY_DEGREE, term) if learner.multinomial else 1.0 for term in terms.tolist()]
@@ -126,7 +133,7 @@ def tables_of(given: Keys) -> Tables:
         coefficient=coefficient,
         factorial=factorials * coefficient,
         monomials=np.ascontiguousarray(monomials / factorials[:, None]),
-        kernel=interaction.kernel(nodes[:, state.VELOCITY], nodes[:, state.POSITION], cost.epsilon, cost.beta),
+        kernel=interaction.kernel(state.velocity(nodes), state.position(nodes), cost.epsilon, cost.beta),
         wind=np.array(wind.mean),
         drag=wind.drag,
         half_variance=0.5 * wind.sigma**2,
@@ -164,15 +171,15 @@ def _value_products(scale: Floats, multinomial: bool) -> Products:
     features = []
     for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
         for row in VALUE_EXPONENTS.tolist():
-            axis = state.X if row[state.X] or row[state.VX] else state.Y
-            powers = (axis, row[axis], by_position), (axis + state.VX, row[axis + state.VX], by_velocity)
+            axis = next(axis for axis in range(DIMENSIONS) if row[axis] or row[DIMENSIONS + axis])
+            powers = (axis, row[axis], by_position), (DIMENSIONS + axis, row[DIMENSIONS + axis], by_velocity)
             features.append((*powers, _coefficient(VALUE_DEGREE, row) if multinomial else 1.0))
     return _products(scale, features)
 
 
 def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
     """Products that make the pairs of positions, then of velocities, each with the derivatives of the FPK operator."""
-    position, velocity = state.X, state.VX
+    position, velocity = 0, DIMENSIONS
     derivatives = (
         (position, 0, 0), (position, 1, 0), (position, 0, 1),
         (velocity, 0, 0), (velocity, 1, 0), (velocity, 0, 1), (velocity, 2, 0), (velocity, 0, 2),
@@ -198,7 +205,7 @@ def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
     degree = terms.sum(axis=-1)
     together = np.add.outer(degree, degree)  # of n + r: a term of m̂ if it is one of the 69
     n, r = np.nonzero((together > 0) & (together <= DENSITY_DEGREE))
-    place = (terms * (DENSITY_DEGREE + 1) ** np.arange(state.SIZE)[::-1]).sum(axis=-1)  # ascending, as terms are
+    place = (terms * (DENSITY_DEGREE + 1) ** np.arange(terms.shape[1])[::-1]).sum(axis=-1)  # ascending, as terms are
     return np.searchsorted(place, place[n] + place[r]) - 1, r, np.searchsorted(n, np.arange(len(terms) + 1))
 
 
@@ -288,7 +295,7 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
 @lru_cache(maxsize=4)  # processes that are forked from one have the fit of their flight already
 def _fit_of_plan(given: Keys, seed: int, plan: bytes) -> Floats:
     """`fit` to the initial states whose bytes are `plan`."""
-    fitted = fit(given.density, seed, tables_of(given), np.frombuffer(plan).reshape(-1, state.SIZE))
+    fitted = fit(given.density, seed, tables_of(given), np.frombuffer(plan).reshape(-1, 2 * DIMENSIONS))
     fitted.flags.writeable = False
     return fitted
 

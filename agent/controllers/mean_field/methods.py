@@ -25,10 +25,10 @@ from meanflock.agent.controllers.base import (
 )
 from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, SIZE, VELOCITY, Floats, States, distinct
+from meanflock.swarm.state import Floats, States, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 FORGET_S = 1.0  # a UAV that sent nothing for so long does not count as near
@@ -68,10 +68,10 @@ class Separation:
             last.reshape(-1)[place] = tick
         believed = received.copy()
         if tick:  # predicted at constant velocity
-            believed[..., POSITION] += self._dt * received[..., VELOCITY]
+            state.position(believed)[...] += self._dt * state.velocity(received)
         believed[np.arange(len(own)), memory["uav"]] = own
         nearby = np.where((tick - last <= self._forget_ticks)[..., None], believed, np.inf)
-        pushed = np.empty((len(own), AXES))
+        pushed = np.empty((len(own), state.axes(own)))
         kernels.repel(np.ascontiguousarray(own), nearby, self._weight, self._range, pushed)
         return memory | {"believed": believed, "updated": last}, pushed
 
@@ -171,9 +171,9 @@ class MeanField(Controller):
             The states; row · N + sender of each received state, an array for each batch; and the senders of implausible
             states.
         """
-        frames, refused = believed(of_kind(received, SIZE), self._plausible)
+        frames, refused = believed(of_kind(received, known_states.shape[-1]), self._plausible)
         known_states = known_states.copy()
-        table = known_states.reshape(-1, SIZE)
+        table = known_states.reshape(-1, known_states.shape[-1])
         places = []
         for states in frames:
             sent, row = states.links.T

@@ -53,13 +53,13 @@ class OpenLoopPlan:
         limits = scenario.offline
         wind = scenario.wind
         dt = scenario.dt
-        distance = np.sqrt((starts[:, state.POSITION] * starts[:, state.POSITION]).sum(axis=-1))
+        distance = np.sqrt((state.position(starts) * state.position(starts)).sum(axis=-1))
         flown = scenario.max_ticks  # a longer plan is cut off
         profiles = [speeds(float(d), limits.speed_max, limits.acceleration_max, dt)[:flown] for d in distance]
         along = np.zeros((1 + max(map(len, profiles), default=0), len(starts)))
         for uav, profile in enumerate(profiles):
             along[1 : 1 + len(profile), uav] = profile
-        heading = -starts[:, state.POSITION] / np.where(distance > 0, distance, 1.0)[:, None]
+        heading = -state.position(starts) / np.where(distance > 0, distance, 1.0)[:, None]
         velocity = along[..., None] * heading  # before tick k + 1, over ground
         cancel = wind.drag * (velocity - np.array(wind.mean))
         self._commands = cancel

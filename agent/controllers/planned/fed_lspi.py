@@ -26,7 +26,7 @@ from meanflock.agent.controllers.elimination import product, solve
 from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
 from meanflock.swarm import seeds, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, Floats
+from meanflock.swarm.state import Floats
 
 GAINS = 4  # k1 1/s², k2 1/s, k3 along x and y m/s²
 PAIRS, STATES = 14, 9  # features of (e, u) and of e
@@ -94,8 +94,8 @@ class FedLspi(PlannedLearner):
             "gains": np.tile(np.array(first), (rows, 1)),
             "squares": np.zeros((rows, PAIRS, PAIRS)),
             "steps": np.zeros((rows, PAIRS, STATES)),
-            "error": np.zeros((rows, AXES, 2)),  # and input, of `tick`
-            "input": np.zeros((rows, AXES)),
+            "error": np.zeros((rows, state.axes(plan), 2)),  # and input, of `tick`
+            "input": np.zeros((rows, state.axes(plan))),
         }
 
     def step(self, memory: Memory, tick: int, own: state.States, received: Sequence[Received]) -> Step:
@@ -148,13 +148,13 @@ class FedLspi(PlannedLearner):
 
     def _perturbation(self, uavs: NDArray[np.int32], tick: int) -> Floats:
         """Standard normal numbers, (M, 2), of the UAVs in a tick."""
-        return np.array([self._numbers(int(uav))[tick] for uav in uavs]).reshape(-1, AXES)
+        return np.array([self._numbers(int(uav))[tick] for uav in uavs]).reshape(-1, self.scenario.dimensions)
 
     def _numbers(self, uav: int) -> Floats:
         """The perturbations of a UAV in all ticks, (ticks, 2)."""
         if uav not in self._noise:
             draw = seeds.generator(self.scenario.seed, "controller", uav)
-            self._noise[uav] = draw.standard_normal((self._exploration_ticks, AXES))
+            self._noise[uav] = draw.standard_normal((self._exploration_ticks, self.scenario.dimensions))
         return self._noise[uav]
 
 
@@ -170,21 +170,21 @@ def seen(error: Floats, given: Floats, then: Floats) -> tuple[Floats, Floats]:
     Args:
         error, then: (M, 2 axes, 2) the errors before and after it. given: (M, 2) the inputs.
     """
-    rows = len(error)
+    rows, axes = error.shape[:2]
     p = error[..., 0]
     v = error[..., 1]
     u = given
-    first, second = np.zeros((rows, AXES, PAIRS)), np.zeros((rows, AXES, STATES))
+    first, second = np.zeros((rows, axes, PAIRS)), np.zeros((rows, axes, STATES))
     first[..., :6] = np.stack([p * p, v * v, u * u, p * v, p * u, v * u], axis=-1)
     p_, v_ = then[..., 0], then[..., 1]
     second[..., :3] = np.stack([p_ * p_, v_ * v_, p_ * v_], axis=-1)
     one = np.ones(rows)
-    for axis in range(AXES):
+    for axis in range(axes):
         at, its = 6 + 4 * axis, 3 + 3 * axis
         first[:, axis, at : at + 4] = np.stack([p[:, axis], v[:, axis], u[:, axis], one], axis=-1)
         second[:, axis, its : its + 3] = np.stack([p_[:, axis], v_[:, axis], one], axis=-1)
     squares, steps = np.zeros((rows, PAIRS, PAIRS)), np.zeros((rows, PAIRS, STATES))
-    for axis in range(AXES):
+    for axis in range(axes):
         column = first[:, axis, :, None]
         squares += column * first[:, axis, None, :]
         steps += column * second[:, axis, None, :]
@@ -204,7 +204,7 @@ def following(gains: Floats) -> Floats:
     matrix[:, _U2, pv] = 2.0 * k1 * k2
     matrix[:, _PU, p2], matrix[:, _PU, pv] = -k1, -k2
     matrix[:, _VU, pv], matrix[:, _VU, v2] = -k1, -k2
-    for axis in range(AXES):
+    for axis in range(gains.shape[1] - 2):
         p, v, u, one = range(6 + 4 * axis, 10 + 4 * axis)
         p_, v_, one_ = range(3 + 3 * axis, 6 + 3 * axis)
         k3 = gains[:, 2 + axis]

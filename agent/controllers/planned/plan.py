@@ -22,7 +22,7 @@ from meanflock.agent.controllers.base import Controller, Memory, Received, Rows,
 from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed, against_the_air
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, Floats, Mask, Plane, States
+from meanflock.swarm.state import Floats, Mask, States, Vectors
 
 ACCELERATION_M_S2, BRAKE_M_S2 = 1.0, 0.5
 FILLED = 0.84  # largest distance of a slot from the goal, relative to the destination's radius
@@ -80,7 +80,7 @@ class Trajectory:
         """`plan`: (N, 4) the states at t = 0, known to all UAVs."""
         self._dt = scenario.dt
         self._launch_s: Floats = mission.launches(scenario).astype(np.float64) * scenario.dt
-        self.starts = np.array(plan[:, state.POSITION])
+        self.starts = np.array(state.position(plan))
         goals = mission.goals(scenario)
         self.slots = slots(self.starts, goals, FILLED * scenario.destination.radius)
         way = self.slots - self.starts
@@ -157,11 +157,11 @@ class Planned(Controller):
         """A UAV that is off its trajectory is predicted to return to it."""
         return AlongPlan(self._trajectory.states, self.scenario.dt)
 
-    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Plane]:
+    def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Vectors]:
         """Errors of rows (M, 4) to their trajectories, (M, 2 axes, 2) m and m/s; and accelerations there, (M, 2)."""
         states, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
         off = own - states
-        return np.stack([off[:, POSITION], off[:, VELOCITY]], axis=-1), acceleration
+        return np.stack([state.position(off), state.velocity(off)], axis=-1), acceleration
 
 
 class PlannedLearner(Planned):

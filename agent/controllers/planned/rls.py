@@ -19,7 +19,7 @@ from meanflock.agent.controllers.cruise import CRUISE_M_S, CruiseSpeed
 from meanflock.agent.controllers.elimination import product
 from meanflock.agent.controllers.planned.plan import PlannedLearner, tracking
 from meanflock.swarm import state
-from meanflock.swarm.state import VELOCITY, States
+from meanflock.swarm.state import States
 
 NUMBERS = 3  # of θ: drag, 1/s; drag × wind along x and y, m/s²
 LOWEST, HIGHEST = np.array([0.0, -3.0, -3.0]), np.array([1.0, 3.0, 3.0])  # bounds of the estimates in flight
@@ -59,12 +59,12 @@ class Rls(PlannedLearner):
         return super().init(uavs, plan) | {
             "estimate": np.zeros((rows, NUMBERS)),
             "covariance": np.tile(np.eye(NUMBERS) * self._prior_variance, (rows, 1, 1)),
-            "velocity": np.zeros((rows, state.AXES)),  # and command, of `tick`
-            "command": np.zeros((rows, state.AXES)),
+            "velocity": np.zeros((rows, state.axes(plan))),  # and command, of `tick`
+            "command": np.zeros((rows, state.axes(plan))),
         }
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
-        options, moving = self.options, own[:, VELOCITY]
+        options, moving = self.options, state.velocity(own)
         off, acceleration = self._off(memory["uav"], tick, own)
         memory = memory | self._learn(memory, tick, moving)
         estimate = np.clip(memory["estimate"], LOWEST, HIGHEST)
@@ -74,7 +74,7 @@ class Rls(PlannedLearner):
         reported = np.concatenate([tracking(off)[:, None], memory["estimate"]], axis=1)
         return Step(memory | after, command, reported)
 
-    def _learn(self, memory: Memory, tick: int, moving: state.Plane) -> Memory:
+    def _learn(self, memory: Memory, tick: int, moving: state.Vectors) -> Memory:
         """Estimate and covariance with the data of the last tick; empty after a pause, or on the ground."""
         fresh = self._follows(memory, tick)
         if not fresh.any():
@@ -83,7 +83,7 @@ class Rls(PlannedLearner):
         covariance = memory["covariance"]
         before = memory["velocity"]
         beyond = (moving - before) / self.scenario.dt - memory["command"]
-        for axis in range(state.AXES):
+        for axis in range(moving.shape[1]):
             features = np.zeros((len(moving), NUMBERS))  # zeros for rows that do not learn, which leave them unchanged
             features[:, 0], features[:, 1 + axis] = -before[:, axis] * fresh, fresh
             spread = product(covariance, features[:, :, None])

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from meanflock.agent.controllers.policy.perception import width
-from meanflock.swarm import paths
+from meanflock.swarm import paths, state
 from meanflock.swarm.errors import FAILURES, BadInput, reason
-from meanflock.swarm.state import AXES, Floats, Plane
+from meanflock.swarm.state import Floats, Vectors
 
 TRAINED = Path(__file__).with_name("trained.npz")  # written by examples/train.py
 VERSION = 1
@@ -35,7 +35,7 @@ class Network(NamedTuple):
     scale: Floats
     layers: tuple[tuple[Floats, Floats], ...]
 
-    def __call__(self, observations: Floats) -> tuple[Plane, Floats | None]:
+    def __call__(self, observations: Floats) -> tuple[Vectors, Floats | None]:
         """Accelerations (M, 2), m/s², and messages (M, W) in −1 … 1, of observations (M, I).
 
         Sums go input by input, so that a row has the same bits in every batch.
@@ -46,7 +46,8 @@ class Network(NamedTuple):
             for column, row in enumerate(weights):
                 total += values[:, column, None] * row
             values = np.tanh(total)
-        return self.limit * values[:, :AXES], values[:, AXES:] if self.message else None
+        commands, messages = values[:, : values.shape[1] - self.message], values[:, values.shape[1] - self.message :]
+        return self.limit * commands, messages if self.message else None
 
     def checked(self) -> Self:
         """The network itself, if its arrays fit each other.
@@ -65,7 +66,7 @@ class Network(NamedTuple):
         arrays: list[tuple[str, Any, tuple[int, ...]]] = [("limit", self.limit, ()), ("scale", self.scale, (inputs,))]
         for number, (weights, biases) in enumerate(self.layers):
             last = number == len(self.layers) - 1
-            outputs = AXES + self.message if last else np.shape(biases)[-1] if np.ndim(biases) else 0
+            outputs = state.DIMENSIONS + self.message if last else np.shape(biases)[-1] if np.ndim(biases) else 0
             arrays += [(f"weights_{number}", weights, (inputs, outputs)), (f"biases_{number}", biases, (outputs,))]
             inputs = outputs
         for name, array, shape in arrays:

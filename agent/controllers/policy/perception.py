@@ -18,17 +18,18 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, of_kind
 from meanflock.agent.controllers.sharing.base import FAR_M, NeighbourStates
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import SIZE, Floats, States, X, Y
+from meanflock.swarm.state import Floats, States
 
-AGE, MASK, MESSAGE = SIZE, SIZE + 1, SIZE + 2  # columns of another UAV; its message begins at the last
+_STATE = 2 * state.DIMENSIONS
+AGE, MASK, MESSAGE = _STATE, _STATE + 1, _STATE + 2  # columns of another UAV; its message begins at the last
 _STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
 
 
 def width(neighbours: int, message: int) -> int:
     """Numbers of an observation of so many neighbours, with messages of so many numbers."""
-    return SIZE + neighbours * (MESSAGE + message)
+    return _STATE + neighbours * (MESSAGE + message)
 
 
 class Perception:
@@ -38,7 +39,7 @@ class Perception:
         """`neighbours`: K. `message`: W, numbers of a message; 0: no messages."""
         self.neighbours = neighbours
         self.message = message
-        self.broadcast_numbers = NeighbourStates.numbers + message
+        self.broadcast_numbers = scenario.state_numbers + message
         self._others = NeighbourStates(scenario)
         self._goals = mission.goal_states(scenario)
         self._dt = scenario.dt
@@ -62,14 +63,14 @@ class Perception:
         """The observations of rows (M, 4), (M, 4 + K (6 + W))."""
         uavs, rows = memory["neighbour_uav"], np.arange(len(own))[:, None]
         others = self._others.states(memory, tick)
-        x, y = others[:, :, X] - own[:, X, None], others[:, :, Y] - own[:, Y, None]
-        squared = x * x + y * y
+        place = state.position(own)
+        squared = state.squared([others[..., axis] - place[:, axis, None] for axis in range(place.shape[1])])
         squared[rows[:, 0], uavs] = np.inf
         count = min(self.neighbours, others.shape[1] - 1)
         which = np.argsort(squared, axis=1, kind="stable")[:, :count]
         seen = np.zeros((len(own), self.neighbours, MESSAGE + self.message))
         near = seen[:, :count]
-        near[..., :SIZE] = others[rows, which] - own[:, None]
+        near[..., :_STATE] = others[rows, which] - own[:, None]
         near[..., AGE] = (tick - memory["neighbour_tick"][rows, which]) * self._dt
         near[..., MASK] = 1.0
         if self.message:

@@ -32,14 +32,13 @@ from meanflock.agent.controllers.base import (
     plausible,
 )
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, SIZE, VX, VY, Floats, States, X, Y
+from meanflock.swarm.state import Floats, States
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 FAR_M = 1e6  # position along x and y of a UAV whose state is unknown: far from all others
 UNIT = 0.01  # of an int16, m and m/s
-_NOWHERE = np.array([FAR_M, FAR_M, 0.0, 0.0])
 _MOST = float(np.iinfo(np.int16).max)
 
 
@@ -53,10 +52,10 @@ class ConstantVelocity:
         return states
 
     def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        states = np.empty(remembered.shape)
-        np.multiply(remembered[:, AXES:], (age * self._dt)[:, None], out=states[:, :AXES])
-        states[:, :AXES] += remembered[:, :AXES]
-        states[:, AXES:] = remembered[:, AXES:]
+        states, axes = np.empty(remembered.shape), remembered.shape[1] // 2  # (M, 2 axes, K)
+        np.multiply(remembered[:, axes:], (age * self._dt)[:, None], out=states[:, :axes])
+        states[:, :axes] += remembered[:, :axes]
+        states[:, axes:] = remembered[:, axes:]
         return states
 
 
@@ -66,20 +65,19 @@ class NeighbourStates:
     numbers: count of the numbers that a UAV broadcasts in a tick.
     """
 
-    numbers = SIZE
-
     def __init__(self, scenario: Scenario, predict: Prediction | None = None) -> None:
         """`predict`: predicts states from the time of sending; None: at constant velocity."""
-        policy = scenario.sharing.rule
+        policy, self.numbers = scenario.sharing.rule, scenario.state_numbers
         self._events, self._repeats = policy.broadcast == "event", policy.repeats
         self._delta_squared = policy.delta_m * policy.delta_m
         self._velocity_delta_squared = policy.velocity_delta_m_s * policy.velocity_delta_m_s or math.inf
         self._forget = None if self._events else max(1, round(scenario.sharing.forget_s / scenario.dt))
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
+        self._nowhere = state.at_rest(np.full(scenario.dimensions, FAR_M))
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
         self._plausible = plausible(scenario)
-        self._origin = np.zeros((scenario.uavs, SIZE))  # of the numbers that a UAV sends
-        self._origin[:, POSITION] = 0.5 * (mission.starts(scenario)[:, POSITION] + mission.goals(scenario))
+        halfway = 0.5 * (state.position(mission.starts(scenario)) + mission.goals(scenario))
+        self._origin = state.at_rest(halfway)  # of the numbers that a UAV sends
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
@@ -103,7 +101,7 @@ class NeighbourStates:
         Returns:
             The memory, and the senders of implausible states, ascending, for `Step.refused`.
         """
-        frames = of_kind(received, SIZE, np.int16 if self._events else np.float64, number)
+        frames = of_kind(received, self.numbers, np.int16 if self._events else np.float64, number)
         if self._events:
             frames = [Received(number, f.source, self._decoded(f.payload, f.source), f.links) for f in frames]
         frames, refused = believed(frames, self._plausible)
@@ -126,7 +124,7 @@ class NeighbourStates:
         now = self._predict.now(memory["neighbour_remembered"], age, slice(None), tick)
         states: States = np.swapaxes(now, 1, 2)
         if self._forget is not None and (forgotten := age > self._forget).any():
-            states[forgotten] = _NOWHERE
+            states[forgotten] = self._nowhere
         return states
 
     def broadcast_states(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
@@ -136,9 +134,9 @@ class NeighbourStates:
             return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
         uav, left = memory["neighbour_uav"], memory["neighbour_repeats"]
         off = own - self._own(memory, tick)
-        off *= off
-        event = off[:, X] + off[:, Y] > self._delta_squared
-        event |= off[:, VX] + off[:, VY] > self._velocity_delta_squared
+        moved, turned = state.squared_halves(off)
+        event = moved > self._delta_squared
+        event |= turned > self._velocity_delta_squared
         left = np.where(event, self._repeats, left)
         due = left > 0
         numbers = np.rint((own - self._origin[uav]) * (1.0 / UNIT))
@@ -181,13 +179,13 @@ class SharingController(Controller):
     """Base class of controllers that share states: override `fly`, and `init` if it has more memory."""
 
     shares = True
-    broadcast_numbers = NeighbourStates.numbers
     pairwise = True
     diagnostics: tuple[str, ...] = ("unsent",)  # after those of `fly`
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self._neighbours, self._obstacles = NeighbourStates(scenario), mission.obstacles(scenario)
+        self.broadcast_numbers = self._neighbours.numbers
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._neighbours.init(uavs, plan)

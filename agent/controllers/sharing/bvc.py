@@ -22,8 +22,9 @@ from meanflock.agent.controllers.sharing.nearby import (
     to_the_right,
     with_obstacles,
 )
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import Rows, States, Vectors
 
 INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
@@ -75,10 +76,10 @@ class BufferedVoronoi(TravellingController):
             normals, bounds = with_obstacles(normals, bounds, more, least)
         velocity, missing = np.empty((len(own), 2)), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, velocity, missing)
-        acceleration = limited(options.velocity_gain_1_s * (velocity - own[:, VELOCITY]), self._limit)
+        acceleration = limited(options.velocity_gain_1_s * (velocity - state.velocity(own)), self._limit)
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
-    def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Plane, Rows]:
+    def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """Half-planes n·v ≥ bound of velocities from which a row stops before the faces of its cell.
 
         Args:

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import state
-from meanflock.swarm.state import VX, VY, Floats, Mask, Plane, Rows, States, X, Y
+from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
 
 NOWHERE_M = 1e-9  # a distance without a direction
 OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
+FLAT = range(2)  # columns of x and y, of states and of discs
 NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
 
@@ -25,10 +26,10 @@ class Near(NamedTuple):
 
     row: NDArray[np.intp]
     other: NDArray[np.intp]
-    apart: Plane
-    closing: Plane
+    apart: Vectors
+    closing: Vectors
     distance: Rows
-    away: Plane
+    away: Vectors
 
 
 def near(
@@ -44,22 +45,27 @@ def near(
         own: (M, 4). states: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
         matters: condition on squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
-    x, y = own[:, X, None] - states[..., X], own[:, Y, None] - states[..., Y]
-    squared = x * x + y * y
+    axes = state.axes(own)
+    gaps = _gaps(own, states, range(axes))
+    squared = state.squared(gaps)
     squared[np.arange(len(own)), uavs] = np.inf
     chosen = squared <= range_m * range_m
     if matters is not None:
-        vx, vy = own[:, VX, None] - states[..., VX], own[:, VY, None] - states[..., VY]
-        chosen &= matters(squared, vx * vx + vy * vy)
+        chosen &= matters(squared, state.squared(_gaps(own, states, range(axes, 2 * axes))))
     row, other = np.nonzero(chosen)
-    apart = np.stack([x[row, other], y[row, other]], axis=-1)
-    closing = own[row, VX : VY + 1] - states[row, other, VX : VY + 1]
+    apart = np.stack([gap[row, other] for gap in gaps], axis=-1)
+    closing = state.velocity(own).take(row, axis=0) - states[row, other, axes:]
     distance = np.sqrt(squared[row, other])
     away = apart / np.maximum(distance, NOWHERE_M)[:, None]
     if (one_place := distance < NOWHERE_M).any():
         away[one_place] = 0.0
-        away[one_place, X] = np.where(uavs[row] > other, 1.0, -1.0)[one_place]
+        away[one_place, 0] = np.where(uavs[row] > other, 1.0, -1.0)[one_place]
     return Near(row, other, apart, closing, distance, away)
+
+
+def _gaps(own: Floats, others: Floats, columns: range) -> list[Floats]:
+    """Differences of rows (M, …) and others (M, N, …), or (N, …) that are those of all rows; (M, N) in each column."""
+    return [own[:, column, None] - others[..., column] for column in columns]
 
 
 def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
@@ -68,15 +74,15 @@ def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
     Returns:
         Distance, x and y, (M, K) each.
     """
-    x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
+    x, y = _gaps(own, discs, FLAT)
     distance = np.sqrt(x * x + y * y)
     length = np.maximum(distance, NOWHERE_M)
     return distance - discs[:, 2], x / length, y / length
 
 
-def summed(row: NDArray[np.intp], vectors: Plane, rows: int) -> Plane:
+def summed(row: NDArray[np.intp], vectors: Vectors, rows: int) -> Vectors:
     """Sums of vectors (P, 2) by row, (rows, 2), in the order of the vectors."""
-    return np.stack([np.bincount(row, vectors[:, axis], rows) for axis in range(state.AXES)], axis=-1)
+    return np.stack([np.bincount(row, vectors[:, axis], rows) for axis in range(vectors.shape[1])], axis=-1)
 
 
 class Closest(NamedTuple):
@@ -86,8 +92,8 @@ class Closest(NamedTuple):
     object. squared: (M, K) m², of `away`. present: (M, K), mask of the columns in use; other columns have no meaning.
     """
 
-    away: Plane
-    closing: Plane
+    away: Vectors
+    closing: Vectors
     squared: Rows
     present: Mask
 
@@ -98,21 +104,23 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     Args:
         own: (M, 4), states of the rows, which are `uavs` (M,). others: (M, N, 4), states of all UAVs known to them.
     """
-    x, y = own[:, X, None] - others[:, :, X], own[:, Y, None] - others[:, :, Y]
-    squared = x * x + y * y
+    axes = state.axes(own)
+    gaps = _gaps(own, others, range(axes))
+    squared = state.squared(gaps)
     squared[np.arange(len(own)), uavs] = np.inf
     which, present = _first(squared, reach_m * reach_m, most)
     row, right = np.arange(len(own))[:, None], np.where(uavs[:, None] < which, -1.0, 1.0)
-    closing = own[:, None, VX:] - others[row, which, VX:]
-    return _apart(x[row, which], y[row, which], closing, present, right)
+    closing = own[:, None, axes:] - others[row, which, axes:]
+    return _apart([gap[row, which] for gap in gaps], closing, present, right)
 
 
 def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
     """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
-    x, y = own[:, X, None] - discs[:, 0], own[:, Y, None] - discs[:, 1]
-    which, present = _first(np.sqrt(x * x + y * y) - discs[:, 2], reach_m, most)
-    row, closing = np.arange(len(own))[:, None], np.broadcast_to(own[:, None, VX:], (*which.shape, 2))
-    return _apart(x[row, which], y[row, which], closing, present, 1.0), discs[which, 2]
+    gaps = _gaps(own, discs, FLAT)
+    which, present = _first(np.sqrt(state.squared(gaps)) - discs[:, 2], reach_m, most)
+    row, velocity = np.arange(len(own))[:, None], state.flat(state.velocity(own))
+    closing = np.broadcast_to(velocity[:, None], (*which.shape, velocity.shape[1]))
+    return _apart([gap[row, which] for gap in gaps], closing, present, 1.0), discs[which, 2]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
@@ -122,13 +130,14 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
     return which, which >= 0
 
 
-def _apart(x: Rows, y: Rows, closing: Plane, present: Mask, right: Rows | float) -> Closest:
+def _apart(gaps: list[Rows], closing: Vectors, present: Mask, right: Rows | float) -> Closest:
     """The objects as `Closest`. `right`: 1 if a UAV at the same place counts as right of the object, −1 if left."""
-    squared = x * x + y * y
+    squared = state.squared(gaps)
     if (same := present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
-        x, y = np.where(same, right * NEVER_NEARER_M, x), np.where(same, 0.0, y)
+        x, *rest = gaps
+        gaps = [np.where(same, right * NEVER_NEARER_M, x), *(np.where(same, 0.0, gap) for gap in rest)]
         squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
-    return Closest(np.stack([x, y], axis=-1), closing, squared, present)
+    return Closest(np.stack(gaps, axis=-1), closing, squared, present)
 
 
 def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:
@@ -150,12 +159,12 @@ def stopping_slope(distance_m: Rows, deceleration: float, delay_s: float) -> Row
     return deceleration / np.sqrt(lag * lag + 2.0 * deceleration * np.maximum(distance_m, 0.0))
 
 
-def to_the_right(velocity: Plane, bias: float) -> Plane:
+def to_the_right(velocity: Vectors, bias: float) -> Vectors:
     """Velocities (M, 2) plus a share of each, turned by 90° to the right, m/s."""
     return velocity + bias * np.stack([velocity[:, 1], -velocity[:, 0]], axis=-1)
 
 
-def with_obstacles(normals: Plane, bounds: Rows, more: Plane, least: Rows) -> tuple[Plane, Rows]:
+def with_obstacles(normals: Vectors, bounds: Rows, more: Vectors, least: Rows) -> tuple[Vectors, Rows]:
     """Append the half-planes of obstacles, `more` and `least`, with weight `OBSTACLE`, to those of UAVs, normals
     (M, K, 2) and bounds (M, K)."""
     return np.concatenate([normals, OBSTACLE * more], axis=1), np.concatenate([bounds, OBSTACLE * least], axis=1)

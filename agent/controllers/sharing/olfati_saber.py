@@ -15,7 +15,7 @@ from meanflock.agent.controllers.sharing.base import SharingController
 from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, VX, VY, Plane, Rows, States
+from meanflock.swarm.state import Rows, States, Vectors
 
 
 def bump(z: Rows, h: float) -> Rows:
@@ -65,15 +65,15 @@ class OlfatiSaber(SharingController):
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         uavs, options = memory["neighbour_uav"], self.options
         pairs = near(own, others, uavs, options.r_m)
-        way = (self._goals[uavs] - own[:, POSITION]) / options.near_m
+        way = (self._goals[uavs] - state.position(own)) / options.near_m
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
-        acceleration = options.pull_m_s2 * way - options.damping_1_s * own[:, VELOCITY]
+        acceleration = options.pull_m_s2 * way - options.damping_1_s * state.velocity(own)
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
         if len(self._obstacles):
             acceleration += self._of_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
-    def _of_pairs(self, pairs: Near) -> Plane:
+    def _of_pairs(self, pairs: Near) -> Vectors:
         """Accelerations by pairs, c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, (P, 2) m/s²."""
         options = self.options
         squared = pairs.distance * pairs.distance
@@ -85,7 +85,7 @@ class OlfatiSaber(SharingController):
         along = (options.c1 * action / np.sqrt(1.0 + options.epsilon_1_m2 * squared))[:, None] * pairs.apart
         return -along - (options.c2_1_s * weight)[:, None] * pairs.closing
 
-    def _of_obstacles(self, own: States) -> Plane:
+    def _of_obstacles(self, own: States) -> Vectors:
         """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)
@@ -94,11 +94,12 @@ class OlfatiSaber(SharingController):
         weight, z = bump(sigma / reach, options.h), sigma - reach
         action = options.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
         # The virtual agent has the UAV's velocity along the edge, times μ = R/(R + gap).
-        along = own[:, VY, None] * x - own[:, VX, None] * y
+        vx, vy = (along[:, None] for along in state.parts(state.flat(state.velocity(own))))
+        along = vy * x - vx * y
         slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
         damping = options.c2_obstacle_1_s * weight
-        ax = action * x + damping * (-y * slower - own[:, VX, None])
-        ay = action * y + damping * (x * slower - own[:, VY, None])
+        ax = action * x + damping * (-y * slower - vx)
+        ay = action * y + damping * (x * slower - vy)
         return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)
 
     def _sigma(self, squared: Any) -> Any:

@@ -15,7 +15,8 @@ from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, to_the_right, with_obstacles
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm import state
+from meanflock.swarm.state import Rows, States, Vectors
 
 INFEASIBLE_M_S = 1e-6  # violation up to which a half-plane counts as satisfied
 
@@ -49,10 +50,12 @@ class Orca(TravellingController):
         memory, preferred = self._travel.velocity(memory, own)
         preferred = to_the_right(preferred, self.options.right_bias)
         velocity, missing = self.velocity(own, others, memory["neighbour_uav"], preferred)
-        acceleration = self.options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        acceleration = self.options.velocity_gain_1_s * (velocity - state.velocity(own))
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
-    def velocity(self, own: States, others: States, uavs: NDArray[np.integer], preferred: Plane) -> tuple[Plane, Rows]:
+    def velocity(
+        self, own: States, others: States, uavs: NDArray[np.integer], preferred: Vectors
+    ) -> tuple[Vectors, Rows]:
         """Velocities chosen by rows (M, 4), (M, 2) m/s, and the largest violation of a half-plane, (M,) m/s.
 
         `others`: (M, N, 4), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows.
@@ -72,7 +75,7 @@ class Orca(TravellingController):
 
 def half_planes(
     near: Closest, own: States, radius: float | Rows, horizon_s: float, dt: float, share: float
-) -> tuple[Plane, Rows]:
+) -> tuple[Vectors, Rows]:
     """Half-planes n·v ≥ n·(v_own + share · u) of collision-free velocities: normals (M, K, 2), 0 in unused columns, and
     bounds (M, K).
 

@@ -14,8 +14,9 @@ from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import edges, near, summed
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import VELOCITY, Plane, Rows, States
+from meanflock.swarm.state import Rows, States, Vectors
 
 
 class PotentialField(TravellingController):
@@ -50,7 +51,7 @@ class PotentialField(TravellingController):
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         options = self.options
         memory, velocity = self._travel.velocity(memory, own)
-        acceleration = options.velocity_gain_1_s * (velocity - own[:, VELOCITY])
+        acceleration = options.velocity_gain_1_s * (velocity - state.velocity(own))
         pairs = near(own, others, memory["neighbour_uav"], options.rho0_m + options.radius_m)
         force = repulsion(pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, self._limit)
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
@@ -58,7 +59,7 @@ class PotentialField(TravellingController):
             acceleration += self._off_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
-    def _off_obstacles(self, own: States) -> Plane:
+    def _off_obstacles(self, own: States) -> Vectors:
         """Repulsion of rows by all obstacles, (M, 2) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)

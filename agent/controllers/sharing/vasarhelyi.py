@@ -13,7 +13,7 @@ from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
 from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, near, summed
 from meanflock.swarm import state
-from meanflock.swarm.state import VELOCITY, VX, VY, Floats, Plane, Rows, States
+from meanflock.swarm.state import Floats, Rows, States, Vectors
 
 
 def braking(distance_m: Rows, slope_1_s: float, acceleration: float) -> Rows:
@@ -61,7 +61,7 @@ class Vasarhelyi(TravellingController):
         if len(self._obstacles):
             velocity += self._off_obstacles(own)
         velocity = limited(velocity, self.options.v_max_m_s)
-        return Step(memory, (velocity - own[:, VELOCITY]) / self.options.tau_s)
+        return Step(memory, (velocity - state.velocity(own)) / self.options.tau_s)
 
     def _matters(self, squared: Floats, difference_squared: Floats) -> NDArray[np.bool_]:
         """Mask of the pairs that can have repulsion or friction. √(2ar − a²/p²) never exceeds D(r, a, p)."""
@@ -73,19 +73,20 @@ class Vasarhelyi(TravellingController):
         np.maximum(least, options.v_frict_m_s**2, out=least)
         return (difference_squared > least) | (squared < options.r0_rep_m**2)
 
-    def _off_obstacles(self, own: States) -> Plane:
+    def _off_obstacles(self, own: States) -> Vectors:
         """Friction with `shill` agents, which move away from the nearest points of all obstacles: their Eq. 5 and 6,
         (M, 2) m/s.
         """
         options = self.options
         edge, x, y = edges(own, self._obstacles)
-        vx, vy = own[:, VX, None] - options.v_shill_m_s * x, own[:, VY, None] - options.v_shill_m_s * y
+        vx, vy = (along[:, None] for along in state.parts(state.flat(state.velocity(own))))
+        vx, vy = vx - options.v_shill_m_s * x, vy - options.v_shill_m_s * y
         difference = np.sqrt(vx * vx + vy * vy)
         allowed = braking(edge - options.r0_shill_m, options.p_shill_1_s, options.a_shill_m_s2)
         share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
         return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
 
-    def _push(self, pairs: Near) -> Plane:
+    def _push(self, pairs: Near) -> Vectors:
         """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
         options = self.options
         repulsion = options.p_rep_1_s * np.maximum(options.r0_rep_m - pairs.distance, 0.0)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.elimination import product, solve
-from meanflock.swarm.state import AXES, Floats
+from meanflock.swarm.state import Floats
 
-INFORMATION = AXES + 1  # η along x and y, and λ
+INFORMATION = 3  # η along x and y, and λ
 MOST_NODES = 1000  # of a map; its matrix takes 8 MB a UAV
 
 
@@ -104,8 +104,8 @@ class WindGrid:
         Args:
             base: (M, F, 2), the prior mean; None for zero.
         """
-        weight = information[..., AXES:]
-        innovation = information[..., :AXES] if base is None else information[..., :AXES] - weight * base
+        weight = information[..., -1:]
+        innovation = information[..., :-1] if base is None else information[..., :-1] - weight * base
         system = np.eye(self.count) + weight * self._prior
         deviation = product(self._prior, solve(system, innovation))
         return deviation if base is None else base + deviation

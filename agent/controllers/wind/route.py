@@ -56,7 +56,7 @@ class Corridor:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        starts = mission.starts(scenario)[:, state.POSITION]
+        starts = state.position(mission.starts(scenario))
         self.goals, self.launches = mission.goals(scenario), mission.launches(scenario)
         self.goal = self.goals.mean(axis=0)
         way = starts.mean(axis=0) - self.goal

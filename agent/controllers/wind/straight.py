@@ -11,9 +11,9 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.cruise import SLOWING_1_S, against_the_air, limited, towards
 from meanflock.agent.controllers.wind.route import Fare
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION, VELOCITY, States, norm
+from meanflock.swarm.state import States, norm
 
 LIMIT_M_S2 = 3.0
 
@@ -38,7 +38,7 @@ class Straight(Controller):
         self._goals, self._fare = mission.goals(scenario), Fare(scenario, options.time_price_w)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        way = self._goals[uavs] - plan[uavs, POSITION]
+        way = self._goals[uavs] - state.position(plan[uavs])
         heading = way / np.maximum(norm(way), 1e-9)[:, None]
         x, y = self.scenario.wind.mean
         along, across = x * heading[:, 0] + y * heading[:, 1], y * heading[:, 0] - x * heading[:, 1]
@@ -46,5 +46,5 @@ class Straight(Controller):
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         wanted = towards(self._goals[memory["uav"]], own, memory["speed"], SLOWING_1_S)
-        acceleration = self.options.velocity_gain_1_s * (wanted - own[:, VELOCITY])
+        acceleration = self.options.velocity_gain_1_s * (wanted - state.velocity(own))
         return Step(memory, limited(acceleration, LIMIT_M_S2) + against_the_air(self.scenario, own))

@@ -27,7 +27,7 @@ from meanflock.agent.controllers.wind.route import Corridor, Fare, Router
 from meanflock.agent.controllers.wind.straight import LIMIT_M_S2
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import AXES, POSITION, VELOCITY, Floats, States
+from meanflock.swarm.state import Floats, States
 from meanflock.swarm.wire.messages import NOBODY
 
 MEASURED = 4  # numbers of a measurement: x, y, and the wind along x and y
@@ -71,7 +71,9 @@ class Windmap(Controller):
         )
         self.period_ticks = max(1, round(options.period_s / dt))
         self.broadcast_numbers = MEASURED if options.share == "measurements" else 0
-        self._numbers = {"weights": AXES, "precision": INFORMATION}.get(options.share, 0)  # shared numbers of a node
+        self._numbers = {"weights": INFORMATION - 1, "precision": INFORMATION}.get(
+            options.share, 0
+        )  # shared numbers of a node
         self.parts = (self._grid.count,) * self._numbers
         self.parameters = sum(self.parts)
 
@@ -106,12 +108,12 @@ class Windmap(Controller):
         memory: Memory = {
             "uav": uavs.astype(np.int32),
             "state": plan[uavs],
-            "commanded": np.zeros((rows, AXES)),
+            "commanded": np.zeros((rows, state.axes(plan))),
             "tick": np.full(rows, -2, dtype=np.int32),  # of these two
             "information": np.zeros(
                 (rows, nodes, INFORMATION)
             ),  # own measurements, or those since the last global model
-            "map": np.zeros((rows, nodes, AXES)),
+            "map": np.zeros((rows, nodes, INFORMATION - 1)),
             "ways": np.zeros((rows, stations)),
             "speeds": np.ones((rows, stations)),
         }
@@ -135,14 +137,14 @@ class Windmap(Controller):
         due = (since >= 0) & (since % self._replans == 0)
         if due.any():
             memory = self._look(memory, np.flatnonzero(due), goals, own)
-        felt = self._grid.at(memory["map"], own[:, POSITION]) + self._mean
-        off = own[:, POSITION] - goals
+        felt = self._grid.at(memory["map"], state.position(own)) + self._mean
+        off = state.position(own) - goals
         place, speed = self._router.ahead(memory["ways"], memory["speeds"], off, LOOK_M)
         towards = place - off
         pace = np.minimum(speed, SLOWING_1_S * state.norm(off)) / np.maximum(state.norm(towards), 1e-9)
-        wanted = self.options.velocity_gain_1_s * (towards * pace[:, None] - own[:, VELOCITY])
-        acceleration = limited(wanted, LIMIT_M_S2) + self._drag * (own[:, VELOCITY] - felt)
-        known = self._information(memory)[..., AXES]
+        wanted = self.options.velocity_gain_1_s * (towards * pace[:, None] - state.velocity(own))
+        acceleration = limited(wanted, LIMIT_M_S2) + self._drag * (state.velocity(own) - felt)
+        known = self._information(memory)[..., -1]
         mapped = (known / (known + self.options.rms_m_s**-2)).mean(axis=1)
         after = memory | {
             "state": own,
@@ -171,14 +173,14 @@ class Windmap(Controller):
         """
         before = memory["state"]
         fresh = (memory["tick"] == tick - 1) & (tick > self._corridor.launches[memory["uav"]])
-        change = (own[:, VELOCITY] - before[:, VELOCITY]) / self.scenario.dt - memory["commanded"]
-        wind = before[:, VELOCITY] + change / self._drag - self._mean
+        change = (state.velocity(own) - state.velocity(before)) / self.scenario.dt - memory["commanded"]
+        wind = state.velocity(before) + change / self._drag - self._mean
         valid = fresh & (np.abs(wind) < self._most(1)).all(axis=1)
         rows = np.flatnonzero(valid)
         if not len(rows):
             return memory, wind, valid
         each = np.full(len(rows), self._deviation**-2)
-        new = self._grid.informed(rows, before[rows, POSITION], wind[rows], each, len(own))
+        new = self._grid.informed(rows, state.position(before[rows]), wind[rows], each, len(own))
         return memory | {"information": memory["information"] + new}, wind, valid
 
     def _most(self, ticks: int) -> float:
@@ -190,7 +192,7 @@ class Windmap(Controller):
     ) -> tuple[Memory, tuple[Broadcast, ...]]:
         """Returns the memory, and the means of the measurements since the last broadcast, of rows with at least half of
         them."""
-        now = np.concatenate([memory["state"][:, POSITION], wind, np.ones((len(wind), 1))], axis=1)
+        now = np.concatenate([state.position(memory["state"]), wind, np.ones((len(wind), 1))], axis=1)
         sums = memory["unsent"] + np.where(valid[:, None], now, 0.0)
         if tick % self._broadcast_ticks:
             return memory | {"unsent": sums}, ()
@@ -201,12 +203,16 @@ class Windmap(Controller):
     def _receive(self, memory: Memory, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
         """Returns the memory with the measurements of others, and the senders of implausible ones."""
         most, information = self._most(self._broadcast_ticks), memory["information"]
-        frames, refused = believed(of_kind(received, MEASURED), lambda sums: np.abs(sums[:, AXES:]).max(axis=1) < most)
+        frames, refused = believed(
+            of_kind(received, MEASURED), lambda sums: np.abs(state.velocity(sums)).max(axis=1) < most
+        )
         for sums in frames:
             links = sums.links[np.lexsort((sums.source[sums.links[:, 0]], sums.links[:, 1]))]  # by row, then by UAV
             measured = sums.payload[links[:, 0]]
             each = np.full(len(links), self._broadcast_ticks * self._deviation**-2)
-            new = self._grid.informed(links[:, 1], measured[:, :AXES], measured[:, AXES:], each, len(information))
+            new = self._grid.informed(
+                links[:, 1], state.position(measured), state.velocity(measured), each, len(information)
+            )
             information = information + new
         return memory | {"information": information}, refused
 
@@ -216,7 +222,7 @@ class Windmap(Controller):
         ways = memory["ways"].copy()
         speeds = memory["speeds"].copy()
         maps[rows] = self._believed({name: array[rows] for name, array in memory.items()})
-        ways[rows], speeds[rows] = self._router.ways(self._grid, maps[rows], goals[rows], own[rows, POSITION])
+        ways[rows], speeds[rows] = self._router.ways(self._grid, maps[rows], goals[rows], state.position(own[rows]))
         return memory | {"map": maps, "ways": ways, "speeds": speeds}
 
     def _believed(self, memory: Memory) -> Floats:
@@ -231,13 +237,13 @@ class Windmap(Controller):
         if self.options.share != "precision":
             return memory["information"]
         shared = memory["shared"]
-        precision = self.scenario.uavs * np.maximum(shared[..., AXES:], 0.0)
-        return memory["information"] + np.concatenate([shared[..., :AXES] * precision, precision], axis=-1)
+        precision = self.scenario.uavs * np.maximum(shared[..., -1:], 0.0)
+        return memory["information"] + np.concatenate([shared[..., :-1] * precision, precision], axis=-1)
 
 
 def _joined(shared: Floats, information: Floats) -> Floats:
     """Winds and precisions (M, F, 3) after more information (M, F, 3); unchanged at nodes without information."""
-    precision = np.maximum(shared[..., AXES:], 0.0)
-    total = precision + information[..., AXES:]
-    wind = (shared[..., :AXES] * precision + information[..., :AXES]) / np.where(total > 0.0, total, 1.0)
-    return np.where(information[..., AXES:] > 0.0, np.concatenate([wind, total], axis=-1), shared)
+    precision = np.maximum(shared[..., -1:], 0.0)
+    total = precision + information[..., -1:]
+    wind = (shared[..., :-1] * precision + information[..., :-1]) / np.where(total > 0.0, total, 1.0)
+    return np.where(information[..., -1:] > 0.0, np.concatenate([wind, total], axis=-1), shared)

@@ -7,7 +7,6 @@ Every function is row-wise: row i of the result depends on row i of the argument
 
 import numpy as np
 
-from meanflock.kernels import state
 from meanflock.kernels.mean_field.layout import Floats, Indices, Tables
 
 POWERS = 7  # 1, u, u² … u⁶ of each coordinate
@@ -20,13 +19,13 @@ def powers(t: Tables, states: Floats) -> Floats:
     result = np.empty((*states.shape, POWERS))
     result[..., 0] = 1.0
     result[..., 1:] = (states / t.scale)[..., None]
-    return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], state.SIZE * POWERS)
+    return np.multiply.accumulate(result, axis=-1, out=result).reshape(*states.shape[:-1], states.shape[-1] * POWERS)
 
 
 def value(t: Tables, given: Floats) -> Floats:
     """Features of axis x and of axis y from powers, [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²]: `(..., 4, 2, 27)`."""
     return _products(given, t.value_first, t.value_second, t.value_factor).reshape(
-        *given.shape[:-1], 4, state.AXES, AXIS_FEATURES
+        *given.shape[:-1], 4, given.shape[-1] // (2 * POWERS), AXIS_FEATURES
     )
 
 
@@ -34,12 +33,14 @@ def pairs(t: Tables, given: Floats) -> Floats:
     """Pairs from powers, `(..., 8, 15)`: A, ∂A/∂x, ∂A/∂y of positions; V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy² of
     velocities.
     """
-    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(*given.shape[:-1], 8, PAIRS)
+    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(
+        *given.shape[:-1], len(t.pair_first) // PAIRS, PAIRS
+    )
 
 
 def terms(t: Tables, given: Floats) -> Floats:
     """Terms [1, σ_F] from pairs, `(..., 70)`: x̄^a ȳ^b v̄x^c v̄y^d is a product of a position pair and a velocity pair."""
-    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 3, :].take(t.at_velocity, axis=-1)
+    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 1 + len(t.wind), :].take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result
 

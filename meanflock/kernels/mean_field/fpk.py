@@ -12,7 +12,7 @@ from meanflock.kernels.mean_field.layout import Floats, Tables
 
 def divergence(t: Tables, curvature: Floats) -> Floats:
     """Divergence of the drift, ∇·b = −2c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
-    return -2.0 * t.drag - t.gain * curvature
+    return -float(len(t.wind)) * t.drag - t.gain * curvature
 
 
 def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
@@ -23,18 +23,21 @@ def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
     Args:
         pairs: of the states, `(..., 8, 15)`. b: the drift, `(..., 4)`, m/s and m/s². divergence: ∇·b, `(...)`, 1/s.
     """
-    factors = np.empty((*b.shape[:-1], 8, 1))
+    axes = state.axes(b)
+    at_velocity = 1 + axes  # of the pairs of velocities
+    factors = np.empty((*pairs.shape[:-1], 1))
     factors[..., 0, 0] = divergence
-    factors[..., 1:3, 0] = b[..., state.POSITION]  # ṙ of the state, in the order of the derivatives
-    factors[..., 3, 0] = 0.0
-    factors[..., 4:6, 0] = b[..., state.VELOCITY]
-    factors[..., 6:8, 0] = -t.half_variance
+    factors[..., 1:at_velocity, 0] = state.position(b)  # ṙ of the state, in the order of the derivatives
+    factors[..., at_velocity, 0] = 0.0
+    factors[..., at_velocity + 1 : -axes, 0] = state.velocity(b)
+    factors[..., -axes:, 0] = -t.half_variance
     images = factors * pairs
     blocks = np.empty((*b.shape[:-1], 4, features.PAIRS))
     blocks[..., 0, :] = pairs[..., 0, :]
-    blocks[..., 1, :] = images[..., 0, :] + images[..., 1, :] + images[..., 2, :]
-    blocks[..., 2, :] = pairs[..., 3, :]
-    blocks[..., 3, :] = images[..., 4, :] + images[..., 5, :] + images[..., 6, :] + images[..., 7, :]
+    parts = [images[..., part, :] for part in range(images.shape[-2])]
+    blocks[..., 1, :] = sum(parts[1:at_velocity], parts[0])
+    blocks[..., 2, :] = pairs[..., at_velocity, :]
+    blocks[..., 3, :] = sum(parts[at_velocity + 2 :], parts[at_velocity + 1])
     flat = blocks.reshape(*blocks.shape[:-2], 4 * features.PAIRS)
     products = flat.take(t.left, axis=-1)
     products *= flat.take(t.right, axis=-1)
@@ -56,7 +59,7 @@ def step(
     Returns:
         Weights after the step, and the residual e_F (...) before it.
     """
-    b = np.concatenate([states[..., state.VELOCITY], drift], axis=-1)
+    b = np.concatenate([state.velocity(states), drift], axis=-1)
     gradient = np.concatenate([operator(t, pairs, b, divergence(t, curvature)), sigma], axis=-1)
     residual = state.dot(weights, gradient)
     return weights - (t.mu_f * residual)[..., None] * gradient, residual

@@ -31,7 +31,7 @@ class ValueStep(NamedTuple):
 
 def local_cost(states: Floats, c1: float) -> Floats:
     """Local cost φ_L = v·r/‖r‖ + c1‖v‖², `(...)`; the first term is set to 0 at r = 0, where it is undefined."""
-    position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
+    position, velocity = state.position(states), state.velocity(states)
     distance = np.sqrt(state.dot(position, position))
     approach = state.dot(velocity, position) / np.maximum(distance, np.finfo(np.float64).tiny)
     return approach + c1 * state.dot(velocity, velocity)
@@ -39,7 +39,7 @@ def local_cost(states: Floats, c1: float) -> Floats:
 
 def drift(t: Tables, states: Floats, action: Floats) -> Floats:
     """Velocity part of f + Bâ, `(..., 2)`, m/s²."""
-    return action - t.drag * (states[..., state.VELOCITY] - t.wind)
+    return action - t.drag * (state.velocity(states) - t.wind)
 
 
 def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floats) -> ValueStep:
@@ -54,14 +54,14 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
     blocks = features.value(t, powers)  # of axis x and axis y: (..., 2, 27) each
     sigma, by_position, by_velocity, curvature = (blocks[..., k, :, :] for k in range(4))
     rows = weights.shape[:-1]
-    per_axis = (*rows, 2, state.AXES, features.AXIS_FEATURES)  # [ŵ_H0, ŵ_H1] of axis x and axis y
+    per_axis = (*rows, 2, state.axes(states), features.AXIS_FEATURES)  # [ŵ_H0, ŵ_H1] of axis x and axis y
 
     action_before = -t.gain * state.dot(by_velocity, weights.reshape(per_axis)[..., 0, :, :])
     before = drift(t, states, action_before)
     gradient = np.empty(per_axis)
     first = gradient[..., 0, :, :]
     np.multiply(curvature, t.half_variance, out=first)
-    first += states[..., state.VELOCITY, None] * by_position
+    first += state.velocity(states)[..., None] * by_position
     first += before[..., None] * by_velocity
     gradient[..., 1, :, :] = sigma
     flat = gradient.reshape(weights.shape)
@@ -75,10 +75,10 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
     value = stepped.reshape(per_axis)[..., 0, :, :]
     active = _regularised(t, states, before)
     if active.any():
-        slope = t.kappa * states[..., state.POSITION] + states[..., state.VELOCITY]  # Bᵀ∇L_s
+        slope = t.kappa * state.position(states) + state.velocity(states)  # Bᵀ∇L_s
         push = (t.push * slope)[..., None] * by_velocity
         np.add(value, push, out=value, where=active[..., None, None])
-    whole = (*rows, state.AXES * features.AXIS_FEATURES)
+    whole = (*rows, state.axes(states) * features.AXIS_FEATURES)
     action = -t.gain * state.dot(by_velocity, value)
     bend = state.dot(curvature.reshape(whole), value.reshape(whole))
     return ValueStep(stepped, action_before, action, residual, bend)
@@ -86,7 +86,7 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
 
 def lyapunov_rate(t: Tables, states: Floats, drift: Floats) -> Floats:
     """Rate L̇_s = ∇L_sᵀ(f + Bâ) of L_s = ½sᵀPs, P = [[1, κ], [κ, 1]] ⊗ I₂; `(...)`."""
-    position, velocity = states[..., state.POSITION], states[..., state.VELOCITY]
+    position, velocity = state.position(states), state.velocity(states)
     by_position = position + t.kappa * velocity
     by_velocity = t.kappa * position + velocity
     return state.dot(by_position, velocity) + state.dot(by_velocity, drift)

@@ -27,7 +27,7 @@ def empirical(states: Floats, known: Floats, epsilon: float, beta: float = 1.0) 
         states: (..., 4). known: (..., N, 4), states of all N UAVs known to each UAV, itself included.
     """
     difference = known - states[..., None, :]
-    return kernel(difference[..., state.VELOCITY], difference[..., state.POSITION], epsilon, beta).mean(axis=-1)
+    return kernel(state.velocity(difference), state.position(difference), epsilon, beta).mean(axis=-1)
 
 
 def density(t: Tables, weights: Floats, terms: Floats) -> Floats:

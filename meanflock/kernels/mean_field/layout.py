@@ -13,12 +13,13 @@ from meanflock.kernels.state import Floats
 
 Indices = NDArray[np.intp]
 
+DIMENSIONS = 2  # axes of a state of this layout; the counts below follow from it
 VALUE_FEATURES = 54  # M_H: terms of σ_H
 DENSITY_FEATURES = 69  # M_F: terms of σ_F
 VALUE = slice(0, 2 * VALUE_FEATURES)
 DENSITY = slice(VALUE.stop, VALUE.stop + 2 * DENSITY_FEATURES)
 MODEL_FLOATS = DENSITY.stop  # 246
-NUMBERS = 5  # results of a step: [a_x, a_y, e_H, e_F, φ_G]
+NUMBERS = DIMENSIONS + 3  # results of a step: [a_x, a_y, e_H, e_F, φ_G]
 
 
 class Tables(NamedTuple):

@@ -20,8 +20,8 @@ static int sound(const Tables *t) {
     int few = t->starts[0] == 0 && t->starts[TERMS] == PRODUCTS;
     for (int k = 0; k < TERMS; k++) /* a term has one product at least, and at most TERMS */
         few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
-    return few && all_below(t->value_first, BLOCKS, FLAT) && all_below(t->value_second, BLOCKS, FLAT)
-        && all_below(t->pair_first, ALL_PAIRS, FLAT) && all_below(t->pair_second, ALL_PAIRS, FLAT)
+    return few && all_below(t->value_first, BLOCKS, ALL_POWERS) && all_below(t->value_second, BLOCKS, ALL_POWERS)
+        && all_below(t->pair_first, ALL_PAIRS, ALL_POWERS) && all_below(t->pair_second, ALL_PAIRS, ALL_POWERS)
         && all_below(t->at_position, TERMS, PAIRS) && all_below(t->at_velocity, TERMS, PAIRS)
         && all_below(t->left, 2 * DENSITIES, 4 * PAIRS) && all_below(t->right, 2 * DENSITIES, 4 * PAIRS)
         && all_below(t->weight, PRODUCTS, DENSITIES) && all_below(t->term, PRODUCTS, TERMS);
@@ -64,10 +64,10 @@ static void step_rows(const Tables *t, const Rows *rows, Py_ssize_t count) {
 
 /* Writes φ_G of all rows into their numbers: the given one, (M,), or that of the states they know, (M, N, 4). */
 static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const Rows *rows, Py_ssize_t count) {
-    const Py_ssize_t each = items(arrays, around, "around", count, 1), others = each / SIZE;
+    const Py_ssize_t each = items(arrays, around, "around", count, 1), others = each / VARIABLES;
     double phi_g, *products;
     if (each < 0) return 0;
-    if (count && each != 1 && (each == 0 || each % SIZE)) {
+    if (count && each != 1 && (each == 0 || each % VARIABLES)) {
         PyErr_Format(PyExc_ValueError, "around: %zd bytes for %zd rows", arrays->view[4].len, count);
         return 0;
     }
@@ -75,8 +75,8 @@ static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const 
     for (Py_ssize_t m = 0; m < count; m++) {
         const char *known = (const char *)arrays->view[4].buf + m * each * D;
         if (each == 1) memcpy(&phi_g, known, D);
-        else phi_g = empirical(t, rows->states + m * SIZE * D, known, others, products);
-        memcpy(rows->numbers + (m * NUMBERS + 4) * D, &phi_g, D);
+        else phi_g = empirical(t, rows->states + m * VARIABLES * D, known, others, products);
+        memcpy(rows->numbers + (m * NUMBERS + DIMENSIONS + 2) * D, &phi_g, D);
     }
     return 1;
 }
@@ -86,7 +86,7 @@ PyObject *learner_step(PyObject *module, PyObject *args) {
     Arrays arrays = {.held = 0};
     if (!PyArg_ParseTuple(args, "OOOOOO:learn", &capsule, &states, &weights, &around, &weights_out, &numbers)) return NULL;
     const Tables *t = PyCapsule_GetPointer(capsule, NAME);
-    const Py_ssize_t count = t == NULL ? -1 : items(&arrays, states, "states", 1, SIZE);
+    const Py_ssize_t count = t == NULL ? -1 : items(&arrays, states, "states", 1, VARIABLES);
     if (count < 0 || !doubles(&arrays, weights, "weights", count * WEIGHTS, READ)
         || !doubles(&arrays, weights_out, "weights_out", count * WEIGHTS, WRITTEN)
         || !doubles(&arrays, numbers, "numbers", count * NUMBERS, WRITTEN))
@@ -103,16 +103,16 @@ PyObject *learner_repel(PyObject *module, PyObject *args) {
     Arrays arrays = {.held = 0};
     double weight, range, *room;
     if (!PyArg_ParseTuple(args, "OOddO:repel", &states, &known, &weight, &range, &pushed)) return NULL;
-    const Py_ssize_t rows = items(&arrays, states, "states", 1, SIZE);
-    const Py_ssize_t others = rows < 0 ? -1 : items(&arrays, known, "known", rows, SIZE);
-    if (others < 0 || !doubles(&arrays, pushed, "pushed", rows * AXES, WRITTEN)
-        || (room = room_for(&arrays, 2 * others)) == NULL)
+    const Py_ssize_t rows = items(&arrays, states, "states", 1, VARIABLES);
+    const Py_ssize_t others = rows < 0 ? -1 : items(&arrays, known, "known", rows, VARIABLES);
+    if (others < 0 || !doubles(&arrays, pushed, "pushed", rows * DIMENSIONS, WRITTEN)
+        || (room = room_for(&arrays, DIMENSIONS * others)) == NULL)
         return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < rows; m++) {
-        const char *state = (const char *)arrays.view[0].buf + m * SIZE * D;
-        double found[AXES];
-        repel(state, (const char *)arrays.view[1].buf + m * others * SIZE * D, others, weight, range, room, found);
-        memcpy((char *)arrays.view[2].buf + m * AXES * D, found, sizeof found);
+        const char *state = (const char *)arrays.view[0].buf + m * VARIABLES * D;
+        double found[DIMENSIONS];
+        repel(state, (const char *)arrays.view[1].buf + m * others * VARIABLES * D, others, weight, range, room, found);
+        memcpy((char *)arrays.view[2].buf + m * DIMENSIONS * D, found, sizeof found);
     }
     return done(&arrays, Py_NewRef(Py_None));
 }

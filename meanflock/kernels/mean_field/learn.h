@@ -6,23 +6,23 @@
 #include <stdint.h>
 
 enum {
-    SIZE = 4, AXES = 2, POWERS = 7, FLAT = SIZE * POWERS,
-    PER_AXIS = 27, VALUES = AXES * PER_AXIS, BLOCKS = 4 * VALUES, /* σ_H and its three derivatives */
-    PAIRS = 15, ALL_PAIRS = 8 * PAIRS, DENSITIES = 69, TERMS = DENSITIES + 1,
-    WEIGHTS = 2 * VALUES + 2 * DENSITIES, PRODUCTS = 494, NODES = 64, NUMBERS = 5
+    DIMENSIONS = 2, VARIABLES = 2 * DIMENSIONS, POWERS = 7, ALL_POWERS = VARIABLES * POWERS,
+    PER_AXIS = 27, VALUES = DIMENSIONS * PER_AXIS, BLOCKS = 4 * VALUES, /* σ_H and its three derivatives */
+    PAIRS = 15, ALL_PAIRS = (2 + 3 * DIMENSIONS) * PAIRS, DENSITIES = 69, TERMS = DENSITIES + 1,
+    WEIGHTS = 2 * VALUES + 2 * DENSITIES, PRODUCTS = 494, NODES = 64, NUMBERS = DIMENSIONS + 3
 };
 
 /* The fields of layout.py in their order: first all doubles, from value_first on all indices. */
 typedef struct {
-    double scale[SIZE], value_factor[BLOCKS], pair_factor[ALL_PAIRS], coefficient[TERMS], factorial[TERMS];
-    double monomials[TERMS * NODES], kernel[NODES], wind[AXES];
+    double scale[VARIABLES], value_factor[BLOCKS], pair_factor[ALL_PAIRS], coefficient[TERMS], factorial[TERMS];
+    double monomials[TERMS * NODES], kernel[NODES], wind[DIMENSIONS];
     double drag, half_variance, c1, c2, c3, epsilon, gain, mu_h, mu_f, push, kappa, arrived_squared;
     int32_t value_first[BLOCKS], value_second[BLOCKS], pair_first[ALL_PAIRS], pair_second[ALL_PAIRS];
     int32_t at_position[TERMS], at_velocity[TERMS], left[2 * DENSITIES], right[2 * DENSITIES];
     int32_t weight[PRODUCTS], term[PRODUCTS], starts[TERMS + 1];
 } Tables;
 
-/* Doubles, row after row, perhaps unaligned: SIZE, WEIGHTS and NUMBERS a row. */
+/* Doubles, row after row, perhaps unaligned: VARIABLES, WEIGHTS and NUMBERS a row. */
 typedef struct {
     const char *states, *weights;
     char *weights_out, *numbers; /* [a_x, a_y, e_H, e_F, φ_G] */
@@ -38,7 +38,7 @@ void step_one(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
 /* The same step for `count` rows from `from` on, at most MANY, if the processor has AVX2. */
 void step_many(const Tables *t, const Rows *rows, ptrdiff_t from, int count);
 
-/* The repulsion of one row, from its state and the n states that it knows, 32 bytes each, perhaps unaligned. `room`: 2 n
+/* The repulsion of one row, from its state and the n states that it knows, perhaps unaligned. `room`: DIMENSIONS · n
  * doubles. */
 void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed);
 

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.kernels import state
 from meanflock.kernels.mean_field import features, fpk, hjb, interaction
 from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, VALUE, Tables
 from meanflock.kernels.state import Floats
@@ -41,7 +40,7 @@ def learn(
             drift = hjb.drift(tables, states, value.action)
             density, residual = fpk.step(tables, density, states, pairs, terms[:, 1:], drift, value.curvature)
     weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
-    numbers[:, : state.AXES] = value.action
-    numbers[:, 2] = value.residual
-    numbers[:, 3] = residual
-    numbers[:, 4] = phi_g
+    numbers[:, :-3] = value.action
+    numbers[:, -3] = value.residual
+    numbers[:, -2] = residual
+    numbers[:, -1] = phi_g

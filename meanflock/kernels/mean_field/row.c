@@ -4,12 +4,13 @@
 #include "rows.h"
 
 double empirical(const Tables *t, const char *state, const char *known, ptrdiff_t n, double *products) {
-    double s[SIZE], other[SIZE];
+    double s[VARIABLES], other[VARIABLES];
     memcpy(s, state, sizeof s); /* may be unaligned */
     for (ptrdiff_t j = 0; j < n; j++, known += sizeof other) {
         memcpy(other, known, sizeof other);
-        double x = other[0] - s[0], y = other[1] - s[1], vx = other[2] - s[2], vy = other[3] - s[3];
-        products[j] = (0.0 + (vx * vx + vy * vy)) / (t->epsilon + (0.0 + (x * x + y * y)));
+        for (int k = 0; k < VARIABLES; k++) other[k] -= s[k];
+        const double *velocity = other + DIMENSIONS;
+        products[j] = vector(velocity, velocity) / (t->epsilon + vector(other, other));
     }
     return (0.0 + sum_of(products, n)) / (double)n;
 }

@@ -49,7 +49,7 @@ INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
     return 0.0 + (half ? pairwise(a, b, half) + sum : sum);
 }
 
-INLINE Lanes plane(const Lanes *a, const Lanes *b) { return dot(a, b, AXES); }
+INLINE Lanes vector(const Lanes *a, const Lanes *b) { return dot(a, b, DIMENSIONS); }
 
 /* interaction.py: quadrature; terms: [1, σ_F] */
 INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *terms) {
@@ -77,57 +77,60 @@ INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *term
 /* hjb.py: step; numbers: [a_x, a_y, e_H, …]. Returns the curvature. */
 INLINE Lanes value_step(const Tables *t, const Lanes *s, const Lanes *powers, Lanes phi_g, const Lanes *weights,
                         Lanes *stepped, Lanes *numbers) {
-    Lanes blocks[BLOCKS], gradient[2 * VALUES], before[AXES], drift[AXES], slope[AXES], by_position[AXES];
+    Lanes blocks[BLOCKS], gradient[2 * VALUES], before[DIMENSIONS], drift[DIMENSIONS];
+    Lanes slope[DIMENSIONS], by_position[DIMENSIONS];
+    const Lanes *v = s + DIMENSIONS; /* the velocity */
     for (int k = 0; k < BLOCKS; k++)
         blocks[k] = powers[t->value_first[k]] * powers[t->value_second[k]] * t->value_factor[k];
     const Lanes *sigma = blocks, *by_r = blocks + VALUES, *by_v = blocks + 2 * VALUES, *bend = blocks + 3 * VALUES;
 
-    for (int x = 0; x < AXES; x++) {
+    for (int x = 0; x < DIMENSIONS; x++) {
         before[x] = -t->gain * dot(by_v + x * PER_AXIS, weights + x * PER_AXIS, PER_AXIS);
-        drift[x] = before[x] - t->drag * (s[2 + x] - t->wind[x]);
+        drift[x] = before[x] - t->drag * (v[x] - t->wind[x]);
     }
-    for (int x = 0; x < AXES; x++)
+    for (int x = 0; x < DIMENSIONS; x++)
         for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)
-            gradient[k] = bend[k] * t->half_variance + s[2 + x] * by_r[k] + drift[x] * by_v[k];
+            gradient[k] = bend[k] * t->half_variance + v[x] * by_r[k] + drift[x] * by_v[k];
     memcpy(gradient + VALUES, sigma, VALUES * sizeof *sigma);
 
     Lanes residual = dot(weights, gradient, 2 * VALUES);
-    residual += t->c3 * plane(before, before);
-    residual += plane(s + 2, s) / at_least(root(plane(s, s)), DBL_MIN) + t->c1 * plane(s + 2, s + 2);
+    residual += t->c3 * vector(before, before);
+    residual += vector(v, s) / at_least(root(vector(s, s)), DBL_MIN) + t->c1 * vector(v, v);
     residual += t->c2 * phi_g;
 
     Lanes rate = t->mu_h * residual;
     for (int k = 0; k < 2 * VALUES; k++) stepped[k] = weights[k] - rate * gradient[k];
-    for (int x = 0; x < AXES; x++) {
-        by_position[x] = s[x] + t->kappa * s[2 + x];
-        slope[x] = t->kappa * s[x] + s[2 + x];
+    for (int x = 0; x < DIMENSIONS; x++) {
+        by_position[x] = s[x] + t->kappa * v[x];
+        slope[x] = t->kappa * s[x] + v[x];
     }
-    Mask leaving = plane(by_position, s + 2) + plane(slope, drift) > 0.0, on_way = dot(s, s, SIZE) >= t->arrived_squared;
-    Mask pushed = leaving & on_way;
+    Mask leaving = vector(by_position, v) + vector(slope, drift) > 0.0;
+    Mask pushed = leaving & (dot(s, s, VARIABLES) >= t->arrived_squared);
     if (any(pushed))
-        for (int x = 0; x < AXES; x++)
+        for (int x = 0; x < DIMENSIONS; x++)
             for (int k = x * PER_AXIS; k < (x + 1) * PER_AXIS; k++)
                 stepped[k] = chosen(pushed, stepped[k] + t->push * slope[x] * by_v[k], stepped[k]);
-    for (int x = 0; x < AXES; x++)
+    for (int x = 0; x < DIMENSIONS; x++)
         numbers[x] = -t->gain * dot(by_v + x * PER_AXIS, stepped + x * PER_AXIS, PER_AXIS);
-    numbers[AXES] = residual;
+    numbers[DIMENSIONS] = residual;
     return dot(bend, stepped, VALUES);
 }
 
 /* fpk.py: step; returns e_F. */
 INLINE Lanes density_step(const Tables *t, const Lanes *s, const Lanes *pairs, const Lanes *terms, const Lanes *action,
                           Lanes curvature, const Lanes *weights, Lanes *stepped) {
-    Lanes parts[4 * PAIRS], gradient[2 * DENSITIES], drift[AXES];
-    Lanes divergence = -2.0 * t->drag - t->gain * curvature;
+    Lanes parts[4 * PAIRS], gradient[2 * DENSITIES], drift[DIMENSIONS];
+    Lanes divergence = -(double)DIMENSIONS * t->drag - t->gain * curvature;
     double spread = -t->half_variance;
-    const Lanes *velocity = pairs + 3 * PAIRS;
-    for (int x = 0; x < AXES; x++) drift[x] = action[x] - t->drag * (s[2 + x] - t->wind[x]);
+    const Lanes *v = s + DIMENSIONS, *velocity = pairs + (1 + DIMENSIONS) * PAIRS;
+    for (int x = 0; x < DIMENSIONS; x++) drift[x] = action[x] - t->drag * (v[x] - t->wind[x]);
     for (int k = 0; k < PAIRS; k++) {
-        parts[k] = pairs[k];
-        parts[PAIRS + k] = divergence * pairs[k] + s[2] * pairs[PAIRS + k] + s[3] * pairs[2 * PAIRS + k];
-        parts[2 * PAIRS + k] = velocity[k];
-        parts[3 * PAIRS + k] = drift[0] * velocity[PAIRS + k] + drift[1] * velocity[2 * PAIRS + k]
-                             + spread * velocity[3 * PAIRS + k] + spread * velocity[4 * PAIRS + k];
+        Lanes carried = divergence * pairs[k], driven = drift[0] * velocity[PAIRS + k];
+        for (int x = 0; x < DIMENSIONS; x++) carried += v[x] * pairs[(1 + x) * PAIRS + k];
+        for (int x = 1; x < DIMENSIONS; x++) driven += drift[x] * velocity[(1 + x) * PAIRS + k];
+        for (int x = 0; x < DIMENSIONS; x++) driven += spread * velocity[(1 + DIMENSIONS + x) * PAIRS + k];
+        parts[k] = pairs[k], parts[PAIRS + k] = carried;
+        parts[2 * PAIRS + k] = velocity[k], parts[3 * PAIRS + k] = driven;
     }
     for (int k = 0; k < DENSITIES; k++)
         gradient[k] = (parts[t->left[k]] * parts[t->right[k]]
@@ -185,28 +188,28 @@ INLINE void give(const Lanes *lanes, char *rows, ptrdiff_t from, int count, int 
 }
 
 TARGET void STEP(const Tables *t, const Rows *rows, ptrdiff_t from, int count) {
-    Lanes s[SIZE], weights[WEIGHTS], stepped[WEIGHTS], numbers[NUMBERS];
-    Lanes powers[FLAT], pairs[ALL_PAIRS], terms[TERMS];
+    Lanes s[VARIABLES], weights[WEIGHTS], stepped[WEIGHTS], numbers[NUMBERS];
+    Lanes powers[ALL_POWERS], pairs[ALL_PAIRS], terms[TERMS];
     Lanes *density = weights + 2 * VALUES, *density_stepped = stepped + 2 * VALUES;
-    take(s, rows->states, from, count, SIZE, SIZE);
+    take(s, rows->states, from, count, VARIABLES, VARIABLES);
     take(weights, rows->weights, from, count, WEIGHTS, WEIGHTS);
-    for (int c = 0; c < SIZE; c++) {
+    for (int c = 0; c < VARIABLES; c++) {
         Lanes u = s[c] / t->scale[c], power = 1.0 + (Lanes){0};
         for (int k = 0; k < POWERS; k++, power *= u) powers[c * POWERS + k] = power;
     }
     if (!rows->learns_density) {
         take(numbers, rows->numbers, from, count, NUMBERS, NUMBERS);
-        value_step(t, s, powers, numbers[4], weights, stepped, numbers);
-        numbers[3] = (Lanes){0};
+        value_step(t, s, powers, numbers[DIMENSIONS + 2], weights, stepped, numbers);
+        numbers[DIMENSIONS + 1] = (Lanes){0};
         memcpy(density_stepped, density, 2 * DENSITIES * sizeof *density);
     } else {
         for (int k = 0; k < ALL_PAIRS; k++)
             pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]] * t->pair_factor[k];
         for (int k = 0; k < TERMS; k++)
-            terms[k] = pairs[t->at_position[k]] * pairs[3 * PAIRS + t->at_velocity[k]] * t->coefficient[k];
-        numbers[4] = quadrature(t, density, terms);
-        Lanes curvature = value_step(t, s, powers, numbers[4], weights, stepped, numbers);
-        numbers[3] = density_step(t, s, pairs, terms, numbers, curvature, density, density_stepped);
+            terms[k] = pairs[t->at_position[k]] * pairs[(1 + DIMENSIONS) * PAIRS + t->at_velocity[k]] * t->coefficient[k];
+        numbers[DIMENSIONS + 2] = quadrature(t, density, terms);
+        Lanes curvature = value_step(t, s, powers, numbers[DIMENSIONS + 2], weights, stepped, numbers);
+        numbers[DIMENSIONS + 1] = density_step(t, s, pairs, terms, numbers, curvature, density, density_stepped);
     }
     give(stepped, rows->weights_out, from, count, WEIGHTS, WEIGHTS);
     give(numbers, rows->numbers, from, count, NUMBERS, NUMBERS);

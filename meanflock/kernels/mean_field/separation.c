@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "../axes.h"
 #include "../pairwise.h"
 
 static const double FARTHEST = 36.0, LOG2_E = 1.4426950408889634;
@@ -22,16 +23,20 @@ static double decay(double u) {
     return ldexp(series, -(int)k);
 }
 
-void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed) {
-    double s[2], other[2], *along = room, *across = room + n;
+FOR_AXES void repelled(const int axes, const char *state, const char *known, ptrdiff_t n, double weight, double range,
+                       double *room, double *pushed) {
+    double s[MOST_AXES], other[MOST_AXES], apart[MOST_AXES];
     const double narrow = 0.5 / (range * range);
-    memcpy(s, state, sizeof s); /* may be unaligned */
-    for (ptrdiff_t j = 0; j < n; j++, known += 2 * sizeof other) {
-        memcpy(other, known, sizeof other);
-        const double x = s[0] - other[0], y = s[1] - other[1], u = (x * x + y * y) * narrow;
-        const double falls = u <= FARTHEST ? decay(u) : 0.0;
-        along[j] = (falls > 0.0 ? x : 0.0) * falls, across[j] = (falls > 0.0 ? y : 0.0) * falls;
+    memcpy(s, state, axes * sizeof *s); /* may be unaligned */
+    for (ptrdiff_t j = 0; j < n; j++, known += 2 * axes * sizeof *other) {
+        memcpy(other, known, axes * sizeof *other);
+        for (int k = 0; k < axes; k++) apart[k] = s[k] - other[k];
+        const double u = inner(axes, apart, apart) * narrow, falls = u <= FARTHEST ? decay(u) : 0.0;
+        for (int k = 0; k < axes; k++) room[k * n + j] = (falls > 0.0 ? apart[k] : 0.0) * falls;
     }
-    pushed[0] = weight * (n ? 0.0 + sum_of(along, n) : 0.0);
-    pushed[1] = weight * (n ? 0.0 + sum_of(across, n) : 0.0);
+    for (int k = 0; k < axes; k++) pushed[k] = weight * (n ? 0.0 + sum_of(room + k * n, n) : 0.0);
+}
+
+void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed) {
+    repelled(PLANE, state, known, n, weight, range, room, pushed);
 }

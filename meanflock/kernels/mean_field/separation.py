@@ -36,10 +36,10 @@ def repel(states: Floats, known: Floats, weight: float, range_m: float, pushed: 
         range_m: ℓ. pushed: (M, 2), written, m/s².
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        x = states[:, state.X, None] - known[..., state.X]
-        y = states[:, state.Y, None] - known[..., state.Y]
-        falls = decay((x * x + y * y) * (0.5 / (range_m * range_m)))
+        here, there = state.parts(state.position(states)), state.parts(state.position(known))
+        gaps = [own[:, None] - others for own, others in zip(here, there, strict=True)]
+        falls = decay(state.squared(gaps) * (0.5 / (range_m * range_m)))
         # NaN and infinite distances get weight 0 and no product.
-        for axis, apart in enumerate((x, y)):
+        for axis, apart in enumerate(gaps):
             products = np.where(falls > 0.0, apart, 0.0) * falls
             pushed[:, axis] = weight * np.add.reduce(products, axis=-1)

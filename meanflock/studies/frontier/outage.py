@@ -12,11 +12,10 @@ import msgspec
 import numpy as np
 
 from meanflock.channel.base import Channel, Floats, closed_form, failed
-from meanflock.swarm import plugins
+from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import POSITION
 
 STATE_BITS = 64  # of an event
 _LOW_DB, _HIGH_DB, _STEP_DB = -300.0, 300.0, 5.0  # bounds of the key
@@ -29,7 +28,7 @@ class Outages:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        places = starts(scenario)[:, POSITION]
+        places = state.position(starts(scenario))
         first, second = np.triu_indices(len(places), 1)
         distances = np.linalg.norm(places[first] - places[second], axis=-1)
         self._distances: Floats = distances[distances <= scenario.radio.range_m]

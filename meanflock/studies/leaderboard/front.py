@@ -34,9 +34,9 @@ def power(scenario: Scenario, speed: Floats) -> Floats:
     still = msgspec.structs.replace(scenario.vehicle, power_speed="ground")
     scenario = msgspec.structs.replace(scenario, vehicle=still)
     vehicle = plugins.create("vehicle", scenario.vehicle.model, scenario.vehicle.options, scenario)
-    states = np.zeros((len(speed), state.SIZE))
-    states[:, state.VELOCITY.start] = speed
-    watts: Floats = vehicle.power(states, vehicle.init(len(speed)), np.zeros((len(speed), state.AXES)))
+    states = np.zeros((len(speed), scenario.state_numbers))
+    state.velocity(states)[:, 0] = speed
+    watts: Floats = vehicle.power(states, vehicle.init(len(speed)), np.zeros((len(speed), scenario.dimensions)))
     return watts
 
 
@@ -115,7 +115,7 @@ class Fronts:
         """Fronts of all UAVs; None if power depends on a wind that varies from place to place."""
         if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
             return None
-        ways = mission.goals(self.scenario) - mission.starts(self.scenario)[:, state.POSITION]
+        ways = mission.goals(self.scenario) - state.position(mission.starts(self.scenario))
         of_way = cache(lambda *way: front(self.scenario, np.array(way), self._wind, self._corners))
         return [of_way(x, y) for x, y in ways.tolist()]
 

@@ -31,7 +31,7 @@ _RING: dict[str, Any] = {**plotstyle.RING, "markersize": 3.6, "markeredgewidth":
 
 def draw(flown: Scenario) -> Figure:
     """The map of a scenario, in metres."""
-    starts, goals = mission.starts(flown)[:, state.POSITION], mission.goals(flown)
+    starts, goals = state.position(mission.starts(flown)), mission.goals(flown)
     discs = mission.obstacles(flown)
     with plotstyle.style():
         figure = plotstyle.figure(_SIDE_IN, _SIDE_IN)
@@ -79,7 +79,7 @@ def write(courses: Sequence[Course], out: Path) -> dict[str, Path]:
     return drawn
 
 
-def _circles(ax: Axes, places: state.Plane, radii: state.Floats, colour: str, *, filled: bool) -> None:
+def _circles(ax: Axes, places: state.Vectors, radii: state.Floats, colour: str, *, filled: bool) -> None:
     size = 2.0 * radii
     look = {"facecolors": colour, "alpha": 0.75} if filled else {"facecolors": "none", "edgecolors": colour}
     ax.add_collection(
@@ -106,7 +106,7 @@ def _speed(flown: Scenario) -> float:
     return float(np.hypot(*flown.flown().wind.mean))
 
 
-def _gusts(ax: Axes, flown: Scenario, starts: state.Plane, side: float) -> None:
+def _gusts(ax: Axes, flown: Scenario, starts: state.Vectors, side: float) -> None:
     """The accelerations of gusts, from the middle of the starts."""
     if gusts := _pushes(flown):
         pushes = np.array(gusts)
@@ -119,7 +119,7 @@ def _pushes(flown: Scenario) -> list[tuple[float, float]]:
 
 
 def _arrows(
-    ax: Axes, tails: state.Plane, vectors: state.Plane, colour: str, width: float = 0.014, alpha: float = 1.0
+    ax: Axes, tails: state.Vectors, vectors: state.Vectors, colour: str, width: float = 0.014, alpha: float = 1.0
 ) -> None:
     ax.quiver(*tails.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, color=colour, width=width, alpha=alpha)
 

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import field
 from numpy.typing import NDArray
 
-from meanflock.swarm import mission, paths, toml
+from meanflock.swarm import mission, paths, state, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault
 from meanflock.swarm.scenario import mean_field, tables
@@ -194,6 +194,16 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+
+    @property
+    def dimensions(self) -> int:
+        """Number of axes of the flight, d: the numbers of a position, a velocity or an acceleration."""
+        return state.DIMENSIONS
+
+    @property
+    def state_numbers(self) -> int:
+        """Numbers of a state, 2d: of position and velocity."""
+        return 2 * self.dimensions
 
     @property
     def period_ticks(self) -> int:

@@ -44,8 +44,8 @@ def flying(around: str, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray |
     """Rows as different as those of a swarm on its way."""
     draw = np.random.default_rng(rows)
     weights = MeanFieldLearner(SCENARIO).init(rows, starts(SCENARIO)) + draw.normal(0, 0.1, (rows, layout.MODEL_FLOATS))
-    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, state.SIZE))
-    known = draw.normal(0, 30, (rows, 300, state.SIZE))
+    states = draw.uniform([-50, -50, -8, -8], [180, 130, 8, 8], (rows, 4))
+    known = draw.normal(0, 30, (rows, 300, 4))
     return weights, states, {"density": None, "known": known, "given": draw.uniform(0, 9, rows)}[around]
 
 
@@ -226,14 +226,14 @@ def test_density_features_and_step() -> None:
 SCALES = ["learner.position_scale=300", "learner.velocity_scale=60"]
 PRINTED = load(None, ["uavs=9", "learner.multinomial=true", *SCALES], method="mfg")
 T = tables(PRINTED)
-STATES = np.random.default_rng(2).uniform([-50, -50, -8, -8], [180, 130, 8, 8], (13, state.SIZE))
+STATES = np.random.default_rng(2).uniform([-50, -50, -8, -8], [180, 130, 8, 8], (13, 4))
 SCALED = STATES / [300.0, 300.0, 60.0, 60.0]
 
 
 def test_the_value_s_features_of_an_axis_add_up_to_the_sixth_power() -> None:
     """(1 + r̄ + v̄)⁶ − 1, and its derivatives by r, v and v twice."""
     values = features.value(T, features.powers(T, STATES)).sum(axis=-1)  # (13, 4, 2)
-    base = 1.0 + SCALED[:, state.POSITION] + SCALED[:, state.VELOCITY]
+    base = 1.0 + state.position(SCALED) + state.velocity(SCALED)
     for k, expected in enumerate((base**6 - 1.0, 6 * base**5 / 300, 6 * base**5 / 60, 30 * base**4 / 60**2)):
         np.testing.assert_allclose(values[:, k], expected, rtol=1e-12)
 

@@ -93,7 +93,7 @@ def test_the_quadrature_is_the_density_evaluated_at_every_node(settings: tuple[s
     rows = 12
     learner = MeanFieldLearner(flown)
     weights = learner.init(rows, starts(flown))
-    states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, state.SIZE))
+    states = draw.uniform([-150, -150, -9, -9], [160, 110, 9, 9], (rows, 4))
     states[0] = 0.0
     for _ in range(3):
         densities = weights[:, layout.DENSITY][:, : layout.DENSITY_FEATURES]
@@ -162,11 +162,11 @@ def test_without_randomness_the_discrete_motion_ends_at_rest_at_the_origin() -> 
     scenario = load(None, ["wind.sigma=0"], method="offline")
     states = starts(scenario)
     plan, vehicle = OpenLoopPlan(scenario, states), PointMass(PointMass.Options(), scenario)
-    straight = -states[:, state.POSITION] / np.linalg.norm(states[:, state.POSITION], axis=-1, keepdims=True)
+    straight = -state.position(states) / np.linalg.norm(state.position(states), axis=-1, keepdims=True)
     assert len(plan) * 0.1 == pytest.approx(np.linalg.norm([150, 100]) / 15 + 15 / 3, abs=0.5)  # bang, coast, bang
     for tick in range(len(plan) + 20):
         states, _ = vehicle.step(states, {}, plan(tick), np.zeros((25, 2)))
-        across = states[:, state.X] * straight[:, 1] - states[:, state.Y] * straight[:, 0]
+        across = states[:, 0] * straight[:, 1] - states[:, 1] * straight[:, 0]
         assert np.abs(across).max() < 1e-9
     assert np.abs(states).max() < 1e-9
 
