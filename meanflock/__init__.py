@@ -15,8 +15,16 @@ from typing import Any
 
 def _where() -> dict[str, tuple[str, str]]:
     """Each public name, with its module and its name there, as `__init__.pyi` declares them."""
-    words = map(str.split, Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8").splitlines())
-    return {line[5]: (line[1], line[3]) for line in words if line[:1] == ["from"]}
+    imported, public = {}, {}
+    for line in map(str.split, Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8").splitlines()):
+        match line:
+            case ["from", module, "import", name]:  # of a name that is public under another one
+                imported[name] = module, name
+            case ["from", module, "import", name, "as", _]:
+                public[name] = module, name
+            case [name, "=", origin]:
+                public[name] = imported[origin]
+    return public
 
 
 def __getattr__(name: str) -> Any:

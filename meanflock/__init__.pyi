@@ -15,7 +15,7 @@ from meanflock.federation.rules.base import Aggregator as Aggregator
 from meanflock.federation.rules.base import Uploads as Uploads
 from meanflock.flying import fly as fly
 from meanflock.runs import Run as Run
-from meanflock.runs import open_run as open
+from meanflock.runs import open_run
 from meanflock.stepped import Stepped as Stepped
 from meanflock.swarm import mission as mission
 from meanflock.swarm import seeds as seeds
@@ -23,7 +23,10 @@ from meanflock.swarm.errors import BadInput as BadInput
 from meanflock.swarm.errors import MeanflockError as MeanflockError
 from meanflock.swarm.errors import RunFailed as RunFailed
 from meanflock.swarm.plugins import Plugin as Plugin
-from meanflock.swarm.plugins import installed as plugins
+from meanflock.swarm.plugins import installed
 from meanflock.swarm.plugins import register as register
 from meanflock.swarm.scenario import Scenario as Scenario
 from meanflock.worldsim.vehicles.base import Vehicle as Vehicle
+
+open = open_run
+plugins = installed
