@@ -22,7 +22,7 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.messages import FrameKind, Frames, frames_of
 
 Indices = NDArray[np.intp]
 NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick without frames; shared, never written to
@@ -78,19 +78,15 @@ class Medium(Stateful):
         return self._in_flight.pop(tick, [])
 
     @property
-    def under_way(self) -> list[list[Any]]:
+    def under_way(self) -> list[tuple[int, Any]]:
         """The frames that were not delivered yet, each batch after the tick in which it will be."""
-        return [
-            [due, int(f.kind), f.round, f.source, f.payload, f.links, f.slots]
-            for due, batches in sorted(self._in_flight.items())
-            for f in batches
-        ]
+        return [(due, batch) for due, batches in sorted(self._in_flight.items()) for batch in batches]
 
     @under_way.setter
-    def under_way(self, stored: list[list[Any]]) -> None:
+    def under_way(self, stored: list[tuple[int, Any]]) -> None:
         self._in_flight.clear()
-        for due, kind, *fields in stored:
-            self._in_flight[due].append(Frames(FrameKind(kind), *fields))
+        for due, fields in stored:
+            self._in_flight[due].append(frames_of(fields))
 
     def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
         links = self._links(batch, states)

@@ -22,7 +22,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 
-SCHEMA = 13
+SCHEMA = 14
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 MAX_BYTES = 512 * 2**20

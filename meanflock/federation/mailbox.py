@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.messages import Frames, frames_of
 
 Indices: TypeAlias = NDArray[np.intp]
 
@@ -90,13 +90,13 @@ class Mailbox(Stateful):
         self.addressed[:] = False
 
     @property
-    def mail(self) -> list[list[Any]]:
-        """The letters as plain values."""
-        return [[number, int(f.kind), f.round, f.source, f.payload, f.links, f.slots] for number, _, f in self.letters]
+    def mail(self) -> list[tuple[int, Any]]:
+        """Number and frames of each letter."""
+        return [(number, frames) for number, _, frames in self.letters]
 
     @mail.setter
-    def mail(self, stored: list[list[Any]]) -> None:
-        self.letters = [Letter(number, self._hop, Frames(FrameKind(kind), *fields)) for number, kind, *fields in stored]
+    def mail(self, stored: list[tuple[int, Any]]) -> None:
+        self.letters = [Letter(number, self._hop, frames_of(fields)) for number, fields in stored]
 
 
 def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None, after: int = 0) -> tuple[Frames, ...]:

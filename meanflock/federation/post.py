@@ -258,12 +258,12 @@ class Post(Stateful):
 
     @property
     def accounts(self) -> list[tuple[int, Any]]:
-        """Number and account of each round that is open; sets are ascending lists."""
-        return [(number, msgspec.to_builtins(one, order="sorted")) for number, one in self._accounts.items()]
+        """Number and account of each round that is open."""
+        return list(self._accounts.items())
 
     @accounts.setter
     def accounts(self, stored: list[tuple[int, Any]]) -> None:
-        self._accounts = {number: msgspec.convert(one, Account) for number, one in stored}
+        self._accounts = {number: msgspec.convert(fields, Account) for number, fields in stored}
 
     def restored(self) -> None:
         self._list_open()

@@ -11,7 +11,7 @@ from meanflock.federation.mailbox import links_of
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.messages import Frames, frames_of
 
 
 class Transmission:
@@ -51,17 +51,16 @@ class Transmission:
         return Frames(frames.kind, frames.round, frames.source[sender], rows)
 
     def fields(self) -> list[Any]:
-        """All of it, as plain values."""
-        frames = self._frames
-        fields = [int(frames.kind), frames.round, frames.source, frames.payload]
-        return [*fields, self._wanted, self._sent]
+        """All of it."""
+        return [self._frames, self._wanted, self._sent]
 
     @classmethod
     def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
         """The transmission with these `fields`, in one of the hops of a round."""
-        kind, number, source, payload, wanted, sent = fields
-        hop = next(hop for hop in hops if hop.label == kind)
-        return cls(Frames(FrameKind(kind), number, source, payload), hop.coding, wanted, sent)
+        models, wanted, sent = fields
+        frames = frames_of(models)
+        hop = next(hop for hop in hops if hop.label == frames.kind)
+        return cls(frames, hop.coding, wanted, sent)
 
 
 class Reception(Stateful):

@@ -7,6 +7,7 @@ is declared twice.
 from collections import Counter
 from typing import Any, ClassVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +24,7 @@ class Stateful:
     """Base class of a part of a flight.
 
     stored: its attributes that a checkpoint stores: numbers, bytes, sets, counters, arrays of a fixed shape, dicts of
-        arrays, generators, parts, lists of parts; a property may have any plain value.
+        arrays, generators, parts, lists of parts. A property may have structs, too; it is set to lists of their fields.
     """
 
     stored: ClassVar[tuple[str, ...]] = ()
@@ -63,6 +64,8 @@ def _plain(value: Any) -> Any:
         return value.astype(_STORED.get(value.dtype, value.dtype), copy=False)
     if isinstance(value, np.random.Generator):
         return random_state(value)
+    if isinstance(value, msgspec.Struct):
+        return _plain(msgspec.structs.astuple(value))
     if isinstance(value, dict):
         return {name: _plain(inner) for name, inner in value.items()}
     if isinstance(value, set):

@@ -6,7 +6,8 @@ sent in every tick, in a layout of their own (`wire/tick.py`); all others are co
 """
 
 import enum
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -41,6 +42,12 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
     payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row for each sender, see federation/coding.py
     links: np.ndarray | None = None  # (K, 2) i4, of received frames: [row of payload, receiving UAV]
     slots: np.ndarray | None = None  # (K,) i4, of models within the world: slots that each link took, 0 without radio
+
+
+def frames_of(fields: Sequence[Any]) -> Frames:
+    """The batch with these fields, in their order."""
+    kind, *others = fields
+    return Frames(FrameKind(kind), *others)
 
 
 class Join(_ControlMessage, frozen=True, tag="join"):
