@@ -8,11 +8,13 @@
 Importing this loads nothing and changes nothing; every name is looked up when it is first used.
 """
 
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 
+@cache
 def _where() -> dict[str, tuple[str, str]]:
     """Each public name, with its module and its name there, as `__init__.pyi` declares them."""
     imported, public = {}, {}

@@ -105,8 +105,8 @@ def prepared(
     warn_of_lost_models([flown])
     outputs = None
     run_id = f"{flown.method}-s{flown.seed}"
-    kept = StoredTelemetry()
-    sinks: list[BlockSink] = [kept]
+    telemetry = StoredTelemetry()
+    sinks: list[BlockSink] = [telemetry]
     if out is not None:
         from meanflock.launch.options import Options, records
         from meanflock.launch.outputs import Outputs
@@ -119,4 +119,4 @@ def prepared(
         run_id = stack.enter_context(new_run(flown, out)).name
         outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
         sinks += outputs.sinks
-    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), kept, outputs)
+    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), telemetry, outputs)

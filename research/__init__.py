@@ -1,1 +1,1 @@
-"""What was measured with meanflock: the paper, claim by claim, and the tables of the pages; no part of the package."""
+"""Research with meanflock: the claims of the paper, and the measurements of the pages. It is no part of the package."""

@@ -1,1 +1,1 @@
-"""The ground station: command line, launcher, and record of a run."""
+"""The ground station as a program of its own: it records a swarm that was started otherwise."""

@@ -1,1 +1,1 @@
-"""The network: the bus in memory and over Zenoh, keys, addresses, access rules, and a node's client."""
+"""The network: bus, Zenoh, keys, access rules, processes, a node's client, and the crew of nodes on a bus."""

@@ -1,1 +1,1 @@
-"""Files of a run: written during the flight, complete at its end, and usable after a kill."""
+"""Results: files of a run, usable after a kill, and the series, statistics and plots that are made of them."""

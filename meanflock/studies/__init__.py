@@ -1,1 +1,1 @@
-"""Many flights: scenarios compared and swept, the leaderboard, and the paper's experiments."""
+"""Many flights: scenarios compared and swept, the leaderboard, and the frontier."""

@@ -13,7 +13,7 @@ _ROOT = Path(__file__).resolve().parents[2]  # of the checkout, if it is one
 
 
 def provenance(plugins: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
-    """What flies in this process.
+    """The versions of the code that flies in this process.
 
     Args:
         plugins: kind, name, and version of the package or hash of the file, of each plug-in.

@@ -203,11 +203,11 @@ def cost_shares(seeds: Sequence[int] = COST_SEEDS) -> Record:
 def cost_share(scenario: Scenario) -> float:
     """Share of c₂φ_G in the sizes of all terms of the running cost, |v·r|/‖r‖ + c1‖v‖² + c3‖a‖² + c2φ_G, summed over
     all ticks of UAVs on the way."""
-    kept = StoredTelemetry()
-    Engine(scenario, "cost", sinks=[kept]).complete()
-    blocks = [np.concatenate([getattr(block, name) for block in kept.blocks]) for name in ("states", "status")]
+    telemetry = StoredTelemetry()
+    Engine(scenario, "cost", sinks=[telemetry]).complete()
+    blocks = [np.concatenate([getattr(block, name) for block in telemetry.blocks]) for name in ("states", "status")]
     commands, diagnostics = (
-        np.concatenate([getattr(block, name) for block in kept.blocks])[1:].astype(np.float64)
+        np.concatenate([getattr(block, name) for block in telemetry.blocks])[1:].astype(np.float64)
         for name in ("accelerations", "diagnostics")
     )
     states, on_way = blocks[0][:-1], blocks[1][:-1] == Status.FLYING

@@ -46,8 +46,8 @@ class Network(NamedTuple):
             for column, row in enumerate(weights):
                 total += values[:, column, None] * row
             values = np.tanh(total)
-        commands, messages = values[:, : values.shape[1] - self.message], values[:, values.shape[1] - self.message :]
-        return self.limit * commands, messages if self.message else None
+        axes = values.shape[1] - self.message
+        return self.limit * values[:, :axes], values[:, axes:] if self.message else None
 
     def checked(self) -> Self:
         """The network itself, if its arrays fit each other.

@@ -48,20 +48,15 @@ def keys_of(kind: type[msgspec.Struct]) -> dict[str, Key]:
 
     def describe(table: Any, prefix: str) -> None:
         for field in table.fields:
-            inner, said = _described(inspect, field.type)
-            if said is not None:
-                found[prefix + field.name] = said
-            if isinstance(inner, inspect.StructType):
-                describe(inner, f"{prefix}{field.name}.")
+            annotated, name = field.type, prefix + field.name
+            if isinstance(annotated, inspect.UnionType):  # of the value and None
+                annotated = next((one for one in annotated.types if isinstance(one, inspect.Metadata)), annotated)
+            if isinstance(annotated, inspect.Metadata):
+                if annotated.extra:
+                    found[name] = annotated.extra[_KEY]
+                annotated = annotated.type
+            if isinstance(annotated, inspect.StructType):
+                describe(annotated, f"{name}.")
 
     describe(inspect.type_info(kind), "")
     return found
-
-
-def _described(inspect: Any, of: Any) -> tuple[Any, Key | None]:
-    """The type itself, and its description."""
-    if isinstance(of, inspect.Metadata):
-        return of.type, (of.extra or {}).get(_KEY)
-    if isinstance(of, inspect.UnionType):
-        return of, next((said for one in of.types if (said := _described(inspect, one)[1]) is not None), None)
-    return of, None
