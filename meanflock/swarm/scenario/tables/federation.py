@@ -1,0 +1,173 @@
+"""Table of the rounds in which models are shared."""
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from msgspec import field
+
+from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.toml import Table as _Table
+
+# Number format of a model, see federation/coding.py.
+Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]
+
+
+class Federation(_Table, frozen=True):
+    """Rounds in which the UAVs share their models."""
+
+    period: (
+        Annotated[
+            int,
+            key(
+                "n0, ticks between rounds; unset: the number that the controller declares",
+                PRINTED,
+                "100 for H and F, 200 for HF; one sentence of the paper has 100 for all",
+                unit="ticks",
+                ge=1,
+            ),
+        ]
+        | None
+    ) = None
+    fraction: Annotated[float, key("N_h / N, share of the UAVs that upload in a round", PRINTED, "", gt=0, le=1)] = 0.8
+    leader: Annotated[int, key("h, the UAV that carries the leader", SILENT, "any UAV will do", ge=0)] = 0
+    state_period: Annotated[
+        int,
+        key(
+            "n_s, ticks between broadcasts of the state by `mfg`; 0: initial states only",
+            SILENT,
+            "the paper does not say how often `mfg` shares states; 0 shares the initial ones only",
+            unit="ticks",
+            ge=0,
+        ),
+    ] = 0
+    aggregation: Annotated[
+        str,
+        key(
+            "aggregation rule, by which the leader makes one model of many; see `meanflock plugins`",
+            PRINTED,
+            "FedAvg",
+            later=True,
+        ),
+    ] = "fedavg"
+    options: Annotated[dict[str, Any], key("options of that rule", OURS, "a rule declares its own", later=True)] = (
+        field(default_factory=dict)
+    )
+    tolerance: Annotated[
+        float,
+        key(
+            "share of the uploads that `trimmed-mean` and `krum` assume to be false",
+            OURS,
+            "a quarter of the uploads may be false",
+            later=True,
+            ge=0,
+            lt=0.5,
+        ),
+    ] = 0.25
+    byzantine_fraction: Annotated[
+        float, key("share of the UAVs whose uploads are false", OURS, "all uploads are true", later=True, ge=0, le=1)
+    ] = 0.0
+    byzantine_kind: Annotated[
+        Literal["huge", "sign-flip", "boost", "noise"],
+        key("content of a false upload", OURS, "no effect if all uploads are true", later=True),
+    ] = "sign-flip"
+    payload: (
+        Annotated[
+            Payload,
+            key(
+                "number format of uploads; unset: the radio's floats",
+                OURS,
+                "the paper's floats; narrower ones are measured in [communication](communication.md)",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
+    broadcast_payload: (
+        Annotated[
+            Payload, key("number format of the global model; unset: the radio's floats", OURS, "likewise", later=True)
+        ]
+        | None
+    ) = None
+    error_feedback: Annotated[
+        bool,
+        key(
+            "add the rounding error of an upload to the same UAV's next upload",
+            OURS,
+            "without it rounding errors add up; see [communication](communication.md)",
+            later=True,
+        ),
+    ] = True
+    deadline: (
+        Annotated[
+            float,
+            key(
+                "time after which a round is averaged; later uploads count in the next one; unset: the latency "
+                "threshold, after which an upload is lost, s",
+                OURS,
+                "on the paper's radio an upload takes 0.4 ms at most, so none is late",
+                later=True,
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+    fragment: (
+        Annotated[
+            int,
+            key(
+                "slots of a fragment into which models are cut; 0: models are never cut; unset: models that need more "
+                "than the latency threshold are cut into the longest fragments of which 95 % arrive",
+                OURS,
+                "the paper's models fit into one message; [federation](federation.md) says what longer ones do",
+                later=True,
+                ge=0,
+            ),
+        ]
+        | None
+    ) = None
+    upload_threshold: Annotated[
+        float,
+        key(
+            "a UAV uploads only if its model has moved by more than this share of the model that it sent last; 0: in "
+            "every round",
+            OURS,
+            "the paper's UAVs upload in every round",
+            later=True,
+            ge=0,
+        ),
+    ] = 0.0
+    range_m: (
+        Annotated[
+            float,
+            key(
+                "distance that uploads, relays and global models reach; unset: any distance",
+                PRINTED,
+                "the paper's uploads and global models reach any distance",
+                unit="m",
+                later=True,
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+    topology: (
+        Annotated[
+            str,
+            key(
+                "topology, see `meanflock plugins`; unset: `leader`, or `clusters` if K > 1",
+                OURS,
+                "one leader averages all models",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
+    clusters: Annotated[
+        int,
+        key(
+            "K, number of clusters whose heads average for the leader; 1: no clusters",
+            OURS,
+            "one leader for all UAVs; [scaling](scaling.md) says what clusters cost and save",
+            later=True,
+            ge=1,
+        ),
+    ] = 1

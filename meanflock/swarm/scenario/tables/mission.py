@@ -1,0 +1,213 @@
+"""Tables of the mission: starts, goals, obstacles, wind, and what is measured of it."""
+
+import math
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta
+
+from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.toml import Table as _Table
+
+Places: TypeAlias = tuple[tuple[float, float], ...]
+
+
+class Start(_Table, frozen=True):
+    """Start position, launch time and altitude of every UAV. All start at rest."""
+
+    formation: (
+        Annotated[
+            Literal["grid", "circle", "streams", "waves"],
+            key(
+                "formation in which the UAVs start; unset: a grid",
+                PRINTED,
+                "a square whose rows are filled in order; other missions use circle, streams and waves",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
+    centre: Annotated[tuple[float, float], key("centre of the formation", PRINTED, "", unit="m")] = (150.0, 100.0)
+    spacing: Annotated[
+        float,
+        key(
+            "distance of neighbours in grid, waves and streams",
+            PRINTED,
+            "√2 m; the paper leaves the initial velocity open, ours is 0",
+            unit="m",
+            gt=0,
+        ),
+    ] = math.sqrt(2.0)
+    radius: Annotated[
+        float,
+        key(
+            "radius of the circle; for streams, their distance from the crossing at the start",
+            OURS,
+            "position swaps of this size are common in work on collision avoidance",
+            unit="m",
+            later=True,
+            gt=0,
+        ),
+    ] = 25.0
+    positions: Annotated[
+        Places,
+        key(
+            "start position of each UAV, instead of a formation",
+            OURS,
+            "for a mission of your own",
+            unit="m",
+            later=True,
+        ),
+    ] = ()
+    group: Annotated[
+        int,
+        key(
+            "number of UAVs in a wave; they leave at the same time",
+            OURS,
+            "no effect if all leave at once, except in the formation `waves`",
+            unit="UAVs",
+            later=True,
+            ge=1,
+        ),
+    ] = 5
+    interval: Annotated[
+        float,
+        key(
+            "time between two waves; 0: all UAVs leave at once",
+            PRINTED,
+            "all UAVs leave at once",
+            unit="s",
+            later=True,
+            ge=0,
+            le=1000000.0,
+        ),
+    ] = 0.0
+    height: Annotated[
+        float, key("constant altitude h", PRINTED, "constant; it does not affect the model", unit="m", gt=0)
+    ] = 40.0
+
+
+class Destination(_Table, frozen=True):
+    """Goals of the UAVs: the origin for all, or a goal for each."""
+
+    radius: Annotated[
+        float,
+        key(
+            "s_dest: a UAV has arrived when ‖s‖ relative to its goal is at most this",
+            SILENT,
+            "the norm is as printed, although it adds m and m/s",
+            unit="m, m/s",
+            gt=0,
+        ),
+    ] = 5.0
+    goals: (
+        Annotated[
+            Literal["common", "opposite", "across", "parallel"],
+            key(
+                "goals: `common`: the origin; `opposite`: the point opposite the start, through the centre; `across`: "
+                "the far side of the crossing; `parallel`: the origin plus the offset of the start from `centre`",
+                PRINTED,
+                "all UAVs have one destination",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
+    positions: Annotated[
+        Places, key("the goal of each UAV, instead of `goals`", OURS, "for a mission of your own", unit="m", later=True)
+    ] = ()
+
+
+class Obstacle(_Table, frozen=True):
+    """A disc that no UAV should enter. A UAV that enters it is counted once and flies on."""
+
+    centre: Annotated[tuple[float, float], Meta(description="its centre, m")]
+    radius: Annotated[float, Meta(gt=0, description="its radius, m")]
+
+
+class Wind(_Table, frozen=True):
+    """The Ornstein–Uhlenbeck wind."""
+
+    sigma: Annotated[
+        float,
+        key(
+            "σ_wind, diffusion of velocity",
+            PRINTED,
+            "it multiplies dW, so it is a standard deviation; the paper calls it a covariance",
+            unit="m/s/√s",
+            ge=0,
+        ),
+    ] = 0.1
+    mean: Annotated[tuple[float, float], key("v_o, mean wind", PRINTED, "", unit="m/s")] = (1.0, -1.0)
+    drag: Annotated[float, key("c0, drag towards the mean wind", PRINTED, "", unit="1/s", ge=0)] = 0.1
+    common: Annotated[
+        float,
+        key(
+            "share of the variance of the wind's noise that all UAVs have in common",
+            SILENT,
+            "the noise of each UAV is independent of that of all others",
+            later=True,
+            ge=0,
+            le=1,
+        ),
+    ] = 0.0
+    field_rms: Annotated[
+        float,
+        key(
+            "RMS speed of a steady wind field that is added to the mean wind; 0: no field",
+            PRINTED,
+            "the wind is the same everywhere",
+            unit="m/s",
+            later=True,
+            ge=0,
+        ),
+    ] = 0.0
+    field_length: Annotated[
+        float, key("length over which that field varies", OURS, "no effect without a field", unit="m", later=True, gt=0)
+    ] = 30.0
+    field_modes: Annotated[
+        int,
+        key(
+            "number of waves whose sum is the field",
+            OURS,
+            "so many that no single wave is visible",
+            later=True,
+            ge=1,
+            le=1000,
+        ),
+    ] = 64
+
+
+class Truth(_Table, frozen=True):
+    """Drag and wind of the world, if they differ from `[wind]`. UAVs know `[wind]` only."""
+
+    drag: (
+        Annotated[
+            float,
+            key("drag of the world, instead of `wind.drag`", PRINTED, "the UAVs are told the truth", unit="1/s", ge=0),
+        ]
+        | None
+    ) = None
+    wind: (
+        Annotated[
+            tuple[float, float], key("mean wind of the world, instead of `wind.mean`", PRINTED, "likewise", unit="m/s")
+        ]
+        | None
+    ) = None
+
+
+class Metrics(_Table, frozen=True):
+    """Radii of the collision metrics."""
+
+    collision_radius: Annotated[
+        float,
+        key(
+            "r_coll, distance below which a pair collides",
+            PRINTED,
+            "a pair counts once, while both are on the way",
+            unit="m",
+            gt=0,
+        ),
+    ] = 0.1
+    hazard_radius: Annotated[
+        float, key("r_C, distance below which a pair counts for the risk φ_C", PRINTED, "√2/2 m", unit="m", gt=0)
+    ] = math.sqrt(2.0) / 2.0

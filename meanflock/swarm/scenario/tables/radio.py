@@ -1,0 +1,92 @@
+"""Table of the radio."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from msgspec import field
+
+from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.toml import Table as _Table
+
+
+class Radio(_Table, frozen=True):
+    """The Rician FDMA link and its accounting."""
+
+    tx_power_dbm: Annotated[float, key("P_o, power of a transmitter", PRINTED, "", unit="dBm", ge=-300, le=300)] = 20.0
+    bandwidth_hz: Annotated[
+        float, key("W_o, bandwidth of a link", PRINTED, "", unit="Hz", ge=1, le=1000000000000000.0)
+    ] = 2e6
+    noise_psd_dbm_hz: Annotated[
+        float, key("σ_n, power density of the noise", PRINTED, "", unit="dBm/Hz", ge=-300, le=300)
+    ] = -110.0
+    path_loss_exponent: Annotated[
+        float,
+        key(
+            "α, exponent of the path loss",
+            PRINTED,
+            "with α = 0 all links are alike, whatever their length. The paper's equations ask for α ≥ 2, its list of "
+            "parameters has 0",
+            ge=0,
+        ),
+    ] = 0.0
+    rice_xi: Annotated[float, key("ξ, strength of the line of sight", PRINTED, "", ge=0)] = 6.649
+    rice_chi: Annotated[float, key("χ, strength of the scattered paths", PRINTED, "", gt=0)] = 1.347
+    fading: Annotated[
+        Literal["amplitude", "power"],
+        key(
+            "SNR ∝ z, as printed, or ∝ z²", PRINTED, "the paper multiplies the SNR by an amplitude; `power` squares it"
+        ),
+    ] = "amplitude"
+    target_snr_db: Annotated[
+        float,
+        key(
+            "η, SNR below which a slot carries nothing",
+            SILENT,
+            "printed power, noise and fading give a median SNR of 75.3 dB at every distance, because α = 0; with a "
+            "target near this median the radio loses long models sometimes and short ones rarely",
+            unit="dB",
+            ge=-300,
+            le=300,
+        ),
+    ] = 75.0
+    coherence_time_s: Annotated[
+        float,
+        key("θ, length of a slot", SILENT, "chosen together with `radio.target_snr_db`", unit="s", ge=1e-09, le=1000.0),
+    ] = 5e-5
+    latency_threshold_slots: Annotated[
+        int, key("D_M, slots after which a message is lost", SILENT, "likewise", unit="slots", ge=1, le=1000000)
+    ] = 8
+    bits_per_float: Annotated[
+        Literal[16, 32, 64],
+        key("width of a float on the radio", SILENT, "b in the paper's formula of the payload", unit="bit"),
+    ] = 32
+    range_m: Annotated[
+        float,
+        key(
+            "distance that a broadcast of a UAV reaches",
+            PRINTED,
+            "the reach of the states that `hjb` sends",
+            unit="m",
+            gt=0,
+        ),
+    ] = 100.0
+    plausible_speed: Annotated[
+        float,
+        key(
+            "received states that are faster, or farther away than this speed allows, are not used",
+            OURS,
+            "far above the speeds flown here; [robustness](robustness.md#false-states) measures false states below it",
+            unit="m/s",
+            later=True,
+            gt=0,
+        ),
+    ] = 100.0
+    model: Annotated[str, key("the channel, see `meanflock plugins`", PRINTED, "", later=True)] = "rice"
+    options: Annotated[
+        dict[str, Any], key("options of that channel", OURS, "a channel declares its own", later=True)
+    ] = field(default_factory=dict)
+
+    @property
+    def bits_per_slot(self) -> float:
+        """θ W_o log₂(1 + η): what a slot carries if its SNR reaches the target."""
+        return self.coherence_time_s * self.bandwidth_hz * math.log2(1.0 + 10.0 ** (self.target_snr_db / 10.0))
