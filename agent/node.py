@@ -1,12 +1,14 @@
 """The agent node: flies M UAVs, the rows of its arrays, by the controller of the scenario."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Broadcast, Controller, Received
+from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
-from meanflock.federation.party import Party
 from meanflock.federation.plan import plan_of
+from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -28,7 +30,7 @@ class Agent:
         self._scenario = plan.scenario
         self._declared = plan.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
-        self._party = Party(plan, "agent", self.uavs, self.problems, self)
+        self._rounds = Rounds(plan, "agent", self.uavs, self.problems, self)
         self._row = np.full(self._scenario.uavs, -1)  # (N,) of each UAV that is here
         self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
@@ -61,7 +63,7 @@ class Agent:
         return self.reply(sense, self.hear(sense))
 
     def hear(self, sense: Sense) -> tuple[Received, ...]:
-        """Begin a tick: the party takes models. Returns the frames of other UAVs.
+        """Begin a tick: the rounds take models. Returns the frames of other UAVs.
 
         Raises:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
@@ -77,7 +79,7 @@ class Agent:
         tick = sense.tick
         before, controller = self._memory, self._controller
         # 1. Take part in the rounds.
-        outbox, refused = self._party.act(tick)
+        outbox, refused = self._rounds.act(tick)
         # 2. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
@@ -148,7 +150,7 @@ class Agent:
     # -- what comes in ------------------------------------------------------------------------------------------
 
     def _receive(self, sense: Sense) -> tuple[Received, ...]:
-        """Give models to the party; returns the frames of other UAVs.
+        """Give models to the rounds; returns the frames of other UAVs.
 
         Raises:
             MessageRejected: a frame does not fit this node; nothing has changed.
@@ -160,7 +162,7 @@ class Agent:
         received = []
         for frames, pairs in zip(sense.inbox, links, strict=True):
             if frames.kind != FrameKind.STATE:
-                self._party.receive(frames, sense.tick)
+                self._rounds.receive(frames, sense.tick)
                 continue
             payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
             received.append(Received(frames.round, frames.source.astype(np.intp), payload, pairs))
@@ -176,10 +178,10 @@ class Agent:
         if np.minimum.reduce(row) < 0:
             raise MessageRejected("wrong-shape", "frames for UAVs that are not here")
         if frames.kind != FrameKind.STATE:
-            self._party.check(frames)
+            self._rounds.check(frames)
         return links
 
-    # -- rounds: the methods of a learner that the party calls --------------------------------------------------
+    # -- rounds: the methods of `NodeModels` --------------------------------------------------
 
     def models_to_send(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
         """The rows among these that can send, their models (S, L) and the weights of these (S,)."""
@@ -193,9 +195,34 @@ class Agent:
             return rows, models, weights
         return rows, models[rows], weights[rows]
 
-    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
-        """Replace the models of some rows by `models` (S, L)."""
-        self._memory = self._controller.set(self._memory, rows, models)
+    def ready(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows among these that have a model to upload."""
+        return rows[self._controller.ready(self._memory, rows)[rows]] if len(rows) else rows
+
+    def based(self, rows: NDArray[np.intp]) -> NDArray[np.intp] | None:
+        """The rounds (S,) of the global models from which the training of the rows' models began; None: unknown."""
+        based = self._controller.based(self._memory, rows)
+        return None if based is None else based[rows]
+
+    def notes(self, rows: NDArray[np.intp]) -> list[bytes]:
+        """The notes that these rows send with their models."""
+        return self._controller.notes(self._memory, rows)
+
+    def take(
+        self,
+        rows: NDArray[np.intp],
+        models: Floats,
+        number: int = 0,
+        whole: Mask | None = None,
+        notes: Sequence[bytes] = (),
+    ) -> None:
+        """Give some rows the global model of a round as `models` (S, L).
+
+        whole: (S,) whether all fragments arrived; None: all of all. notes: the leader's, one for each row; or none.
+        """
+        whole = np.ones(len(rows), dtype=bool) if whole is None else whole
+        arrival = Arrival(number, models, whole, notes or [b""] * len(rows))
+        self._memory = self._controller.arrived(self._memory, rows, arrival)
 
     def silent(self) -> Mask:
         """Mask (M,) of the rows that send nothing in this tick: failed, paused or broken ones."""
@@ -212,7 +239,7 @@ class Agent:
 
     def _memory_record(self) -> bytes:
         """The memory of all rows, as a record; empty if it exceeds the room of a checkpoint."""
-        memory = self._memory | self._party.state()
+        memory = self._memory | self._rounds.state()
         size = sum(array.nbytes for array in memory.values())
         if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
             return b""
@@ -222,7 +249,7 @@ class Agent:
         """Continue with the memory in a record of `_memory_record`; raises BadInput if it does not fit."""
         try:
             memory = decode_record(record)
-            self._party.restore(memory)
+            self._rounds.restore(memory)
             if set(memory) != set(self._memory):
                 raise MessageRejected("wrong-shape", f"a memory of {sorted(memory)}, expected {sorted(self._memory)}")
             for name, array in self._memory.items():

@@ -73,6 +73,29 @@ class Medium(Stateful):
         records = [self._send(tick, batch, states, cut) for batch in ordered]
         return records[0] if len(records) == 1 else np.concatenate(records)
 
+    def acknowledge(
+        self,
+        tick: int,
+        states: state.States,
+        cut: Cut | None,
+        kind: FrameKind,
+        bits: int,
+        source: Indices,
+        target: Indices,
+    ) -> NDArray[np.bool_]:
+        """Transmits messages of `bits` bits over links between two UAVs, (K,), sources ascending, which arrive in this
+        tick; they are billed under a kind.
+
+        Returns:
+            The mask (K,) of those that arrive.
+        """
+        links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.uavs, is_unicast=True)
+        slots, delivered, expected = self._carried(tick, bits, links, states, self._models_reach)
+        if cut is not None:
+            slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
+        self.meter.count(kind, bits, links, slots, delivered, expected)
+        return delivered
+
     def due(self, tick: int) -> list[Frames]:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""
         return self._in_flight.pop(tick, [])

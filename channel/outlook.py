@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from meanflock.channel.base import Channel, closed_form, failed
-from meanflock.federation.fragments import longest
+from meanflock.federation.cut import longest
 from meanflock.federation.plan import Plan, plan_of
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm import logs, plugins, state
@@ -107,9 +107,7 @@ def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """Expected loss of the models of a hop; None if no radio carries them or the channel has no closed form."""
     radio, range_m = scenario.radio, scenario.federation.range_m
-    bits, fragments = hop.coding.bits, hop.coding.fragments
-    if fragments is not None:
-        bits = 8 * fragments.width
+    bits = hop.codec.bits
     links, lost = 0, 0.0
     try:
         for distance in _distances(scenario, hop):
@@ -125,7 +123,7 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     if not links:
         return None
     return Outlook(
-        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost / links, hop.coding.count, hop.coding.ticks
+        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost / links, hop.codec.count, hop.codec.ticks
     )
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from meanflock.federation.party import Party
 from meanflock.federation.plan import plan_of
+from meanflock.federation.rounds import Rounds
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
 
@@ -16,7 +16,7 @@ class Leader:
         self.problems: list[str] = []  # texts for the world that were not sent yet
         plan = plan_of(decode(welcome.scenario))
         self._no_commands = np.zeros((0, plan.scenario.dimensions))
-        self._party = Party(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)
+        self._rounds = Rounds(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)
 
     def act(self, sense: Sense) -> Act:
         """Compute one tick.
@@ -25,17 +25,17 @@ class Leader:
             MessageRejected: the Sense does not fit; nothing has changed.
         """
         for frames in sense.inbox:
-            self._party.check(frames)
+            self._rounds.check(frames)
         if sense.memory:
-            self._party.take_over(sense.memory)
+            self._rounds.take_over(sense.memory)
         for frames in sense.inbox:
-            self._party.receive(frames, sense.tick)
-        outbox, refused = self._party.act(sense.tick)
+            self._rounds.receive(frames, sense.tick)
+        outbox, refused = self._rounds.act(sense.tick)
         return Act(
             sense.run,
             sense.tick,
             self._no_commands,
             refused=~np.array(refused, dtype=np.int32),
-            memory=self._party.rule_record,
+            memory=self._rounds.rule_record,
             outbox=tuple(outbox),
         )

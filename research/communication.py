@@ -10,8 +10,10 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from meanflock.channel.link import slots_needed
-from meanflock.federation import coding as codings
-from meanflock.federation.coding import FINEST, STEPS, Coding
+from meanflock.federation.codec import Codec
+from meanflock.federation.codings.base import FINEST
+from meanflock.federation.codings.int8 import STEPS
+from meanflock.federation.cut import coding_of
 from meanflock.federation.memory import Feedback
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.base import mean
@@ -25,7 +27,6 @@ from meanflock.studies.study import seeded
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.scenario.tables import Payload
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.swarm.wire.tick import write_act
@@ -45,7 +46,7 @@ WRITTEN = {  # name of the row → settings
     ),
     "int8 up, float32 down": ("federation.payload=int8",),
 }
-ROUNDED: tuple[Payload, ...] = ("float16", "int8")
+ROUNDED = ("float16", "int8")
 ROUNDING_SEEDS = range(98201, 98206)
 CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 'stop="duration"')  # no outages
 
@@ -83,14 +84,14 @@ def transmissions() -> list[str]:
     for method in METHODS:
         for name in ("float64", "float32", "float16", "int8"):
             written = scenario.load(None, WRITTEN[name], method=method)
-            declared = plan_of(written).declared
-            coding = codings.of_uploads(written, declared, codings.cut_of_models(written, declared))
-            coded = coding.encode(np.full((1, coding.floats), 1.5))
-            sent = Frames(FrameKind.UPLOAD, 5, np.zeros(1, np.int32), coded)
+            declared, codec = plan_of(written).declared, plan_of(written).hops[0].codec
+            uav = np.zeros(1, np.int32)
+            rows_sent = codec.rows(codec.encode(np.full((1, codec.floats), 1.5), uav, 5), np.ones((1, 1)))
+            sent = Frames(FrameKind.UPLOAD, 5, uav, rows_sent)
             bare = Act(2**31, 1000, np.ones((1, 2 + len(declared.diagnostics))))
             wire = len(write_act(structs.replace(bare, outbox=(sent,)))) - len(write_act(bare))
-            slots = slots_needed(written.radio, coding.bits)
-            rows.append((f"`{method}`", name, f"{coding.bits:,}", f"{slots}", f"{wire / coded.nbytes:.3f}"))
+            slots = slots_needed(written.radio, codec.bits)
+            rows.append((f"`{method}`", name, f"{codec.bits:,}", f"{slots}", f"{wire / rows_sent.nbytes:.3f}"))
     return table(("method", "payload", "bits", "slots K", "wire bytes / payload bytes"), rows)
 
 
@@ -163,13 +164,13 @@ def uploads(flown: Scenario) -> list[Frames]:
 class Coded:
     """Uploads in one of our codings, as the leader receives them."""
 
-    def __init__(self, flown: Scenario, name: Payload, active: bool) -> None:
-        self._coding = Coding(name, plan_of(flown).declared.parts)
-        self._feedback = Feedback(self._coding, flown.uavs, active=active)
+    def __init__(self, flown: Scenario, name: str, active: bool) -> None:
+        self._codec = Codec(coding_of(flown, name), plan_of(flown).declared.parts)
+        self._feedback = Feedback(self._codec, np.arange(flown.uavs), active=active)
 
     def __call__(self, rows: NDArray[np.intp], models: Floats) -> Floats:
         """The models (S, L) of some UAVs (S,), as they are received."""
-        return self._coding.decode(self._feedback.encode(rows, models))
+        return self._codec.decode(self._feedback.encode(rows, models, 0))
 
 
 class Stochastic:
@@ -228,7 +229,7 @@ def rejected(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
     rows = []
     for method, measured in runs.items():
         declared = plan_of(scenario.load(None, (), method=method)).declared
-        bits = dict.fromkeys(REJECTED, Coding("int8", declared.parts).bits)
+        bits = dict.fromkeys(REJECTED, Codec(coding_of(scenario.load(None, ()), "int8"), declared.parts).bits)
         bits[LARGEST] = declared.parameters // 4 * (16 + math.ceil(math.log2(declared.parameters)))
         for name in REJECTED:
             off = np.mean([row[name] for row in measured], axis=0)

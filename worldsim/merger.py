@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from meanflock.channel.meter import Meter
-from meanflock.federation.post import Post
+from meanflock.federation.ledger import Ledger
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Mask
 from meanflock.swarm.wire import tick as wire
@@ -18,8 +18,8 @@ Rejected: TypeAlias = tuple[MessageRejected, str]  # why, and whose frames
 class FrameMerger:
     """Joins the frames of a tick by kind, broadcast number and form; drops those that may not be sent now."""
 
-    def __init__(self, post: Post) -> None:
-        self._post = post
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
 
     def merged(
         self, tick: int, sent: Iterable[Frames], awake: Mask, meter: Meter
@@ -59,7 +59,7 @@ class FrameMerger:
         senders: set[int] = set()
         for batch in batches:
             uavs = batch.source.tolist()
-            error = self._post.round_error(batch, tick)
+            error = self._ledger.round_error(batch, tick)
             if error is None and not senders.isdisjoint(uavs):
                 error = MessageRejected("duplicate", f"two {batch.kind.name} frames of one UAV")
             if error is None:

@@ -132,7 +132,7 @@ class Blocks:
             flight.phi_c_distinct or 0.0,
             flight.collisions,
             row.status.tobytes().count(_ARRIVED),
-            world.post.rounds,
+            world.ledger.rounds,
             counters.held,
             counters.deadline_misses,
         )

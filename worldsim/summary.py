@@ -129,18 +129,18 @@ def protocol_summary(world: World, schedule: TickSchedule | None, *, can_be_stee
 
     `schedule`: of a flight in real time. `can_be_steered`: whether clients could steer UAVs.
     """
-    counters, post, commands = world.counters, world.post, world.commands
+    counters, ledger, commands = world.counters, world.ledger, world.commands
     names = world.plan.declared.diagnostics
     commands.settle()
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     summed = dict(zip(names, commands.summed.tolist(), strict=True))
     ticks = world.flight.ticks_on_way
     return {
-        "rounds": post.rounds,
-        "rounds_void": post.rounds_void,
-        "rounds_isolated": post.isolated,
-        "uploads_silent": post.silent,
-        "uploads_late": post.late,
+        "rounds": ledger.rounds,
+        "rounds_void": ledger.rounds_void,
+        "rounds_isolated": ledger.isolated,
+        "uploads_silent": ledger.silent,
+        "uploads_late": ledger.late,
         "diagnostics": summed,
         "diagnostics_mean": {name: total / ticks if ticks else None for name, total in summed.items()},
         "diagnostics_max": largest,

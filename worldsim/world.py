@@ -1,15 +1,16 @@
 """The world of one flight: what all UAVs are told, and what becomes of what they say."""
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from msgspec import structs
 
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
+from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
-from meanflock.federation.post import Post
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import Event, RoundEnded
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
@@ -37,13 +38,13 @@ class World(Stateful):
         scenario: that of the plan.
         flight: states, energies and metrics of the UAVs.
         air: the radio.
-        post: the rounds.
+        ledger: the rounds.
         models: the hash of the models that were shared.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
 
-    stored = ("flight", "air", "counters", "post", "models", "commands")
+    stored = ("flight", "air", "counters", "ledger", "models", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -59,12 +60,12 @@ class World(Stateful):
         self.scenario = scenario = plan.scenario
         self.flight = Flight(scenario)
         self.air = Medium(plan)
-        self.post = Post(plan)
+        self.ledger = Ledger(plan)
         self.models = ModelsHash(plan)
         self.counters = Counters()
         self.commands = Commands(scenario.uavs, scenario.dimensions, len(plan.declared.diagnostics))
         self._script = Script(scenario)
-        self._merger = FrameMerger(self.post)
+        self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
@@ -87,7 +88,7 @@ class World(Stateful):
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
         flight, tick = self.flight, self.flight.tick
         killed, leaders_killed, awake = self._begin_faults(tick)
-        due = self.post.deliver(tick, self.air.due(tick), awake)
+        due = self.ledger.deliver(tick, self.air.due(tick), awake)
         report = tick % REPORT_EVERY_TICKS == 0
         every = self._checkpoint_every
         self._senses = Senses(
@@ -97,10 +98,10 @@ class World(Stateful):
             lost=flight.lost,
             idle=flight.idle,
             heard=_reaching(due, awake) if due else due,
-            letters=self.post.letters,
-            newest=self.post.newest,
-            leads=self.post.leader_is_due(tick, awake),
-            rule_record=self.post.rule_record,
+            letters=self.ledger.letters,
+            newest=self.ledger.newest,
+            leads=self.ledger.leader_is_due(tick, awake),
+            rule_record=self.ledger.rule_record,
             report=report,
             checkpoint=report and every > 0 and tick % every == 0,
             killed=killed,
@@ -116,7 +117,7 @@ class World(Stateful):
             absent: (N,), UAVs without an answer; they keep their last command.
         """
         assert self._senses is not None
-        flight, post, (tick, states, awake, *_) = self.flight, self.post, self._senses
+        flight, ledger, (tick, states, awake, *_) = self.flight, self.ledger, self._senses
         self.learn(acts.news)
         self._take(acts)
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
@@ -128,9 +129,10 @@ class World(Stateful):
         if flight.idle is not None:
             self.commands.accelerations[flight.idle] = 0.0
         self.models.add(frames)
-        on_air = post.transmitted(frames, awake)
-        links = self.air.send(tick, on_air, states, self._script.cut(tick, states))
-        for ended in post.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
+        cut = self._script.cut(tick, states)
+        on_air = ledger.transmitted(tick, frames, awake, partial(self.air.acknowledge, tick, states, cut))
+        links = self.air.send(tick, on_air, states, cut)
+        for ended in ledger.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
             flight.events.append(self._completed(ended, awake & ~absent))
         flight.advance(self.commands.accelerations, self._script.gust(tick, states))
         if flight.last_arrival == flight.tick:
@@ -216,18 +218,18 @@ class World(Stateful):
 
     def _take(self, acts: Acts) -> None:
         """Take what the nodes say but commands and frames."""
-        flight, post, counters = self.flight, self.post, self.counters
+        flight, ledger, counters = self.flight, self.ledger, self.counters
         if len(acts.failed):
             flight.lose(acts.failed.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if acts.rule_record is not None:
-            post.rule_record = acts.rule_record
+            ledger.rule_record = acts.rule_record
         if acts.leader_failed:
-            post.fail()
+            ledger.fail()
         counters.steered += acts.steered
         if len(acts.refused_uploads):
             counters.uploads_refused += len(acts.refused_uploads)
             uploads = np.unique(acts.refused_uploads).tolist()
-            post.refuse(uploads)
+            ledger.refuse(uploads)
             self.note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged", uploads)
         if len(acts.refused_states):
             self._count_implausible(set(acts.refused_states.tolist()))

@@ -26,6 +26,7 @@ class Account(msgspec.Struct, array_like=True):
         received, late: UAVs whose upload, or a part of it, reached any UAV that averages in time, or later.
         refused: UAVs whose upload was received and could not be averaged.
         earlier: late uploads of the round before, which count in this one.
+        retries: fragments of uploads that were transmitted again.
     """
 
     participants: int
@@ -34,6 +35,7 @@ class Account(msgspec.Struct, array_like=True):
     copies: int = 0
     arrived: int = 0
     earlier: int = 0
+    retries: int = 0
     received: set[int] = set()
     late: set[int] = set()
     refused: set[int] = set()
@@ -58,8 +60,9 @@ class ModelsHash(Stateful):
     stored = ("digest",)
 
     def __init__(self, plan: Plan) -> None:
-        by_radio = [hop.label for hop in plan.hops if not hop.is_local]
-        self._label = by_radio[-1] if by_radio else None
+        by_radio = [hop for hop in plan.hops if not hop.is_local]
+        self._label = by_radio[-1].label if by_radio else None
+        self._codec = by_radio[-1].codec if by_radio else None
         self.digest = b""  # after the models so far; empty before the first
 
     @property
@@ -70,8 +73,9 @@ class ModelsHash(Stateful):
     def add(self, frames: Iterable[Frames]) -> None:
         """Add the models among the frames of a tick, sources ascending."""
         for batch in frames:
-            if batch.kind == self._label:
-                form = f"{batch.round} {batch.payload.dtype.str} {batch.payload.shape}".encode()
-                whole = hashlib.sha256(self.digest + form + batch.source.astype("<i4").tobytes())
-                whole.update(np.ascontiguousarray(batch.payload).data)
+            if batch.kind == self._label and self._codec is not None:
+                source, payload = self._codec.whole(batch.source, batch.payload)
+                form = f"{batch.round} {payload.dtype.str} {payload.shape}".encode()
+                whole = hashlib.sha256(self.digest + form + source.astype("<i4").tobytes())
+                whole.update(np.ascontiguousarray(payload).data)
                 self.digest = whole.digest()

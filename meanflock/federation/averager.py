@@ -1,169 +1,158 @@
-"""Averager: collects the models of a round and makes one of them, on whatever node averages.
+"""Averager: makes one model of those of a round, on whatever node averages.
 
-Sums go by ascending UAV, so that the order of arrival leaves no trace.
+Sums go by ascending UAV, a UAV's own model last, so that neither the order of arrival nor other rows leave a trace.
 """
 
-import inspect
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.fragments import share_delivered
-from meanflock.federation.mail import Collector, Joined
+from meanflock.federation.inbox import Inbox, OwnModels, Round
 from meanflock.federation.plan import Plan
-from meanflock.federation.rules.base import Aggregator, State, Uploads, mean
+from meanflock.federation.rule import Rule, RuleFailed
+from meanflock.federation.rules.base import Aggregate, State
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm import plugins
-from meanflock.swarm.declared import MAX_STATE_BYTES
-from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import as_floats, check_finite, check_memory, check_same_form, check_values
-from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.control import encode_record
+from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.wire.control import decode_record, encode_record
+
+Indices = NDArray[np.intp]
+DONE = "meanflock.done"  # in the record of a rule after which no round follows
+_RULE = "meanflock.rule."  # in a checkpoint
 
 
-class RuleFailed(Exception):
-    """An aggregation rule raised, or returned what cannot be broadcast; the text names the rule and the round."""
+class Averages(NamedTuple):
+    """The averages of a round.
+
+    rows: (R,) places of the UAVs that have one. models: (R, L). weights, behind: (R, F), sum of the weights of the
+    models behind each fragment, and their number. notes: (R,) bytes beside them. refused: UAVs whose models cannot be
+    averaged, ascending. problems: texts about a rule that failed.
+    """
+
+    rows: Indices
+    models: Floats
+    weights: Floats
+    behind: Floats
+    notes: tuple[bytes, ...]
+    refused: list[int]
+    problems: list[str]
 
 
-class Averager(Collector):
-    """The mail of the UAVs that average for one hop, and the state of the aggregation rule there."""
+class Averager:
+    """The mail of the UAVs of a node that average for one hop, and the state of the aggregation rule in each.
 
-    def __init__(self, hop: Hop, schedule: Schedule, plan: Plan, uavs: NDArray[np.intp]) -> None:
-        """Raises BadInput where the aggregation rule cannot begin."""
-        super().__init__(hop, plan.scenario, uavs)
+    Attributes:
+        hop: the hop. inbox: the mail.
+        uavs: (A,) the UAVs of this node that average, ascending.
+    """
+
+    def __init__(self, hop: Hop, schedule: Schedule, plan: Plan, uavs: Indices, node: Indices) -> None:
+        """`node`: (M,) the UAVs of the node; of the leader none.
+
+        Raises:
+            BadInput: the aggregation rule cannot begin.
+        """
+        self.hop, self.uavs = hop, uavs
+        self.inbox = Inbox(hop, plan.scenario, uavs)
         self._schedule = schedule
-        self._rule = Rule(plan) if hop.ruled else None
-        self._state: State = {} if self._rule is None else self._rule.begin()
+        self._floats = plan.declared.parameters
+        self._rule = Rule(plan) if hop.averages == "models" else None
+        state = {} if self._rule is None else self._rule.begin()
+        self._places = node.searchsorted(uavs) if len(node) else np.zeros(len(uavs), dtype=np.intp)
+        self._states: dict[str, Any] = {  # by place; only the leader's may change their lengths
+            name: np.repeat(array[None], len(node), axis=0) if len(node) else [array] for name, array in state.items()
+        }
+        self._is_done = False
 
     @property
     def record(self) -> bytes:
-        """The state of the aggregation rule, a record; empty where it has none."""
-        return encode_record(self._state) if self._state else b""
+        """The state of the aggregation rule in the leader, a record; empty where it has none."""
+        state = {name: arrays[0] for name, arrays in self._states.items()}
+        if self._is_done:
+            state[DONE] = np.ones(1, dtype=np.uint8)
+        return encode_record(state) if state else b""
 
-    def take_over(self, state: State) -> None:
-        """Goes on with the state of the aggregation rule that another node left."""
-        self._state = state
+    def take_over(self, record: bytes) -> None:
+        """Goes on with the state of the aggregation rule that another leader left, a record."""
+        state = decode_record(record)
+        self._is_done = state.pop(DONE, None) is not None
+        self._states = {name: [array] for name, array in state.items()}
 
-    def average(self, joined: Joined, number: int, uav: int) -> tuple[Floats | None, Floats, Floats]:
-        """The average at one UAV in a round.
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Arrays of M rows that a checkpoint keeps, and that may be written to."""
+        return {_RULE + name: array for name, array in self._states.items()}
 
-        Returns:
-            The model (L,), or None where nothing can be averaged: no mail, or in the last hop none but the UAV's own.
-            The sum of the weights of the models behind each fragment, (F,), and their number, (F,).
+    def average(self, number: int, speaking: Mask, own: OwnModels | None = None) -> Averages:
+        """The averages of a round at the UAVs that are `speaking` (A,); its mail is forgotten.
 
-        Raises:
-            RuleFailed: the aggregation rule failed.
+        A UAV that received nothing has none; nor has one in the last hop that received its own model only.
+
+        Args:
+            own: their own models, where these are not in the mail.
         """
-        uploads, counts, of_each = joined.to(int(self.uavs.searchsorted(uav)), number)
-        weights = counts.sum(axis=0)
-        behind = of_each.sum(axis=0)
-        if not len(uploads.uavs) or (self.hop.is_last and not self._is_shared(number, uav, uploads, behind)):
-            return None, weights, behind
+        round_ = self.inbox.close(number)
+        round_.own = own
+        rows = np.flatnonzero(speaking & self._due(round_))
+        problems: list[str] = []
+        found: list[tuple[int, Floats, bytes]] = []
+        try:
+            models = self._weighted(round_, rows) if len(rows) and not self._is_done else None
+        except RuleFailed as error:
+            problems, rows, models = [str(error)], rows[:0], None
+        if models is not None:
+            found = [(row, model, b"") for row, model in zip(rows.tolist(), models, strict=True)]
+        elif not self._is_done:
+            for row in rows.tolist():
+                try:
+                    aggregate = self._one(round_, row)
+                except RuleFailed as error:  # this row keeps its model, and its state of the rule
+                    problems.append(str(error))
+                    continue
+                if aggregate.model is not None:
+                    found.append((row, aggregate.model, aggregate.note))
+        rows = np.array([row for row, *_ in found], dtype=np.intp)
+        tables = round_.stands_for(rows)
+        stacked = np.array([model for _, model, _ in found]).reshape(-1, self._floats)
+        notes = tuple(note for *_, note in found)
+        return Averages(rows, stacked, *tables, notes, round_.refused, list(dict.fromkeys(problems)))
+
+    def _due(self, round_: Round) -> Mask:
+        """The UAVs (A,) that have something to average."""
+        if self._rule is not None and self._rule.asked_void:
+            return np.ones(len(self.uavs), dtype=bool)
+        heard = round_.arrived.any(axis=(1, 2))
+        if round_.own is not None:
+            return np.asarray(heard & round_.own.ready)
+        if not self.hop.is_last:
+            return np.asarray(heard)
+        is_other = (round_.arrived.any(axis=2) & (round_.senders != self.uavs[:, None])).any(axis=1)
+        if self.hop.averages == "means":
+            behind = round_.stands_for(np.arange(len(self.uavs)))[1].max(axis=1)
+            is_other |= behind > contains(self._schedule.participants(round_.number), self.uavs)
+        return np.asarray(is_other)
+
+    def _weighted(self, round_: Round, rows: Indices) -> Floats | None:
+        """The averages (R, L) in some rows, if they are weighted means."""
         if self._rule is None:
-            return mean(uploads.models, joined.by_weight(counts)), weights, behind
-        self._state, model = self._rule.step(self._state, uploads)
-        return model, weights, behind
+            return round_.means(rows, round_.weights)
+        if (weights := self._rule.weights(round_.all_uploads)) is None:
+            return None
+        own = None if round_.own is None else self._rule.weights(round_.own_uploads)
+        return round_.means(rows, weights, own)
 
-    def _is_shared(self, number: int, uav: int, uploads: Uploads, behind: Floats) -> bool:
-        """Returns whether the models at a UAV are not only its own."""
-        if (uploads.uavs != uav).any():
-            return True
-        assert self.hop.mail is not None
-        is_average = self.hop.mail.mail is not None
-        return is_average and bool(behind.max() > float(uav in self._schedule.participants(number)))
-
-
-class Rule:
-    """An aggregation rule. A plug-in: what it returns is validated here."""
-
-    def __init__(self, plan: Plan) -> None:
-        """Raises BadInput where the rule is not installed, its options do not fit or its `step` is of another form."""
-        federation, self._parameters = plan.scenario.federation, plan.declared.parameters
-        self._name = federation.aggregation
-        self._rule: Aggregator = plugins.create("aggregator", self._name, federation.options, plan.scenario)
-        takes = inspect.signature(self._rule.step)
-        try:
-            takes.bind("state", "uploads")
-        except TypeError:
-            raise BadInput(
-                f"aggregator {self._name!r}: `step` takes {takes}; write step(self, state, uploads), with "
-                "uploads.models, uploads.uavs and uploads.round"
-            ) from None
-
-    def check_radio(self, plan: Plan) -> None:
-        """Validates that the radio delivers as many whole models in a round as the rule needs.
-
-        Raises:
-            BadInput: it does not, and the text says what to change.
-        """
-        upload = next((hop.coding for hop in plan.hops if hop.mail is None), None)
-        if upload is None or upload.fragments is None or not self._rule.complete:
-            return
-        share = share_delivered(plan.scenario, 8 * upload.fragments.width)
-        expected = plan.scenario.participants * share**upload.count
-        if expected < self._rule.complete:
-            raise BadInput(
-                f"`federation.aggregation` {self._name} needs {self._rule.complete} whole models in a round; of models "
-                f"in {upload.count} fragments {expected:.2g} are expected; take fedavg or median, or a smaller model"
-            )
-
-    def begin(self) -> State:
-        """The state before the first round.
-
-        Raises:
-            BadInput: `init` fails, or a checkpoint cannot hold what it returns.
-        """
-        try:
-            state: State = self._rule.init(self._parameters)
-            check_memory("state", state)
-            _check_finite(state)
-            if (size := sum(array.nbytes for array in state.values())) > MAX_STATE_BYTES:
-                raise ValueError(f"the state has {size} bytes; at most {MAX_STATE_BYTES}")
-        except FAILURES as error:
-            raise BadInput(f"aggregator {self._name!r} failed in `init`: {last_line(error)}") from error
-        return state
-
-    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
-        """The state after a round, and its global model (L,); None where the rule waits for more models.
-
-        Raises:
-            RuleFailed: the rule raised, or returned something else.
-        """
-        try:
-            answer = self._rule.step(state, uploads)
-            after, returned = check_values("step", answer, 2, "the state and the model")
-            model = None if returned is None else as_floats("the model", returned, (self._parameters,))
-            if model is not None:
-                check_finite("the model", model)
-            check_same_form("state", after, state)
-            _check_finite(after)
-        except FAILURES as error:
-            raise self._failed(uploads, error) from error
-        return after, model
-
-    def weights(self, uploads: Uploads) -> Floats | None:
-        """The weight of each model (S,), greater than 0; None where the rule is no weighted mean.
-
-        Raises:
-            RuleFailed: the rule raised, or returned something else.
-        """
-        try:
-            returned = self._rule.weights(uploads)
-            if returned is None:
-                return None
-            weights = as_floats("`weights`", returned, (len(uploads.models),))
-            check_finite("`weights`", weights)
-            if not (weights > 0.0).all():
-                raise ValueError(f"`weights` has {weights.min()}; each must be greater than 0")
-        except FAILURES as error:
-            raise self._failed(uploads, error) from error
-        return weights
-
-    def _failed(self, uploads: Uploads, error: BaseException) -> RuleFailed:
-        return RuleFailed(f"aggregator {self._name!r} failed in round {uploads.round}: {last_line(error)}")
+    def _one(self, round_: Round, row: int) -> Aggregate:
+        """The average in one row by a rule that is no weighted mean."""
+        assert self._rule is not None
+        place = self._places[row]
+        before: State = {name: arrays[place] for name, arrays in self._states.items()}
+        after, aggregate = self._rule.step(before, round_.uploads(row))
+        for name, array in after.items():
+            self._states[name][place] = array
+        self._is_done = aggregate.done
+        return aggregate
 
 
-def _check_finite(state: State) -> None:
-    for name, array in state.items():
-        check_finite(f"state[{name!r}]", array)
+def is_done(record: bytes) -> bool:
+    """Returns whether no round follows after the one that left this record of the aggregation rule."""
+    return bool(record) and DONE in decode_record(record)

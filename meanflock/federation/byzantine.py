@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.coding import Coding
+from meanflock.federation.codec import Codec, Coded
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import contains
@@ -25,28 +25,26 @@ class Byzantine:
         draw = generator(scenario.seed, "byzantine")
         self.uavs = np.sort(draw.choice(others, count, replace=False)) if count else others[:0]
 
-    def distort(
-        self, number: int, uavs: NDArray[np.integer], payload: NDArray[np.generic], coding: Coding
-    ) -> NDArray[np.generic]:
-        """The uploads `(S, width)` of `uavs` (S,) in a round, those of false ones replaced; same dtype and shape."""
+    def distort(self, number: int, uavs: NDArray[np.integer], coded: Coded, codec: Codec) -> Coded:
+        """The uploads of `uavs` (S,) in a round, those of false ones replaced."""
         false = contains(self.uavs, uavs)
         if not false.any():
-            return payload
-        honest = coding.decode(payload[false])
+            return coded
+        honest = codec.decode(coded.of(false))
         match self._scenario.federation.byzantine_kind:
             case "huge":
-                largest = min(HUGE, coding.largest / 2)
+                largest = min(HUGE, codec.largest / 2)
                 lies = np.where(honest < 0, -largest, largest)
             case "sign-flip":
                 lies = -honest
             case "boost":
-                limit = coding.largest / 2
+                limit = codec.largest / 2
                 lies = np.clip(-BOOST * honest, -limit, limit)
             case "noise":
                 drawn = zip(uavs[false].tolist(), honest, strict=True)
-                lies = np.stack([self._noisy(number, uav, model, coding.largest / 2) for uav, model in drawn])
-        falsified = payload.copy()
-        falsified[false] = coding.encode(lies)
+                lies = np.stack([self._noisy(number, uav, model, codec.largest / 2) for uav, model in drawn])
+        falsified = Coded(coded.numbers.copy(), coded.scales.copy())
+        falsified.numbers[false], falsified.scales[false] = codec.encode(lies, uavs[false], number)
         return falsified
 
     def _noisy(self, number: int, uav: int, honest: NDArray[np.float64], limit: float) -> NDArray[np.float64]:

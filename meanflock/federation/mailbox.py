@@ -51,17 +51,13 @@ class Mailbox(Stateful):
     def fragments(self, hop: Hop, uav: int) -> Mask:
         """The fragments that a UAV averages and sends in a hop, (F,): those that arrived; in a last hop from others."""
         assert hop.mail is not None
-        cut = hop.mail.coding.fragments
-        arrived = np.zeros(hop.coding.count, dtype=bool)
+        arrived = np.zeros(hop.codec.count, dtype=bool)
         for _, _, frames in self.letters:
             links = links_of(frames)
             here = links[links[:, 1] == uav, 0]
-            if hop.is_last and hop.mail.mail is None:
+            if hop.is_last and hop.averages == "models":
                 here = here[frames.source[here] != uav]
-            if cut is None:
-                arrived |= len(here) > 0
-            else:
-                arrived[cut.numbers(frames.payload)[here]] = True
+            arrived[hop.mail.codec.places(frames.payload)[here]] = True
         return arrived
 
     def arrived(self, number: int) -> tuple[list[int], int]:

@@ -1,26 +1,47 @@
 """A node's memory of the models that its UAVs sent and received: rounding errors, and the last models of both."""
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.coding import Coding
-from meanflock.federation.fragments import Pieces
+from meanflock.federation.codec import Codec, Coded, Pieces, notes_of
 from meanflock.swarm.state import Floats, Mask
 
-_GLOBALS, _SEEN, _FRESH = "meanflock.globals", "meanflock.seen", "meanflock.fresh"  # in a checkpoint
+_GLOBALS, _SEEN, _FRESH, _HEADS = "meanflock.globals", "meanflock.seen", "meanflock.fresh", "meanflock.heads"
+_WHOLE = "meanflock.whole"  # these are in a checkpoint
 
 
 class NodeModels(Protocol):
     """The models of a node's rows."""
 
+    def ready(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows among these that have a model to upload."""
+        ...
+
     def models_to_send(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats, Floats]:
         """The rows among these that can send, their models (S, L) and what these count (S,)."""
         ...
 
-    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
-        """Puts models (S, L) in the place of those of some rows."""
+    def notes(self, rows: NDArray[np.intp]) -> Sequence[bytes]:
+        """Bytes that travel with the models of these rows."""
+        ...
+
+    def based(self, rows: NDArray[np.intp]) -> NDArray[np.integer] | None:
+        """The rounds of the global models with which the training of these rows began, (S,); None: the round before."""
+        ...
+
+    def take(
+        self,
+        rows: NDArray[np.intp],
+        models: Floats,
+        number: int = 0,
+        whole: Mask | None = None,
+        notes: Sequence[bytes] = (),
+    ) -> None:
+        """Puts models (S, L) of a round in the place of those of some rows; of which all numbers have arrived is in
+        `whole` (S,), and what came with them in `notes`."""
         ...
 
     def silent(self) -> Mask:
@@ -35,80 +56,114 @@ class Feedback:
     2014; Karimireddy et al. 2019), so Σ q = Σ w − e. Whole models are sent: a lost upload costs at most one rounding.
     """
 
-    def __init__(self, coding: Coding, rows: int, *, active: bool) -> None:
-        self.residuals: Floats | None = np.zeros((rows, coding.floats)) if active else None  # (M, L)
-        self._coding = coding
+    def __init__(self, codec: Codec, uavs: NDArray[np.intp], *, active: bool) -> None:
+        """`uavs`: (M,)."""
+        self.residuals: Floats | None = np.zeros((len(uavs), codec.floats)) if active else None  # (M, L)
+        self._codec, self._uavs = codec, uavs
 
-    def encode(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.generic]:
-        """Payloads of `rows` (S,) for their `models` (S, L); a payload that cannot be sent leaves no residual."""
+    def encode(self, rows: NDArray[np.intp], models: Floats, number: int) -> Coded:
+        """The `models` (S, L) of `rows` (S,) in a round, as written; one that cannot be sent leaves no residual."""
         if self.residuals is None:
-            return self._coding.encode(models)
-        largest = self._coding.largest  # no residual pushes a model beyond it
+            return self._codec.encode(models, self._uavs[rows], number)
+        largest = self._codec.largest  # no residual pushes a model beyond it
         meant = np.clip(models + self.residuals[rows], -largest, largest)
-        payload = self._coding.encode(meant)
-        valid = self._coding.valid(payload)
-        self.residuals[rows[valid]] = meant[valid] - self._coding.decode(payload[valid])
-        return payload
+        coded = self._codec.encode(meant, self._uavs[rows], number)
+        valid = self._codec.valid(coded)
+        self.residuals[rows[valid]] = meant[valid] - self._codec.decode(coded.of(valid))
+        return coded
 
 
-class Trigger:
-    """Silence of M rows whose models have hardly moved: ‖w − w_sent‖ ≤ threshold · ‖w_sent‖.
+class Sent:
+    """The models that M rows sent last, and what of a new model has moved enough to be sent.
 
-    w is the model, and w_sent the one that the row sent last; the first model always goes. Global models that a UAV
-    takes move w, too.
+    A row is silent while ‖w − w_sent‖ ≤ threshold · ‖w_sent‖. It sends the share of its F fragments that moved most, at
+    least one. w is the model; the first model goes whole. Global models that a UAV takes move w, too.
     """
 
-    def __init__(self, threshold: float, rows: int, parameters: int) -> None:
-        self._threshold = threshold
-        self.sent = np.zeros((rows, parameters))  # (M, L); 0 where nothing was sent
+    def __init__(self, codec: Codec, rows: int, threshold: float, share: float = 1.0) -> None:
+        self.models = np.zeros((rows, codec.floats))  # (M, L); 0 where nothing was sent
+        self._threshold, self._codec = threshold, codec
+        self._count = max(1, round(share * codec.count))
 
-    def due(self, rows: NDArray[np.intp], models: Floats) -> NDArray[np.bool_]:
-        """Mask (S,) of the `rows` (S,) that send their `models` (S, L); these count as sent."""
-        before = self.sent[rows]
+    def due(self, rows: NDArray[np.intp], models: Floats) -> Mask:
+        """Mask (S, F) of the fragments that the `rows` (S,) send of their `models` (S, L); these count as sent."""
+        before = self.models[rows]
         moved, size = ((each * each).sum(axis=-1) for each in (models - before, before))
         due = np.asarray((moved > self._threshold**2 * size) | (size == 0.0))
-        self.sent[rows[due]] = models[due]
-        return due
+        fragments = np.repeat(due[:, None], self._codec.count, axis=1)
+        if self._count < self._codec.count:
+            by_fragment = self._codec.by_fragment((models - before) ** 2)
+            order = np.argsort(-by_fragment, axis=1, kind="stable")
+            chosen = np.zeros_like(fragments)
+            np.put_along_axis(chosen, order[:, : self._count], True, axis=1)
+            fragments &= chosen | (size == 0.0)[:, None]
+        sent = self._codec.by_number(fragments)
+        self.models[rows] = np.where(sent, models, before)
+        return fragments
 
 
 class GlobalModels:
     """The last global model that each of M rows received, by fragments.
 
     A row fills fragments that it missed from the last global model it received, and not from its own: pieces of models
-    that were trained apart do not fit together. A fragment that it never received is its own.
+    that were trained apart do not fit together. A fragment that it never received is its own. Where models go whole and
+    once, nothing is stored.
     """
 
-    def __init__(self, coding: Coding, rows: int) -> None:
-        assert coding.fragments is not None
-        self._size, self._floats = coding.fragments.cut.size, coding.floats
-        self._globals: NDArray[np.floating] = np.zeros((rows, coding.count, self._size), dtype=coding.held)
-        self._seen = np.zeros((rows, coding.count), dtype=bool)  # fragments that were ever received
-        self._fresh = np.zeros(rows, dtype=bool)  # rows that received any in this round
+    def __init__(self, codec: Codec, rows: int, *, gathers: bool) -> None:
+        """`gathers`: whether a model may come in parts or twice, so that it is taken when its round ends."""
+        self.gathers = gathers
+        self._codec = codec
+        stored = rows if gathers else 0
+        self._globals: NDArray[np.floating] = np.zeros((stored, codec.count, codec.size), dtype=codec.held)
+        self._seen = np.zeros((stored, codec.count), dtype=bool)  # fragments that were ever received
+        self._whole = np.zeros((stored, codec.count), dtype=bool)  # fragments that were received in this round
+        self._fresh = np.zeros(stored, dtype=bool)  # rows that received any in this round
+        self._heads = np.zeros((stored, codec.form.head), dtype=np.uint8)  # of this round
 
-    def add(self, sent: NDArray[np.intp], rows: NDArray[np.intp], pieces: Pieces) -> None:
-        """Stores fragments: `sent` (K,) of the pieces, to `rows` (K,)."""
-        place = rows * self._seen.shape[1] + pieces.numbers[sent]  # in one list of all fragments of all rows
-        self._globals.reshape(-1, self._size)[place] = pieces.values.take(sent, axis=0)
+    def add(
+        self, sent: NDArray[np.intp], rows: NDArray[np.intp], pieces: Pieces, number: int, node: NodeModels
+    ) -> None:
+        """Takes fragments of a round's model: `sent` (K,) of the pieces, to `rows` (K,)."""
+        if not self.gathers:
+            models = self._codec.model(pieces.values.take(sent, axis=0)[:, None].astype(np.float64))
+            node.take(rows, models, number, np.ones(len(rows), dtype=bool), notes_of(pieces.heads[sent]))
+            return
+        place = rows * self._seen.shape[1] + pieces.places[sent]  # in one list of all fragments of all rows
+        self._globals.reshape(-1, self._codec.size)[place] = pieces.values.take(sent, axis=0)
         self._seen.reshape(-1)[place] = True
+        self._whole.reshape(-1)[place] = True
         self._fresh[rows] = True
+        first = pieces.places[sent] == 0
+        self._heads[rows[first]] = pieces.heads[sent[first]]
 
-    def take(self, learner: NodeModels) -> None:
-        """Lets the learner take over what its rows received in this round."""
-        rows = np.flatnonzero(self._fresh & ~learner.silent())
+    def take(self, number: int, node: NodeModels) -> None:
+        """Lets the node take over what its rows received in this round."""
+        rows = np.flatnonzero(self._fresh & ~node.silent())
+        whole, heads = self._whole.copy(), self._heads.copy()
         self._fresh[:] = False
+        self._whole[:] = False
+        self._heads[:] = 0
         if not len(rows):
             return
         own = None
         if not self._seen[rows].all():
-            rows, own, _ = learner.models_to_send(rows)
+            rows, own, _ = node.models_to_send(rows)
         every = self._globals if len(rows) == len(self._globals) else self._globals[rows]
-        models = every.reshape(len(rows), self._seen.shape[1] * self._size)[:, : self._floats].astype(np.float64)
+        models = self._codec.model(every).astype(np.float64)
         if own is not None:
-            seen = np.repeat(self._seen[rows], self._size, axis=1)[:, : self._floats]
-            models = np.where(seen, models, own)
+            models = np.where(self._codec.by_number(self._seen[rows]), models, own)
         if len(rows):
-            learner.take(rows, models)
+            node.take(rows, models, number, np.logical_and.reduce(whole[rows], axis=1), notes_of(heads[rows]))
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Arrays of M rows that a checkpoint keeps, and that may be written to."""
-        return {_GLOBALS: self._globals, _SEEN: self._seen, _FRESH: self._fresh}
+        if not self.gathers:
+            return {}
+        return {
+            _GLOBALS: self._globals,
+            _SEEN: self._seen,
+            _WHOLE: self._whole,
+            _FRESH: self._fresh,
+            _HEADS: self._heads,
+        }

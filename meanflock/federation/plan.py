@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.fragments import WHOLE
-from meanflock.federation.topology.base import Hop
+from meanflock.federation.cut import WHOLE, coding_of
+from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
@@ -62,6 +62,7 @@ class Plan:
                 f"`[sharing]` is set, but controller {scenario.method!r} shares no states; remove that table, or set a "
                 "filter, which shares them: filter.kind=ecbf"
             )
+        self._check_codings()
         self._check_silence()
         self.hops = self._hops()
         for one in (scenario, self.scenario):
@@ -80,13 +81,15 @@ class Plan:
     @property
     def keeps_residuals(self) -> bool:
         """Returns whether UAVs store rounding errors of uploads, which are then narrower than the radio's floats."""
-        return self.declared.is_federated and self.scenario.federation.error_feedback and self.scenario.rounds_uploads
+        if not (self.declared.is_federated and self.scenario.federation.error_feedback):
+            return False
+        return coding_of(self.scenario, self.scenario.upload_payload).bits < self.scenario.radio.bits_per_float
 
     @property
     def node_scenario(self) -> Scenario:
         """The scenario that agents and leader get: without what no controller may know, and with the size of fragments
         written out, so that they need no channel to know it."""
-        cuts = [hop.coding.cut for hop in self.hops]
+        cuts = [hop.codec.cut for hop in self.hops]
         slots = max((cut.slots for cut in cuts if cut is not None), default=WHOLE)
         told = self.scenario.known()
         return msgspec.structs.replace(told, federation=msgspec.structs.replace(told.federation, fragment=slots))
@@ -102,6 +105,17 @@ class Plan:
         if not self.declared.is_federated:
             return min(left, 1)
         return left if any(hop.role == "leader" for hop in self.hops) else 0
+
+    def _check_codings(self) -> None:
+        """Validates that no number of a model is wider on the air than a float of the radio."""
+        widest = self.scenario.radio.bits_per_float
+        for key in ("payload", "broadcast_payload"):
+            name = getattr(self.given.federation, key)
+            if name is not None and plugins.load("coding", name).bits > widest:  # type: ignore[attr-defined]
+                raise BadInput(
+                    f"scenario: `federation.{key}` {name} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"{widest}; take a narrower payload or a wider float"
+                )
 
     def _check_silence(self) -> None:
         """Validates that the aggregation rule bears UAVs that send nothing."""
@@ -124,7 +138,7 @@ class Plan:
         if name == LEADER and not self.declared.is_federated:
             return ()
         try:
-            return tuple(plugins.create("topology", name, {}, self.scenario, self.declared).hops())
+            return linked(tuple(plugins.create("topology", name, {}, self.scenario, self.declared).hops()))
         except BadInput:
             raise
         except FAILURES as error:
@@ -158,6 +172,7 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
         ("channel", scenario.radio.model),
         ("vehicle", scenario.vehicle.model),
         ("topology", topology_of(scenario)),
+        *(("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))),
     )
     if scenario.filter.kind != NO_FILTER:
         wanted += (("filter", scenario.filter.kind),)

@@ -22,6 +22,7 @@ class Schedule:
     Attributes:
         hops: of every round, in order.
         period: ticks between two rounds, n0; 0 without rounds.
+        gathers: whether a global model comes in several fragments, and is taken when the round ends.
     """
 
     def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
@@ -31,9 +32,13 @@ class Schedule:
         self.hops: tuple[Hop, ...] = plan.hops
         self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}
-        self._over = 0  # ticks from the opening of a round to the last arrival of its last fragment; 0 for whole models
-        if self.hops and self.hops[-1].coding.fragments is not None and not self.hops[-1].is_local:
-            self._over = self.hops[-1].after + self.hops[-1].coding.ticks - 1 + scenario.hop_ticks
+        self._over = (
+            0  # ticks from the opening of a round to the last arrival of its last fragment, if models come in parts
+        )
+        self.gathers = bool(self.hops) and self.hops[-1].codec.count > 1 and not self.hops[-1].is_local
+        if self.gathers:
+            attempts = 1 + scenario.federation.retries
+            self._over = self.hops[-1].after + attempts * (self.hops[-1].codec.ticks - 1 + scenario.hop_ticks)
             self._phases.add(self._over % self.period)
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 

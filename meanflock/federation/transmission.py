@@ -1,66 +1,149 @@
-"""Models in fragments on their way: what is transmitted over several ticks, and what UAVs received of a model."""
+"""Models on their way: what is transmitted over several ticks and again, and what UAVs received of a global model."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.coding import Coding
-from meanflock.federation.mailbox import links_of
+from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import Frames, frames_of
+from meanflock.swarm.wire.messages import FrameKind, Frames, frames_of
+
+_BYTE_BITS, _ROUND_BITS = 8, 32  # an acknowledgement has the round, and a bit for each fragment
+
+
+class Acknowledge(Protocol):
+    """Transmits acknowledgements, billed as the models are, and returns the mask (K,) of those that arrive."""
+
+    def __call__(self, kind: FrameKind, bits: int, source: NDArray[np.intp], target: NDArray[np.intp]) -> Mask: ...
 
 
 class Transmission:
-    """The models that some UAVs transmit in fragments, over several ticks."""
+    """The models that some UAVs transmit in a hop, fragment by fragment, and again where no acknowledgement came.
 
-    def __init__(self, frames: Frames, coding: Coding, wanted: Mask, sent: int = 0) -> None:
+    Attributes:
+        hop: the hop. frames: all fragments, R of them. again: number of fragments that were transmitted again.
+    """
+
+    def __init__(self, hop: Hop, frames: Frames, wanted: Mask, tick: int, attempt_ticks: int, retries: int) -> None:
         """
         Args:
-            frames: the models, of S UAVs.
-            coding: how they are written, and cut.
-            wanted: (S, F) fragments that are transmitted.
-            sent: fragments of each whose turn is over.
+            wanted: (R,) fragments that are transmitted.
+            tick: of the first turn. attempt_ticks: until all fragments of an attempt have arrived or are lost.
+            retries: attempts after the first one.
         """
-        assert coding.fragments is not None
-        self._frames = frames
-        self._coding = coding
+        self.hop, self.frames = hop, frames
+        self.again = 0
+        self._places = hop.codec.places(frames.payload)
         self._wanted = wanted
-        self._per_tick = coding.fragments.cut.per_tick
-        self._sent = sent
+        self._turn = 0  # first place of the next turn
+        self._left, self._due, self._attempt_ticks = retries, tick + attempt_ticks, attempt_ticks
+        self._is_first = True  # attempt
+        self._pairs = np.zeros((0, 2), dtype=np.intp)  # (P, 2) sources and targets of links that were used, ascending
+        self._reached = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that arrived
+        self._known = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that were acknowledged
 
     @property
     def is_over(self) -> bool:
-        """Returns whether all fragments had their turn."""
-        return self._sent >= self._coding.count
+        """Returns whether nothing is transmitted any more."""
+        return self._turn >= self.hop.codec.count and not self._left
 
-    def next(self, awake: Mask) -> Frames | None:
+    def next(self, tick: int, awake: Mask, acknowledge: Acknowledge) -> Frames | None:
         """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
-        turn = slice(self._sent, self._sent + self._per_tick)
-        self._sent += self._per_tick
-        frames = self._frames
-        going = self._wanted[:, turn] & awake[frames.source][:, None]
-        sender, place = np.nonzero(going)
-        if not len(sender):
+        if tick == self._due and self._left:
+            self._left -= 1
+            self._due += self._attempt_ticks
+            self._acknowledge(awake, acknowledge)
+            self._is_first = False
+            if self._wanted.any():
+                self._turn = 0
+            else:
+                self._left = 0
+        cut, frames = self.hop.codec.cut, self.frames
+        end = self._turn + (1 if cut is None else cut.per_tick)
+        going = self._wanted & (self._places >= self._turn) & (self._places < end) & awake[frames.source]
+        self._turn = end
+        if not going.any():
             return None
-        rows = self._coding.on_air(frames.payload, turn)
-        rows = rows.reshape(-1, rows.shape[2]) if going.all() else rows[sender, place]
-        return Frames(frames.kind, frames.round, frames.source[sender], rows)
+        if not self._is_first:
+            self.again += int(np.count_nonzero(going))
+        if going.all():
+            return frames
+        return Frames(frames.kind, frames.round, frames.source[going], frames.payload[going])
+
+    def follow(self, links: NDArray[np.int32]) -> None:
+        """Takes notice of the links (K, 5) over which it was transmitted in this tick; only if it may be again."""
+        if not self._left:
+            return
+        used = links[links[:, 3] == self.hop.label, 1:3].astype(np.intp)
+        pairs = np.unique(np.concatenate([self._pairs, used[np.isin(used[:, 0], self.frames.source)]]), axis=0)
+        if len(pairs) > len(self._pairs):
+            place = _places(pairs, self._pairs)
+            tables = []
+            for table in (self._reached, self._known):
+                tables.append(np.zeros((len(pairs), table.shape[1]), dtype=bool))
+                tables[-1][place] = table
+            self._pairs, (self._reached, self._known) = pairs, tables
+
+    def new(self, frames: Frames, awake: Mask) -> Frames | None:
+        """Frames of this transmission that arrive, without those that their UAVs have already; None for none."""
+        if not len(self._pairs) or (frames.kind, frames.round) != (self.frames.kind, self.frames.round):
+            return frames
+        links = links_of(frames)
+        row, target = links.T
+        source, fragment = frames.source[row], self.hop.codec.places(frames.payload)[row]
+        by_radio = source != target
+        pair = _places(self._pairs, np.stack([source, target], axis=-1)[by_radio].astype(np.intp))
+        is_new = np.ones(len(links), dtype=bool)
+        is_new[by_radio] = ~self._reached[pair, fragment[by_radio]]
+        hears = awake[target[by_radio]]
+        self._reached[pair[hears], fragment[by_radio][hears]] = True
+        if is_new.all():
+            return frames
+        return (
+            only(frames, links[is_new], None if frames.slots is None else frames.slots[is_new])
+            if is_new.any()
+            else None
+        )
 
     def fields(self) -> list[Any]:
         """All of it."""
-        return [self._frames, self._wanted, self._sent]
+        attempt = [self._turn, self._left, self._due, self._attempt_ticks, self._is_first, self.again]
+        return [self.frames, self._wanted, attempt, self._pairs, self._reached, self._known]
 
     @classmethod
     def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
         """The transmission with these `fields`, in one of the hops of a round."""
-        models, wanted, sent = fields
+        models, wanted, attempt, pairs, reached, known = fields
         frames = frames_of(models)
-        hop = next(hop for hop in hops if hop.label == frames.kind)
-        return cls(frames, hop.coding, wanted, sent)
+        restored = cls(next(hop for hop in hops if hop.label == frames.kind), frames, wanted, 0, 0, 0)
+        (
+            restored._turn,
+            restored._left,
+            restored._due,
+            restored._attempt_ticks,
+            restored._is_first,
+            restored.again,
+        ) = attempt
+        restored._pairs, restored._reached, restored._known = pairs, reached.copy(), known.copy()
+        return restored
+
+    def _acknowledge(self, awake: Mask, acknowledge: Acknowledge) -> None:
+        """Lets every UAV that received something say what; fragments that a sender has no word of are wanted again."""
+        source, target = self._pairs.T
+        says = (self._reached & ~self._known).any(axis=1) & awake[target]
+        bits = _ROUND_BITS + _BYTE_BITS * -(-self.hop.codec.count // _BYTE_BITS)
+        if says.any():
+            order = np.lexsort((source[says], target[says]))  # the UAVs that answer, ascending
+            heard = np.flatnonzero(says)[order]
+            arrived = heard[acknowledge(self.hop.label, bits, target[heard], source[heard])]
+            self._known[arrived] |= self._reached[arrived]
+        missing = np.zeros((len(awake), self._known.shape[1]), dtype=bool)
+        np.logical_or.at(missing, source, ~self._known)
+        self._wanted = self._wanted & missing[self.frames.source, self._places]
 
 
 class Reception(Stateful):
@@ -90,3 +173,9 @@ class Reception(Stateful):
         whole, some = np.count_nonzero(received >= sent), np.count_nonzero(received)
         parts = f"whole by {whole} UAVs, in part by {some - whole}, not at all by {len(received) - some}"
         return f"{sent} fragments of the global model were received {parts}"
+
+
+def _places(pairs: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The places of some pairs among pairs in ascending order, all of which are there."""
+    scale = 2**32
+    return (pairs[:, 0] * scale + pairs[:, 1]).searchsorted(wanted[:, 0] * scale + wanted[:, 1])

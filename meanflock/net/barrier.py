@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.ledger import Ledger
 from meanflock.federation.plan import Plan
-from meanflock.federation.post import Post
 from meanflock.net import keys
 from meanflock.net.bus import Bus
 from meanflock.net.members import LEADER, Member
@@ -26,12 +26,12 @@ _NOBODY = np.zeros(0, dtype=np.intp)
 class Replies:
     """Reader of the Acts of a run. Nothing behind it checks a reply's size, shape or sender again."""
 
-    def __init__(self, plan: Plan, run: int, post: Post, longest: Callable[[int], int]) -> None:
+    def __init__(self, plan: Plan, run: int, ledger: Ledger, longest: Callable[[int], int]) -> None:
         """`run`: the run's fingerprint. `longest`: most bytes of the Act of a node with so many UAVs."""
         declared, scenario = plan.declared, plan.scenario
         self._scenario = scenario
         self._run = run
-        self._post = post
+        self._ledger = ledger
         self._longest = longest
         self._columns = scenario.dimensions + len(declared.diagnostics)
         self._weights = declared.weights
@@ -83,7 +83,7 @@ class Replies:
         if member.role == LEADER and len(states):
             raise MessageRejected("wrong-shape", "a leader receives no states")
         if len(uploads):
-            self._post.check_refused(member.role, tick, uploads, member.uavs)
+            self._ledger.check_refused(member.role, tick, uploads, member.uavs)
         if member.rows == 1 and contains(member.uavs, states).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
 
@@ -100,7 +100,7 @@ class Replies:
         source = frames.source
         payload = frames.payload
         if kind != FrameKind.STATE:
-            self._post.check(member.role, frames)
+            self._ledger.check(member.role, frames)
         elif member.role == LEADER:
             raise MessageRejected("wrong-kind", f"{kind.name} frames from {member.name}")
         else:
@@ -109,7 +109,8 @@ class Replies:
             if not 0 < payload.shape[1] <= self._broadcast_numbers or frames.round >= MAX_BROADCASTS:
                 raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {payload.shape[1]} numbers")
         own = self._leader if member.role == LEADER else member.uavs
-        if not len(source) or not (_equal(own, source) or _ascending_part(own, source)):
+        of_uavs = contains(own, source).all() if kind != FrameKind.STATE else _ascending_part(own, source)
+        if not len(source) or not (_equal(own, source) or of_uavs):
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")
         if frames.links is not None:
             raise MessageRejected("wrong-shape", "only the world says which links carried a frame")

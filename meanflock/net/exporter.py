@@ -107,7 +107,7 @@ class Exporter(Collector):
 
     def _protocol(self) -> Iterator[Metric]:
         counters = self._world.counters
-        post = self._world.post
+        post = self._world.ledger
         yield _counter("rounds", "Rounds averaged and broadcast.", post.rounds)
         yield _counter("rounds_void", "Rounds without a model of another UAV to average.", post.rounds_void)
         yield _counter("uploads_silent", "Uploads that participants did not send.", post.silent)

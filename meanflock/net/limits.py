@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from meanflock.federation.averager import Rule
 from meanflock.federation.plan import Plan
+from meanflock.federation.rule import Rule
 from meanflock.net import keys
 from meanflock.net.bus import Quota
 from meanflock.net.members import LEADER
@@ -39,19 +39,23 @@ class Limits:
         state_of_rule = control.encode_record(rule.begin())
         numbers = plan.scenario.dimensions + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names
-        numbers += sum(hop.coding.width for hop in plan.hops if hop.role == "agent" and not hop.is_local)
+        numbers += sum(
+            hop.codec.count * (hop.codec.width + 1) for hop in plan.hops if hop.role == "agent" and not hop.is_local
+        )
         self._row = _NUMBER_BYTES * numbers + len(memory)
-        if plan.scenario.federation.upload_threshold:
+        if plan.scenario.federation.upload_threshold or plan.scenario.federation.share < 1.0:
             self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
         if any(hop.is_local for hop in plan.hops):  # a UAV that averages stores its model and a state of the rule
             self._row += _NUMBER_BYTES * (declared.parameters + 1) + len(state_of_rule) + _FRAME_BYTES
-        last = plan.hops[-1].coding if plan.hops else None
-        if last is not None and last.fragments is not None:  # the global model, and its fragments that were received
-            self._row += (_NUMBER_BYTES * last.fragments.cut.size + 1) * last.count + _FRAME_BYTES
+        last = plan.hops[-1].codec if plan.hops else None
+        if last is not None and last.count > 1:  # the global model, its head, and its fragments that were received
+            self._row += (_NUMBER_BYTES * last.size + 2) * last.count + last.form.head + 2 * _FRAME_BYTES
         self._fixed = (
             _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs
         )  # 8: numbers of the UAVs that it refuses or loses
-        self._leader = _NUMBER_BYTES * declared.parameters + len(state_of_rule)
+        self._leader = len(state_of_rule) + rule.state_bytes
+        if last is not None:
+            self._leader += last.count * (last.dtype.itemsize * last.width + _NUMBER_BYTES)
 
     def act(self, rows: int) -> int:
         """Most bytes of an Act of a node with so many UAVs; 0 for the leader."""

@@ -91,7 +91,7 @@ class RemoteCrew:
         self._is_resumed = resume is not None
         self._news: list[News] = []
         self._no_states = np.zeros((0, world.scenario.state_numbers))  # the request of a leader has none
-        self._barrier = Barrier(bus, run, Replies(plan, keys.fingerprint(run), world.post, limits.act), clock)
+        self._barrier = Barrier(bus, run, Replies(plan, keys.fingerprint(run), world.ledger, limits.act), clock)
         self._admission = Admission(
             bus,
             run,

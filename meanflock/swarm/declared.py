@@ -9,12 +9,13 @@ from meanflock.swarm import plugins
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import FAILURES, BadInput
 
-MAX_PARAMETERS = 1_000_000  # floats of a model, 8 MB
+MAX_PARAMETERS = 10_000_000  # floats of a model, 80 MB
 MAX_DIAGNOSTICS = 100  # a message counts its columns in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = "none"
 MAX_MEMORY_BYTES = 256 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
+MAX_NOTE_BYTES = 65_000  # of a note that is sent with a model
 MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule
 
 
@@ -30,6 +31,8 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: whether a UAV has memory for each other UAV; memory then grows with N².
     shares: whether the UAVs broadcast their states by the scenario's `[sharing]`.
     weighted: whether each model is sent with a weight.
+    note_bytes: most bytes of a note that is sent with a model.
+    dated: whether each model is sent with the round of the global model that its training began with.
     recorded: options that the controller fills in, by name: hashes of the files that it flies.
     """
 
@@ -42,6 +45,8 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: bool
     shares: bool
     weighted: bool
+    note_bytes: int
+    dated: bool
     recorded: Mapping[str, str]
 
     @property
@@ -113,6 +118,8 @@ def _checked(instance: Any, name: str) -> Declared:
         pairwise=bool(instance.pairwise),
         shares=bool(instance.shares),
         weighted=bool(instance.weighted),
+        note_bytes=_count(instance, name, "note_bytes", 0, MAX_NOTE_BYTES),
+        dated=bool(instance.dated),
         recorded=dict(getattr(instance, "recorded", {})),
     )
 

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from meanflock.federation.rules.base import Aggregator, State, Uploads
+from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.plugins.guard import check_bounded
@@ -80,9 +80,11 @@ def check_aggregator(
                     fail(aggregator, problem, GONE if afresh else "any number from one on must do")
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     fail(aggregator, f"`step` returns a {type(answer).__name__}", "return the state and the model")
-                state, model = answer
+                state, returned = answer
+                model = returned.model if isinstance(returned, Aggregate) else returned
                 check_kept(aggregator, "state", state)
-                check_same_form(aggregator, "state", state, begun)
+                if not rule.state_bytes:
+                    check_same_form(aggregator, "state", state, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
                         aggregator, "`step` writes to an array it was given", "return new arrays; copy before you write"

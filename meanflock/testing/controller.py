@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from meanflock.agent.controllers.base import Controller
-from meanflock.federation.coding import check_weights
+from meanflock.federation.codec import check_weights
 from meanflock.federation.plan import Plan
 from meanflock.swarm import declared, threads
 from meanflock.swarm.plugins.guard import check_bounded

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
-from meanflock.federation.coding import bound_of_models
+from meanflock.federation.cut import bound_of_models
 from meanflock.swarm.declared import declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.mission import starts

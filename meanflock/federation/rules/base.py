@@ -1,8 +1,8 @@
 """Base class of aggregation rules, which compute the global model from the models of a round."""
 
-from abc import abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
@@ -14,7 +14,7 @@ from meanflock.swarm.state import Floats
 State: TypeAlias = dict[str, NDArray[Any]]
 
 
-class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
+class Uploads:
     """The models of a round that one node averages, S of them, in ascending order of their UAVs.
 
     Models that are too long for one message arrive in fragments, and some may be lost.
@@ -28,15 +28,40 @@ class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
         samples: (S,) how much each model counts, as `Controller.samples` returns it, greater than 0; else 1.
         arrived: (S, parameters) whether each number of a model arrived.
         round: the number of the round, from 1 on.
+        based: (S,) the round of the global model that each training began with, 0 for that of take-off, as
+            `Controller.based` returns it; else `sent` − 1.
+        notes: bytes that came with each model, as `Controller.note` returns them; empty where they were lost.
     """
 
-    models: Floats
-    uavs: NDArray[np.intp]
-    sent: NDArray[np.integer]
-    slots: NDArray[np.integer]
-    samples: Floats
-    arrived: NDArray[np.bool_]
-    round: int
+    def __init__(
+        self,
+        models: Floats,
+        uavs: NDArray[np.intp],
+        sent: NDArray[np.integer],
+        slots: NDArray[np.integer],
+        samples: Floats,
+        arrived: NDArray[np.bool_],
+        round: int,
+        based: NDArray[np.integer] | None = None,
+        notes: Sequence[bytes] | None = None,
+    ) -> None:
+        self.models, self.arrived = models, arrived
+        self._tell(uavs, sent, slots, samples, round, based, notes)
+
+    def _tell(
+        self,
+        uavs: NDArray[np.intp],
+        sent: NDArray[np.integer],
+        slots: NDArray[np.integer],
+        samples: Floats,
+        round: int,
+        based: NDArray[np.integer] | None,
+        notes: Sequence[bytes] | None,
+    ) -> None:
+        """Set all but the models."""
+        self.uavs, self.sent, self.slots, self.samples, self.round = uavs, sent, slots, samples, round
+        self.based = sent - 1 if based is None else based
+        self.notes = (b"",) * len(uavs) if notes is None else tuple(notes)
 
     @cached_property
     def mean(self) -> Floats:
@@ -58,6 +83,18 @@ class Uploads(msgspec.Struct, frozen=True, eq=False, dict=True):
             arrived=np.ones(models.shape, dtype=bool),
             round=number,
         )
+
+
+class Aggregate(NamedTuple):
+    """What a rule makes of a round, if that is more than a model.
+
+    model: (parameters,); None: nothing is broadcast. note: bytes that are broadcast with it, at most `note_bytes`.
+    done: no round follows: UAVs upload nothing any more.
+    """
+
+    model: Floats | None
+    note: bytes = b""
+    done: bool = False
 
 
 def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool_] | None = None) -> Floats:
@@ -97,7 +134,8 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Aggregator:
-    """Base class of aggregation rules; override `step`, and `init` if the rule has a state.
+    """Base class of aggregation rules. Override `weights` if the rule is a weighted mean; else `step`, and `init` if it
+    has a state.
 
     Models are in ascending order of their UAVs, so the order of arrival has no effect.
     """
@@ -108,6 +146,10 @@ class Aggregator:
     complete: ClassVar[int] = 0  # uploads without a lost fragment that a round needs
     bears_silence: ClassVar[bool] = True  # false: it relies on a majority, so settled UAVs must upload, too
     bears_means: ClassVar[bool] = False  # true: in clusters the mean of the heads' means takes its place
+    asked_void: ClassVar[bool] = False  # true: `step` is called in rounds in which no model arrived, too
+    note_bytes: ClassVar[int] = 0  # most bytes of the note that is broadcast with a global model
+    state_bytes: ClassVar[int] = 0  # most bytes of a state whose uint8 arrays change their lengths; 0: none does
+    resumable: ClassVar[bool] = True  # false: its state is not in `state`, so a flight cannot be resumed or taken over
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`."""
@@ -116,28 +158,31 @@ class Aggregator:
     def init(self, parameters: int) -> State:
         """Returns the state before the first round. Checkpoints store the state, and a leader that takes over gets it.
 
-        Names, dtypes and shapes must stay the same, because limits of messages are set at take-off. With the topology
-        `neighbours` each UAV has a state of its own.
+        Names, dtypes and shapes must stay the same, because limits of messages are set at take-off; but uint8 arrays of
+        one axis may change their lengths, up to `state_bytes` in all. With the topology `neighbours` each UAV has a
+        state of its own.
         """
         return {}
 
-    @abstractmethod
-    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | None]:
-        """Returns the state after a round, and its global model, (parameters,).
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | Aggregate | None]:
+        """Returns the state after a round, and its global model, (parameters,), or an `Aggregate`.
 
         A rule that waits for more models returns None in place of the model. Then the state is stored, and no model is
-        broadcast. A fragment that arrived from no other UAV is not broadcast, whatever the model has there.
+        broadcast. A fragment that arrived from no other UAV is not broadcast, whatever the model has there, unless the
+        rule is `asked_void`.
 
         Args:
-            uploads: at least one model.
+            uploads: at least one model, unless the rule is `asked_void`.
         """
-        raise NotImplementedError
+        weights = self.weights(uploads)
+        if weights is None:
+            raise NotImplementedError("an aggregation rule must override `step` or `weights`")
+        return state, mean(uploads.models, weights, uploads.arrived)
 
     def weights(self, uploads: Uploads) -> Floats | None:
         """Returns the factor of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
 
-        The factor of a model may depend on its own upload alone, and not on `slots`, which are 0 here. With the
-        topology `neighbours` one call then serves all UAVs of a node, in place of a `step` for each; the state is not
-        used.
+        The factor of a model may depend on its own upload alone, and not on `slots`, which are 0 here. One call serves
+        all UAVs of a node, in place of a `step` for each; the state is not used.
         """
         return None

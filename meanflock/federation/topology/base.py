@@ -1,18 +1,21 @@
 """Base class of topologies: the hops that make a round."""
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Optional, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.coding import Coding
+from meanflock.federation.codec import Codec
+from meanflock.federation.cut import Codecs
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind
 
 Role: TypeAlias = Literal["agent", "leader"]
+Averages: TypeAlias = Literal["nothing", "models", "means"]
 Indices: TypeAlias = NDArray[np.intp]
 
 
@@ -25,13 +28,14 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         role: the nodes that transmit for these UAVs.
         senders: (S,) the UAVs that may transmit, ascending.
         targets: (N, T) the UAVs that each one transmits to, ascending; itself needs no radio. None: everyone.
-        coding: how the models are written.
-        mail: the hop whose models the senders average; None: the participants send their own models.
-        ruled: the scenario's aggregation rule averages; else the mean, weighted by samples, or by the number of models.
-        is_last: receivers put the model in the place of their own.
+        codec: how the models are written.
+        averages: what arrives by the hop before, and is averaged: `nothing`, so that the participants send their own
+            models; `models`, by the scenario's aggregation rule; `means`, each by what stands behind it.
         range_m: distance beyond which a broadcast is meant for nobody, and which leaves out the sender itself; None:
             the hop has no such distance.
-        is_local: nobody transmits: each sender averages its mail with its own model, and takes the average over.
+        is_local: nobody transmits: each sender averages with its own model, and takes the average over.
+        mail: the hop before, unless it averages nothing. is_last: receivers put the model in the place of their own.
+            The plan sets both.
     """
 
     label: FrameKind
@@ -39,18 +43,27 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     role: Role
     senders: Indices
     targets: Indices | None
-    coding: Coding
-    mail: Optional["Hop"] = None
-    ruled: bool = False
-    is_last: bool = False
+    codec: Codec
+    averages: Averages = "nothing"
     range_m: float | None = None
     is_local: bool = False
+    mail: Optional["Hop"] = None
+    is_last: bool = False
 
-    def reaches(self, source: NDArray[Any], target: NDArray[Any]) -> NDArray[np.bool_]:
+    def reaches(self, source: NDArray[np.integer], target: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Returns whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
         if self.targets is None:
             return np.ones(len(source), dtype=bool)
         return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))
+
+
+def linked(hops: tuple[Hop, ...]) -> tuple[Hop, ...]:
+    """The hops of a round, each with the one before it."""
+    chain: list[Hop] = []
+    for number, hop in enumerate(hops, start=1):
+        mail = chain[-1] if chain and hop.averages != "nothing" else None
+        chain.append(msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops)))
+    return tuple(chain)
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -74,11 +87,24 @@ class Topology:
         """
         self.options, self.scenario, self.declared = options, scenario, declared
 
+    @cached_property
+    def codecs(self) -> Codecs:
+        """The codecs of uploads, averages and global models."""
+        return Codecs(self.scenario, self.declared)
+
+    def ticks(self, codec: Codec) -> int:
+        """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included."""
+        return (1 + self.scenario.federation.retries) * (codec.ticks - 1 + self.scenario.hop_ticks)
+
+    def upload_ticks(self, codec: Codec) -> int:
+        """The same for uploads, of which those after `federation.deadline` are late."""
+        return self.ticks(codec) - self.scenario.hop_ticks + self.scenario.deadline_ticks
+
     @abstractmethod
     def hops(self) -> tuple[Hop, ...]:
-        """The hops of every round, in the order of their transmissions; the last one is `is_last`.
+        """The hops of every round, in the order of their transmissions; what the last one sends is the global model.
 
-        Hops of one label share role and coding, and no two of them transmit at once.
+        Hops of one label share role and codec, and no two of them transmit at once.
 
         Raises:
             ValueError: the scenario has no room for such a round; the text names the keys.

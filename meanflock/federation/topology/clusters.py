@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from meanflock.federation import coding
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
@@ -37,48 +36,23 @@ class Clusters(Topology):
         leader = scenario.federation.leader
         self._check()
         division = Division(scenario)
-        cut = coding.cut_of_models(scenario, self.declared)
-        uploads, broadcasts = (
-            coding.of_uploads(scenario, self.declared, cut),
-            coding.of_broadcasts(scenario, self.declared, cut),
-        )
-        averages = coding.of_relays(scenario, self.declared, division.sizes[division.cluster], cut)
-        relays = uploads.ticks - 1 + scenario.deadline_ticks
-        after = relays + averages.ticks - 1 + scenario.hop_ticks
-        least = after + 1 if broadcasts.fragments is None else after + broadcasts.ticks - 1 + scenario.hop_ticks
+        uploads, broadcasts = self.codecs.upload, self.codecs.broadcast
+        averages = self.codecs.relay(division.sizes[division.cluster])
+        relays = self.upload_ticks(uploads)
+        after = relays + self.ticks(averages)
+        is_whole = broadcasts.count == 1 and not scenario.federation.retries
+        least = after + 1 if is_whole else after + self.ticks(broadcasts)
         if scenario.period_ticks < least:
             raise ValueError(
                 f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "
                 f"{scenario.period_ticks} has no room for two hops of up to {after} ticks in all; take at least {least}"
             )
-        upload = Hop(
-            FrameKind.UPLOAD,
-            0,
-            "agent",
-            np.arange(scenario.uavs),
-            division.head_of[:, None],
-            uploads,
+        to_heads, to_leader = division.head_of[:, None], np.full((scenario.uavs, 1), leader)
+        return (
+            Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), to_heads, uploads),
+            Hop(FrameKind.RELAY, relays, "agent", division.heads, to_leader, averages, "models"),
+            Hop(FrameKind.GLOBAL, after, "leader", np.array([leader]), None, broadcasts, "means"),
         )
-        relay = Hop(
-            FrameKind.RELAY,
-            relays,
-            "agent",
-            division.heads,
-            np.full((scenario.uavs, 1), leader),
-            averages,
-            mail=upload,
-        )
-        model = Hop(
-            FrameKind.GLOBAL,
-            after,
-            "leader",
-            np.array([leader]),
-            None,
-            broadcasts,
-            mail=relay,
-            is_last=True,
-        )
-        return upload, relay, model
 
     def _check(self) -> None:
         """Raises ValueError where clusters cannot do what the rest of the scenario asks."""

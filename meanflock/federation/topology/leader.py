@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from meanflock.federation import coding
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
 
@@ -14,29 +13,16 @@ class LeaderTopology(Topology):
     bears_clusters = False
 
     def hops(self) -> tuple[Hop, ...]:
-        scenario, leader = self.scenario, self.scenario.federation.leader
-        everyone = np.arange(scenario.uavs)
-        cut = coding.cut_of_models(scenario, self.declared)
-        uploads, broadcasts = (
-            coding.of_uploads(scenario, self.declared, cut),
-            coding.of_broadcasts(scenario, self.declared, cut),
-        )
-        after = uploads.ticks - 1 + scenario.deadline_ticks
-        ticks = after + broadcasts.ticks - 1 + scenario.hop_ticks
-        if uploads.fragments is not None and scenario.period_ticks < ticks:
+        scenario, codecs, leader = self.scenario, self.codecs, self.scenario.federation.leader
+        after = self.upload_ticks(codecs.upload)
+        ticks = after + self.ticks(codecs.broadcast)
+        if ticks > scenario.period_ticks and (codecs.upload.count > 1 or scenario.federation.retries):
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "
-                f"models go in {uploads.count} fragments; take at least {ticks}"
+                f"models go in {codecs.upload.count} fragments; take at least {ticks}"
             )
-        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, np.full((scenario.uavs, 1), leader), uploads)
-        return upload, Hop(
-            FrameKind.GLOBAL,
-            after,
-            "leader",
-            np.array([leader]),
-            None,
-            broadcasts,
-            mail=upload,
-            ruled=True,
-            is_last=True,
+        to_leader = np.full((scenario.uavs, 1), leader)
+        return (
+            Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), to_leader, codecs.upload),
+            Hop(FrameKind.GLOBAL, after, "leader", np.array([leader]), None, codecs.broadcast, "models"),
         )

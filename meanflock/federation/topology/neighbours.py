@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from meanflock.federation import coding
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
 
@@ -22,25 +21,15 @@ class Neighbours(Topology):
             raise ValueError(
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
-        everyone = np.arange(scenario.uavs)
-        uploads = coding.of_uploads(scenario, self.declared, coding.cut_of_models(scenario, self.declared))
-        ticks = uploads.ticks - 1 + scenario.deadline_ticks
+        everyone, codec = np.arange(scenario.uavs), self.codecs.upload
+        ticks = self.upload_ticks(codec)
         if scenario.period_ticks <= ticks:
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "
                 f"take at least {ticks + 1}"
             )
         reach = scenario.federation.range_m or scenario.radio.range_m
-        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, uploads, range_m=reach)
-        return upload, Hop(
-            FrameKind.GLOBAL,
-            ticks,
-            "agent",
-            everyone,
-            None,
-            uploads,
-            mail=upload,
-            ruled=True,
-            is_last=True,
-            is_local=True,
+        return (
+            Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, codec, range_m=reach),
+            Hop(FrameKind.GLOBAL, ticks, "agent", everyone, None, codec, "models", is_local=True),
         )

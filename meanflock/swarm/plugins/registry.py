@@ -9,7 +9,7 @@ import msgspec
 
 from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line, meant
 
-PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology"]
+PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology", "coding"]
 
 # Methods that a class must have; the others have defaults in the base classes.
 NEEDED: dict[PluginKind, tuple[str, ...]] = {
@@ -19,6 +19,7 @@ NEEDED: dict[PluginKind, tuple[str, ...]] = {
     "vehicle": ("step", "power"),
     "filter": ("init", "step"),
     "topology": ("hops",),
+    "coding": ("encode", "decode"),
 }
 PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a name is part of file names and keys
 

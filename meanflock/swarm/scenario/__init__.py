@@ -17,7 +17,6 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     FilterTable,
     Metrics,
     Obstacle,
-    Payload,
     Radio,
     Sharing,
     Start,

@@ -171,13 +171,6 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         for name, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
             if drag is not None and self.dt * drag >= 2:
                 raise ValueError(f"`dt` {self.dt} s is unstable with `{name}` {drag} 1/s; keep dt·drag < 2")
-        for name in ("payload", "broadcast_payload"):
-            wanted, radio_bits = getattr(self.federation, name), self.radio.bits_per_float
-            if wanted is not None and _bits(wanted) > radio_bits:
-                raise ValueError(
-                    f"`federation.{name}` {wanted} is wider than a float of the radio, `radio.bits_per_float` "
-                    f"{radio_bits}; take a narrower payload or a wider float"
-                )
         longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
         if (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
             raise ValueError(
@@ -220,24 +213,19 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return max(1, round(self.federation.fraction * self.uavs))
 
     @property
-    def upload_payload(self) -> tables.Payload:
-        """Number format of uploads."""
+    def upload_payload(self) -> str:
+        """Coding of uploads."""
         return self.federation.payload or self.radio_payload
 
     @property
-    def broadcast_payload(self) -> tables.Payload:
-        """Number format of the global model."""
+    def broadcast_payload(self) -> str:
+        """Coding of the global model."""
         return self.federation.broadcast_payload or self.radio_payload
 
     @property
-    def rounds_uploads(self) -> bool:
-        """Returns whether the floats of uploads are narrower than the radio's floats."""
-        return _bits(self.upload_payload) < self.radio.bits_per_float
-
-    @property
-    def radio_payload(self) -> tables.Payload:
-        """Number format of the radio's floats."""
-        return cast(tables.Payload, f"float{self.radio.bits_per_float}")
+    def radio_payload(self) -> str:
+        """Coding of the radio's floats."""
+        return f"float{self.radio.bits_per_float}"
 
     @property
     def max_ticks(self) -> int:
@@ -311,7 +299,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
 
 def with_payloads(scenario: Scenario) -> Scenario:
-    """The same scenario, with the number formats of models written out."""
+    """The same scenario, with the codings of models written out."""
     payloads = {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
     return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, **payloads))
 
@@ -319,11 +307,6 @@ def with_payloads(scenario: Scenario) -> Scenario:
 def _plan_of(scenario: Scenario) -> Any:
     """The plan of a scenario. Its module is loaded by name, as a plug-in is: only a scenario that is flown needs it."""
     return importlib.import_module("meanflock.federation.plan").plan_of(scenario)
-
-
-def _bits(payload: tables.Payload) -> int:
-    """Bits of a weight in this format."""
-    return 8 * np.dtype(payload).itemsize
 
 
 class _FaultFile(_Table, frozen=True):

@@ -1,14 +1,11 @@
 """Table of the rounds in which models are shared."""
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 from msgspec import field
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
 from meanflock.swarm.toml import Table as _Table
-
-# Number format of a model, see federation/coding.py.
-Payload: TypeAlias = Literal["float64", "float32", "float16", "int8"]
 
 
 class Federation(_Table, frozen=True):
@@ -71,9 +68,9 @@ class Federation(_Table, frozen=True):
     ] = "sign-flip"
     payload: (
         Annotated[
-            Payload,
+            str,
             key(
-                "number format of uploads; unset: the radio's floats",
+                "coding of uploads, see `meanflock plugins`; unset: the radio's floats",
                 OURS,
                 "the paper's floats; narrower ones are measured in [communication](communication.md)",
                 later=True,
@@ -81,10 +78,11 @@ class Federation(_Table, frozen=True):
         ]
         | None
     ) = None
+    payload_options: Annotated[
+        dict[str, Any], key("options of that coding", OURS, "a coding declares its own", later=True)
+    ] = field(default_factory=dict)
     broadcast_payload: (
-        Annotated[
-            Payload, key("number format of the global model; unset: the radio's floats", OURS, "likewise", later=True)
-        ]
+        Annotated[str, key("coding of the global model; unset: the radio's floats", OURS, "likewise", later=True)]
         | None
     ) = None
     error_feedback: Annotated[
@@ -124,6 +122,29 @@ class Federation(_Table, frozen=True):
         ]
         | None
     ) = None
+    retries: Annotated[
+        int,
+        key(
+            "times that a fragment of a model, or a whole one, is transmitted again if no acknowledgement came; these "
+            "are billed, too",
+            OURS,
+            "the paper's UAVs transmit a model once",
+            later=True,
+            ge=0,
+            le=100,
+        ),
+    ] = 0
+    share: Annotated[
+        float,
+        key(
+            "share of the fragments of a model that an upload has: those that moved most since they were sent last",
+            OURS,
+            "models are uploaded whole",
+            later=True,
+            gt=0,
+            le=1,
+        ),
+    ] = 1.0
     upload_threshold: Annotated[
         float,
         key(

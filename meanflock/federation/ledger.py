@@ -1,4 +1,4 @@
-"""Post: the world's part in the rounds. It carries, counts and keeps models, and never reads one."""
+"""Ledger: the world's part in the rounds. It carries, counts and stores models, and never reads one."""
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
+from meanflock.federation.averager import is_done
 from meanflock.federation.mailbox import Letter, Mailbox, links_of
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
-from meanflock.federation.transmission import Reception, Transmission
+from meanflock.federation.transmission import Acknowledge, Reception, Transmission
+from meanflock.swarm import plugins
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import RoundEnded
-from meanflock.swarm.state import Mask, contains
+from meanflock.swarm.state import Mask, contains, distinct
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
@@ -29,7 +31,7 @@ class EventRecorder(Protocol):
     def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
-class Post(Stateful):
+class Ledger(Stateful):
     """All that the world knows of the rounds.
 
     Attributes:
@@ -38,12 +40,13 @@ class Post(Stateful):
         late: uploads that were delivered after their round had been averaged, and counted in the next one.
         silent: participants, summed over rounds, that were awake and sent no model.
         isolated: UAVs and rounds in which a UAV that averages for itself received nobody's model.
-        rule_record: the state of the leader's aggregation rule, a record.
+        retries: fragments that were transmitted again.
+        rule_record: the state of the leader's aggregation rule, a record. is_done: the rule wants no further round.
         newest: number of the last letter that came.
     """
 
     stored = (
-        *("rounds", "rounds_void", "late", "silent", "isolated", "_averaged", "newest", "rule_record"),
+        *("rounds", "rounds_void", "late", "silent", "isolated", "retries", "_averaged", "newest", "rule_record"),
         *("transmissions", "_reception", "_mailboxes", "accounts"),
     )
 
@@ -57,14 +60,18 @@ class Post(Stateful):
         self.late = 0
         self.silent = 0
         self.isolated = 0
+        self.retries = 0
         self.newest = 0
         self._averaged = 0  # number of the last round that was
         self._accounts: dict[int, Account] = {}  # of the rounds that are open
         self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
         self.rule_record = b""
-        self._cut = any(hop.coding.fragments is not None for hop in self._hops)
+        rule = plugins.load("aggregator", scenario.federation.aggregation) if self._hops else None
+        self._is_asked_void = getattr(rule, "asked_void", False)
+        self._attempts = scenario.federation.retries
         self._transmissions: list[Transmission] = []
         self._reception = Reception(scenario.uavs)
+        self._again: list[int] = []  # identities of the batches on the air that were there before
         self._has_failed = False  # whether the leader complained in this tick
         self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
         self._mailboxes = [box for _, box in self._boxes]
@@ -81,13 +88,17 @@ class Post(Stateful):
             hop = self._schedule.sent(frames.kind, frames.round, tick)
             found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
             if found is None:
-                rest.append(frames)
-                if hop is not None and hop.is_last and self._cut:
-                    self._reception.receive(frames, awake)
+                if (arrived := self._new(frames, awake)) is None:
+                    continue
+                rest.append(arrived)
+                if hop is not None and hop.is_last and self._schedule.gathers:
+                    self._reception.receive(arrived, awake)
                 continue
             averaging, box = found
+            if (arrived := self._new(frames, awake)) is None:
+                continue
             self.newest += 1
-            box.put(self.newest, frames, awake)
+            box.put(self.newest, arrived, awake)
             if (
                 self._scenario.federation.deadline is not None
                 and self._schedule.age(frames.round, tick) > averaging.after
@@ -96,6 +107,11 @@ class Post(Stateful):
         if len(rest) < len(due):
             self._list_open()
         return rest
+
+    @property
+    def is_done(self) -> bool:
+        """Returns whether the aggregation rule wants no further round."""
+        return is_done(self.rule_record)
 
     @property
     def letters(self) -> tuple[Letter, ...]:
@@ -123,7 +139,8 @@ class Post(Stateful):
             raise MessageRejected("wrong-kind", f"{frames.kind.name} frames from a node of role {role}")
         if not contains(hop.senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
-        hop.coding.check(frames.source, frames.payload)
+        # A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
+        hop.codec.check(frames.source, frames.payload, least=1 if hop.codec.count == 1 else 0)
 
     def check_refused(self, role: Role, tick: int, senders: NDArray[np.int32], uavs: NDArray[np.intp]) -> None:
         """Validates that a node may refuse to average the models of `senders`: it averages in this tick, at `uavs`.
@@ -172,27 +189,51 @@ class Post(Stateful):
 
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
-    def transmitted(self, frames: list[Frames], awake: Mask) -> list[Frames]:
+    def transmitted(self, tick: int, frames: list[Frames], awake: Mask, acknowledge: Acknowledge) -> list[Frames]:
         """Frames of UAVs that are awake (N,) on the air in this tick: of `frames`, sent just now, and earlier ones.
 
-        Models that are cut go in fragments, as many in a tick as their slots hold; all else goes at once.
+        Of models, as many fragments go in a tick as their slots hold; all else goes at once. After the last round that
+        the aggregation rule wants, no model goes.
         """
-        if not self._cut:
+        self._again = []
+        if not (self._transmissions or any(batch.kind != FrameKind.STATE for batch in frames)):
             return frames
-        on_air = []
+        on_air = [batch for batch in frames if batch.kind == FrameKind.STATE]
         for batch in frames:
-            hop = next((hop for hop in self._hops if hop.label == batch.kind), None)
-            if hop is None or hop.coding.fragments is None:
-                on_air.append(batch)
-                continue
-            wanted = np.ones((len(batch.source), hop.coding.count), dtype=bool)
-            for averaging, box in self._boxes:
-                if averaging is hop:
-                    wanted = np.stack([box.fragments(hop, uav) for uav in batch.source.tolist()])
-            self._transmissions.append(Transmission(batch, hop.coding, wanted))
-        on_air += [cut for one in self._transmissions if (cut := one.next(awake)) is not None]
+            hop = self._hop(batch.kind, tick)
+            if hop is not None and not (self.is_done and hop.mail is None):
+                span = hop.codec.ticks - 1 + self._scenario.hop_ticks
+                wanted = self._wanted(hop, batch)
+                self._transmissions.append(Transmission(hop, batch, wanted, tick, span, self._attempts))
+        for one in self._transmissions:
+            before = one.again
+            cut = one.next(tick, awake, acknowledge)
+            if cut is not None:
+                on_air.append(cut)
+            if one.again > before:
+                self.retries += one.again - before
+                self._again.append(id(cut))
+                if (account := self._accounts.get(one.frames.round)) is not None:
+                    account.retries += one.again - before
         self._transmissions = [one for one in self._transmissions if not one.is_over]
         return on_air
+
+    def _wanted(self, hop: Hop, frames: Frames) -> Mask:
+        """The fragments (R,) of models that are transmitted: of averages, those of which something arrived."""
+        box = next((box for averaging, box in self._boxes if averaging is hop), None)
+        if box is None or self._is_asked_void:
+            return np.ones(len(frames.source), dtype=bool)
+        uavs = distinct(frames.source)
+        arrived = np.stack([box.fragments(hop, uav) for uav in uavs.tolist()])
+        return np.asarray(arrived[uavs.searchsorted(frames.source), hop.codec.places(frames.payload)])
+
+    def _new(self, frames: Frames, awake: Mask) -> Frames | None:
+        """Frames that arrive, without the fragments that came by an earlier attempt; None for none."""
+        found: Frames | None = frames
+        for one in self._transmissions:
+            if found is not None:
+                found = one.new(found, awake)
+        return found
 
     # -- after a tick's transmissions ---------------------------------------------------------------------------
 
@@ -233,7 +274,7 @@ class Post(Stateful):
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
                 reached = int(np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0)))
-                found = {"fragments": hop.coding.count, "reached": None if hop.coding.count > 1 else reached}
+                found = {"fragments": hop.codec.count, "reached": None if hop.codec.count > 1 else reached}
                 ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
@@ -288,7 +329,7 @@ class Post(Stateful):
         """Counts who sends in the rounds that open in this tick, and who is silent."""
         for hop in self._hops:
             if hop.mail is None and (number := self._schedule.number(hop, tick)):
-                sent = [uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()]
+                sent = [uav for batch in frames if batch.kind == hop.label for uav in distinct(batch.source).tolist()]
                 participants = self._schedule.participants(number)
                 present = int(awake[participants].sum())
                 self.silent += present - len(sent)
@@ -296,8 +337,12 @@ class Post(Stateful):
 
     def _follow(self, tick: int, on_air: Iterable[Frames], links: NDArray[np.int32]) -> None:
         """Counts the uploads on the air in this tick; those that arrive after their round is averaged are late."""
+        for one in self._transmissions:
+            one.follow(links)
         for batch in on_air:
-            if self._cut and batch.kind == self._hops[-1].label:
+            if id(batch) in self._again:
+                continue
+            if self._schedule.gathers and batch.kind == self._hops[-1].label:
                 self._reception.send(batch)
             account = self._accounts.get(batch.round)
             after = self._uploads.get(batch.kind, 0)
@@ -363,6 +408,7 @@ class Post(Stateful):
             arrived=account.arrived,
             copy=copy,
             earlier=account.earlier,
+            retries=account.retries,
             **found,
         )
 
@@ -371,5 +417,5 @@ class Post(Stateful):
         """The receiver of the uploads, if it is one UAV, and the name of their copies, if an upload has several."""
         upload = next(hop for hop in self._hops if hop.mail is None)
         targets = [] if upload.targets is None else np.unique(upload.targets[upload.senders]).tolist()
-        copies = "fragments" if upload.coding.fragments is not None else "" if targets else "copies"
+        copies = "fragments" if upload.codec.count > 1 else "" if targets else "copies"
         return targets[0] if len(targets) == 1 else None, copies

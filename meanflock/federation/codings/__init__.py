@@ -1,0 +1,1 @@
+"""Codings: the number formats of models on the radio."""

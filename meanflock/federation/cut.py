@@ -1,0 +1,182 @@
+"""Cut of models that are too long for one message: its size, and the codecs of a scenario's hops that share it."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, Form
+from meanflock.federation.codings.base import Coding
+from meanflock.swarm import plugins, state
+from meanflock.swarm.declared import Declared
+from meanflock.swarm.errors import FAILURES, last_line
+from meanflock.swarm.mission import starts
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import BEYOND_SENSE, Floats
+
+WHOLE = 0  # value of `federation.fragment`: no model is cut
+SUCCESS = 0.95  # expected share of fragments that are delivered, from which a size is long enough
+
+
+class Codecs:
+    """The codecs of a scenario's models, which have one cut.
+
+    Attributes:
+        upload: of the models that UAVs send. broadcast: of global models.
+    """
+
+    def __init__(self, scenario: Scenario, declared: Declared) -> None:
+        """It may ask the channel, so make it once.
+
+        Raises:
+            BadInput: a coding, the aggregation rule or the channel is not installed, or its options do not fit.
+            ValueError: the channel fails, or a fragment has no room.
+        """
+        federation = scenario.federation
+        up = coding_of(scenario, scenario.upload_payload, upload=True)
+        down = coding_of(scenario, scenario.broadcast_payload)
+        self._floats = coding_of(scenario, scenario.radio_payload)
+        self._declared = declared
+        rule = plugins.load("aggregator", federation.aggregation)
+        note = max(declared.note_bytes, getattr(rule, "note_bytes", 0))
+        self._head = HEAD_BYTES + note if note or declared.dated else 0
+        self._cut: Cut | None = None
+        self._cut = self._common(scenario, [up, down])
+        self.upload = self._codec(up, weighted=declared.weighted)
+        self.broadcast = self._codec(down)
+
+    def relay(self, most: NDArray[np.intp]) -> Codec:
+        """The codec of averages of `most` (N,) models at most, as heads of clusters send them: floats of the radio. A
+        coarser coding would lose what no later upload gives back."""
+        return self._codec(self._floats, weighted=self._declared.weighted, most=most)
+
+    def _codec(self, coding: Coding, *, weighted: bool = False, most: NDArray[np.intp] | None = None) -> Codec:
+        parts = self._declared.parts if most is None else (self._declared.parameters,)
+        return Codec(coding, parts, self._cut, weighted=weighted, head=self._head, most=most)
+
+    def _common(self, scenario: Scenario, codings: list[Coding]) -> Cut | None:
+        """The cut of all models, by the longest of them; None: they go whole."""
+        weighted = self._declared.weighted
+        sent = [self._codec(coding, weighted=weighted and not place) for place, coding in enumerate(codings)]
+        if scenario.federation.clusters > 1:
+            sent.append(self.relay(np.ones(0, dtype=np.intp)))
+        return cut_of(scenario, self._declared.parts, max(codec.bits for codec in sent), [each.form for each in sent])
+
+
+def coding_of(scenario: Scenario, name: str, *, upload: bool = False) -> Coding:
+    """The coding of a name; of an upload with the options of the scenario.
+
+    Raises:
+        BadInput: it is not installed, or its options do not fit.
+    """
+    options = scenario.federation.payload_options if upload else {}
+    coding: Coding = plugins.create("coding", name, options, scenario)
+    return coding
+
+
+def bound_of_models(scenario: Scenario) -> float:
+    """Size that every number of a model must be below, so that it can be sent."""
+    coding = coding_of(scenario, scenario.upload_payload, upload=True)
+    return min(BEYOND_SENSE, math.nextafter(coding.largest, math.inf))
+
+
+def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[Form]) -> Cut | None:
+    """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
+
+    Args:
+        forms: of all models that it transmits.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails, or a fragment has no room for a number, or for a note.
+    """
+    slots = scenario.federation.fragment
+    if slots is None:
+        slots = WHOLE if _fits(scenario, bits) else longest(scenario)
+    if slots == WHOLE:
+        return None
+    radio, forms = scenario.radio, tuple(forms)
+    size = min(form.size(int(slots * radio.bits_per_slot / 8), parts) for form in forms)
+    if size < 1:
+        raise ValueError(f"a fragment of {slots} slots has no room for a weight; set a larger `federation.fragment`")
+    step = max(form.step for form in forms)
+    size -= size % step
+    if (head := max(form.head_numbers for form in forms)) > size:
+        raise ValueError(
+            f"a fragment of {slots} slots has no room for a note of {forms[0].head - HEAD_BYTES} bytes; declare a "
+            "smaller `note_bytes`, or set a larger `federation.fragment`"
+        )
+    busy = radio.latency_threshold_slots * radio.coherence_time_s
+    if size >= head + sum(parts):
+        return None
+    return Cut(slots, size, max(1, int(scenario.dt / busy * (1.0 + 1e-9))))
+
+
+def longest(scenario: Scenario) -> int:
+    """Slots of the longest fragments of which 95 % are expected to be delivered, at least 1.
+
+    The expectation is that of the links between the leader's UAV and all others at take-off. A channel without closed
+    forms gets a quarter of the latency threshold.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    radio, distance = scenario.radio, _distances(scenario)
+    for slots in range(radio.latency_threshold_slots, 0, -1):
+        lost = _expected_losses(scenario, distance, int(slots * radio.bits_per_slot / 8) * 8)
+        if lost is None:
+            return max(1, radio.latency_threshold_slots // 4)
+        if lost <= (1.0 - SUCCESS) * len(distance):
+            return slots
+    return 1
+
+
+def _distances(scenario: Scenario) -> Floats:
+    """Distances of all UAVs from the leader's at take-off, without its own, m."""
+    places, leader = state.position(starts(scenario)), scenario.federation.leader
+    return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
+
+
+def _expected_losses(scenario: Scenario, distance: Floats, bits: int) -> float | None:
+    """Expected losses of a message of so many bits on links of lengths `distance` (K,), m; None if unknown.
+
+    Raises as `longest`.
+    """
+    radio = scenario.radio
+    channel = plugins.create("channel", radio.model, radio.options, scenario)
+    try:
+        expected = channel.expected(distance, bits) if len(distance) else (0.0, 0.0)
+    except FAILURES as error:
+        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+    return None if expected is None else float(expected[0])
+
+
+def share_delivered(scenario: Scenario, bits: int) -> float:
+    """Expected share of messages of so many bits that are delivered to the leader's UAV at take-off; 1 if unknown.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    distance = _distances(scenario)
+    lost = _expected_losses(scenario, distance, bits)
+    return 1.0 if lost is None or not len(distance) else 1.0 - lost / len(distance)
+
+
+def _fits(scenario: Scenario, bits: int) -> bool:
+    """Returns whether a message of so many bits can arrive within the latency threshold, or without a loss in a hop.
+
+    A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
+    """
+    radio = scenario.radio
+    channel = plugins.create("channel", radio.model, radio.options, scenario)
+    try:
+        least = channel.least_slots(bits)
+        if least is None or least <= radio.latency_threshold_slots:
+            return True
+    except FAILURES as error:
+        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+    in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
+    return in_time and _expected_losses(scenario, np.ones(1), bits) == 0.0
