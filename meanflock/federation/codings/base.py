@@ -29,6 +29,24 @@ class Models(NamedTuple):
     uavs: NDArray[np.integer]
     round: int
 
+    @property
+    def largest(self) -> Floats:
+        """Size of the largest number of every piece, (S, P)."""
+        return np.asarray(np.maximum.reduceat(np.abs(self.numbers), self.starts, axis=-1))
+
+    @property
+    def mean_size(self) -> Floats:
+        """Mean size of the numbers of every piece, (S, P)."""
+        sizes = np.diff(self.starts, append=self.numbers.shape[1])
+        return np.asarray(np.add.reduceat(np.abs(self.numbers), self.starts, axis=-1) / sizes)
+
+    @staticmethod
+    def scales(sizes: Floats) -> NDArray[np.float32]:
+        """Scales (S, P) as float32, rounded up, so that none is smaller than in float64; at least `FINEST`."""
+        scales = sizes.astype(np.float32)
+        scales = np.where(scales < sizes, np.nextafter(scales, np.float32(np.inf)), scales)
+        return np.maximum(scales, np.float32(FINEST)).astype(np.float32)
+
     def spread(self, scales: NDArray[np.floating]) -> Floats:
         """The scale of every number, (S, L), of the scales (S, P) of the pieces."""
         sizes = np.diff(self.starts, append=self.numbers.shape[1])
@@ -70,10 +88,3 @@ class Coding:
     def valid(self, numbers: NDArray[Any]) -> Mask:
         """Returns the mask (R, n) of the numbers that this coding ever writes."""
         return np.isfinite(numbers) if self.floats else np.ones(numbers.shape, dtype=bool)
-
-
-def scales_of(sizes: Floats) -> NDArray[np.float32]:
-    """Scales (S, P) as float32, rounded up from float64, so that no number exceeds its scale; at least `FINEST`."""
-    scales = sizes.astype(np.float32)
-    scales = np.where(scales < sizes, np.nextafter(scales, np.float32(np.inf)), scales)
-    return np.maximum(scales, np.float32(FINEST)).astype(np.float32)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.codings.base import COARSEST, Coding, Models, scales_of
+from meanflock.federation.codings.base import COARSEST, Coding, Models
 from meanflock.swarm.state import Floats, Mask
 
 STEPS = 127  # of a scale, each way; −128 is never sent
@@ -23,7 +23,7 @@ class Int8(Coding):
     largest = STEPS * COARSEST
 
     def encode(self, models: Models) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        scales = scales_of(np.maximum.reduceat(np.abs(models.numbers), models.starts, axis=-1) / STEPS)
+        scales = models.scales(models.largest / STEPS)
         return np.rint(models.numbers / models.spread(scales)).astype(np.int8), scales
 
     def decode(self, numbers: NDArray[Any], scales: Floats) -> Floats:
