@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
+from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.federation.coding import bound_of_models, check_weights
 from meanflock.federation.plan import Plan
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
@@ -109,18 +109,47 @@ class Guarded:
         """The weights of the models (M,); a radio can carry those of `rows` that are not broken."""
         return self._table("samples", memory, (), rows.tolist(), check_weights)
 
+    def ready(self, memory: Memory, rows: Rows) -> Mask:
+        """Mask (M,) of the rows that have a model to upload."""
+        return self._table("ready", memory, (), rows.tolist()) != 0.0
+
+    def based(self, memory: Memory, rows: Rows) -> NDArray[np.intp] | None:
+        """The rounds (M,) of the global models from which the training of the models began; None: see `Controller`."""
+        with suppress(*FAILURES):  # below it fails for its rows
+            if self.controller.based(memory) is None:
+                return None
+        return self._table("based", memory, (), rows.tolist()).astype(np.intp)
+
+    def notes(self, memory: Memory, rows: Rows) -> list[bytes]:
+        """The notes of some rows; empty ones if the controller declares none or fails."""
+        if not self._declared.note_bytes:
+            return [b""] * len(rows)
+
+        def checked(memory: Memory, rows: int) -> Sequence[bytes]:
+            notes = self.controller.note(memory)
+            check_notes(notes, rows, self._declared.note_bytes)
+            return notes
+
+        try:
+            notes = checked(memory, len(self._uavs))
+        except FAILURES as error:
+            by_row = _each_row(rows.tolist(), lambda row: checked(_row(memory, row), 1)[0])
+            self._break([row for row in rows.tolist() if row not in by_row], error)
+            return [by_row.get(row, b"") for row in rows.tolist()]
+        return [notes[row] for row in rows.tolist()]
+
     def report(self, memory: Memory) -> Floats:
         """The learned weights, (M, weights)."""
         return self._table("report", memory, (self._declared.weights,), range(len(self._uavs)))
 
-    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        """The memory after some rows took global models (len(rows), parameters)."""
+    def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
+        """The memory after a global model has reached some rows."""
         try:
-            return self._taught(memory, rows, models)
+            return self._taught(memory, rows, arrival)
         except FAILURES as error:
-            places = {row: slice(place, place + 1) for place, row in enumerate(rows.tolist())}
+            places = {row: place for place, row in enumerate(rows.tolist())}
             first = np.zeros(1, dtype=np.intp)
-            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), first, models[places[row]]))
+            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), first, arrival.row(places[row])))
             self._break([row for row in places if row not in by_row], error)
             return _with_rows(memory, by_row)
 
@@ -178,8 +207,8 @@ class Guarded:
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
         return Step(after, commands[:, :axes], commands[:, axes:], broadcasts, refused), commands
 
-    def _taught(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
-        after = self.controller.set(memory, rows, models)
+    def _taught(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
+        after = self.controller.arrived(memory, rows, arrival)
         check_same_form("memory", after, memory)
         return after
 
@@ -293,6 +322,20 @@ def _check_broadcast(payload: object, senders: Rows | None, rows: int) -> None:
         and (not len(senders) or (senders[0] >= 0 and senders[-1] < rows and (np.diff(senders) > 0).all()))
     ):
         raise ValueError(f"a broadcast of rows {senders!r}; expected an array of some of 0 … {rows - 1}, ascending")
+
+
+def check_notes(notes: object, rows: int, most: int) -> None:
+    """Check the notes of so many rows.
+
+    Raises:
+        TypeError, ValueError: they are not a list of bytes for each row, or one is longer than declared.
+    """
+    if not isinstance(notes, (tuple, list)) or not all(isinstance(note, bytes) for note in notes):
+        raise TypeError("`note` must return a list of bytes, one for each row")
+    if len(notes) != rows:
+        raise ValueError(f"`note` returns {len(notes)} notes; expected {rows}, one for each row")
+    if (longest := max(map(len, notes), default=0)) > most:
+        raise ValueError(f"`note` returns {longest} bytes; `note_bytes` declares {most}")
 
 
 def choose(mask: Mask, chosen: Memory, others: Memory) -> Memory:

@@ -1,9 +1,11 @@
 """The agent node: flies M UAVs, the rows of its arrays, by the controller of the scenario."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Broadcast, Controller, Received
+from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.party import Party
 from meanflock.federation.plan import plan_of
@@ -193,9 +195,34 @@ class Agent:
             return rows, models, weights
         return rows, models[rows], weights[rows]
 
-    def take(self, rows: NDArray[np.intp], models: Floats) -> None:
-        """Replace the models of some rows by `models` (S, L)."""
-        self._memory = self._controller.set(self._memory, rows, models)
+    def ready(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows among these that have a model to upload."""
+        return rows[self._controller.ready(self._memory, rows)[rows]] if len(rows) else rows
+
+    def based(self, rows: NDArray[np.intp]) -> NDArray[np.intp] | None:
+        """The rounds (S,) of the global models from which the training of the rows' models began; None: unknown."""
+        based = self._controller.based(self._memory, rows)
+        return None if based is None else based[rows]
+
+    def notes(self, rows: NDArray[np.intp]) -> list[bytes]:
+        """The notes that these rows send with their models."""
+        return self._controller.notes(self._memory, rows)
+
+    def take(
+        self,
+        rows: NDArray[np.intp],
+        models: Floats,
+        number: int = 0,
+        whole: Mask | None = None,
+        notes: Sequence[bytes] = (),
+    ) -> None:
+        """Give some rows the global model of a round as `models` (S, L).
+
+        whole: (S,) whether all fragments arrived; None: all of all. notes: the leader's, one for each row; or none.
+        """
+        whole = np.ones(len(rows), dtype=bool) if whole is None else whole
+        arrival = Arrival(number, models, whole, notes or [b""] * len(rows))
+        self._memory = self._controller.arrived(self._memory, rows, arrival)
 
     def silent(self) -> Mask:
         """Mask (M,) of the rows that send nothing in this tick: failed, paused or broken ones."""

@@ -84,6 +84,24 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     refused: NDArray[np.int32] = NOBODY
 
 
+class Arrival(msgspec.Struct, frozen=True, eq=False):
+    """The global model of a round, as it reached R rows.
+
+    number: the round. models: (R, parameters). whole: (R,) whether all fragments arrived. notes: the leader's note to
+    each row; empty if it sends none.
+    """
+
+    number: int
+    models: NDArray[np.float64]
+    whole: Mask
+    notes: Sequence[bytes]
+
+    def row(self, place: int) -> "Arrival":
+        """The arrival at one of the rows alone."""
+        one = slice(place, place + 1)
+        return Arrival(self.number, self.models[one], self.whole[one], self.notes[one])
+
+
 class Controller:
     """Base class of controllers: override `step`, and `init` if it has a memory; declare what differs from these."""
 
@@ -100,6 +118,7 @@ class Controller:
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
+    note_bytes: int = 0  # most bytes of a note that is sent with a model
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""
@@ -134,6 +153,24 @@ class Controller:
         if self.parameters:
             raise NotImplementedError("a controller that declares `parameters` must override `set`")
         return memory
+
+    def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
+        """Returns the memory after a global model has reached some rows. Override it instead of `set` to use the round,
+        the note or the missing fragments."""
+        return self.set(memory, rows, arrival.models)
+
+    def ready(self, memory: Memory) -> Mask:
+        """Returns the mask (M,) of the rows that have a model to upload; the others send none in this round."""
+        return np.ones(len(next(iter(memory.values()))), dtype=bool)
+
+    def based(self, memory: Memory) -> NDArray[np.integer] | None:
+        """Returns the round (M,) of the global model from which the training of each model began, 0 for the model at
+        take-off; None: the round of the upload."""
+        return None
+
+    def note(self, memory: Memory) -> Sequence[bytes]:
+        """Returns the note that is sent with the model of each row, at most `note_bytes` long."""
+        return [b""] * len(next(iter(memory.values())))
 
     def samples(self, memory: Memory) -> NDArray[np.float64]:
         """Returns how much each model counts in a mean, (M,), greater than 0 as float32: for example its number of

@@ -14,11 +14,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Options, Received, Rows, Step
+from meanflock.agent.controllers.base import Arrival, Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, States, Vectors, distinct
+from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
 
 PREFIX = "filter_"  # of the filter's memory, and of a column whose name the controller has too
 _UNSENT = "unsent"  # the last of its columns
@@ -43,6 +43,7 @@ class Filter:
         self.weights = inner.weights
         self.period_ticks = inner.period_ticks
         self.weighted = inner.weighted
+        self.note_bytes = inner.note_bytes
         self.recorded = dict(inner.recorded)
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
@@ -121,6 +122,23 @@ class Filter:
         """See `Controller.set`."""
         inner_memory, own_memory = _split(memory)
         return self.inner.set(inner_memory, rows, models) | _prefixed(own_memory)
+
+    def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
+        """See `Controller.arrived`."""
+        inner_memory, own_memory = _split(memory)
+        return self.inner.arrived(inner_memory, rows, arrival) | _prefixed(own_memory)
+
+    def ready(self, memory: Memory) -> Mask:
+        """See `Controller.ready`."""
+        return self.inner.ready(_split(memory)[0])
+
+    def based(self, memory: Memory) -> NDArray[np.integer] | None:
+        """See `Controller.based`."""
+        return self.inner.based(_split(memory)[0])
+
+    def note(self, memory: Memory) -> Sequence[bytes]:
+        """See `Controller.note`."""
+        return self.inner.note(_split(memory)[0])
 
     def samples(self, memory: Memory) -> Floats:
         """See `Controller.samples`."""

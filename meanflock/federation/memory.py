@@ -19,6 +19,10 @@ class NodeModels(Protocol):
         """The rows among these that can send, their models (S, L) and what these count (S,)."""
         ...
 
+    def ready(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows among these that have a model to upload."""
+        ...
+
     def take(self, rows: NDArray[np.intp], models: Floats) -> None:
         """Puts models (S, L) in the place of those of some rows."""
         ...

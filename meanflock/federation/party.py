@@ -166,7 +166,7 @@ class Party:
         """The models of the rows that take part in a round."""
         assert self._learner is not None
         assert self._feedback is not None
-        coding, participants = hop.coding, self._schedule.rows(number)
+        coding, participants = hop.coding, self._learner.ready(self._schedule.rows(number))
         rows, models, weights = self._learner.models_to_send(
             participants if self._exchange is None else np.arange(len(self._uavs))
         )

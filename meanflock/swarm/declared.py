@@ -15,6 +15,7 @@ MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = "none"
 MAX_MEMORY_BYTES = 256 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
+MAX_NOTE_BYTES = 65_000  # of a note that is sent with a model
 MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule
 
 
@@ -30,6 +31,7 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: whether a UAV has memory for each other UAV; memory then grows with N².
     shares: whether the UAVs broadcast their states by the scenario's `[sharing]`.
     weighted: whether each model is sent with a weight.
+    note_bytes: most bytes of a note that is sent with a model.
     recorded: options that the controller fills in, by name: hashes of the files that it flies.
     """
 
@@ -42,6 +44,7 @@ class Declared(msgspec.Struct, frozen=True):
     pairwise: bool
     shares: bool
     weighted: bool
+    note_bytes: int
     recorded: Mapping[str, str]
 
     @property
@@ -113,6 +116,7 @@ def _checked(instance: Any, name: str) -> Declared:
         pairwise=bool(instance.pairwise),
         shares=bool(instance.shares),
         weighted=bool(instance.weighted),
+        note_bytes=_count(instance, name, "note_bytes", 0, MAX_NOTE_BYTES),
         recorded=dict(getattr(instance, "recorded", {})),
     )
 
