@@ -16,6 +16,8 @@ STREAMS = (
     "controller",  # of controllers, by an index of their own, such as tick × N + UAV
     "wind-field",  # modes of the wind field; drawn by the world only
     "alignment",  # pairs whose velocities are compared, by tick; drawn by the world only
+    "training",  # seeds of trainings, by round and UAV
+    "slowness",  # of a UAV's computer, by UAV
 )
 
 
