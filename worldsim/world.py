@@ -57,12 +57,14 @@ class World(Stateful):
         """
         self.plan = plan
         self.scenario = scenario = plan.scenario
+        declared = plan.declared
+        busy = declared.diagnostics.index(declared.busy) if declared.busy else None
         self.flight = Flight(scenario)
         self.air = Medium(plan)
         self.post = Post(plan)
         self.models = ModelsHash(plan)
         self.counters = Counters()
-        self.commands = Commands(scenario.uavs, scenario.dimensions, len(plan.declared.diagnostics))
+        self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)
         self._merger = FrameMerger(self.post)
         self._checkpoint_every = checkpoint_every
