@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Options
+from meanflock.agent.controllers.base import Options
 from meanflock.swarm.scenario import Scenario
 
 # A dict or list of arrays, or of further dicts and lists. An array is NumPy's, or one of torch.
@@ -89,10 +89,3 @@ class Learner:
 
     def load(self, raw: bytes) -> None:
         """Takes what `state` returned after the last training, or b"" before the first one."""
-
-    @classmethod
-    def around(cls, options: Any, scenario: Scenario, inner: Controller) -> Any:
-        """The controller that flies by `inner` and trains with this learner."""
-        from meanflock.agent.learning.controller import Learning  # it imports this module
-
-        return Learning(options, scenario, inner, cls)

@@ -41,7 +41,7 @@ _SIZE = 4  # bytes of a length
 _INITIAL = 0  # index of the seed of the first model; those of trainings follow
 
 
-class Outcome(NamedTuple):
+class TrainingResult(NamedTuple):
     """Checked result of a training. problem: why there is no model to upload; empty if there is one.
 
     threads: number of threads that it left running.
@@ -233,7 +233,7 @@ class Learning:
         for row in np.flatnonzero(due).tolist():
             uav = int(mine["uav"][row])
             try:
-                outcome: Outcome | None = TRAININGS.wait(self._job(mine, row))
+                outcome: TrainingResult | None = TRAININGS.wait(self._job(mine, row))
             except FAILURES as error:
                 raise RuntimeError(f"{self._name}: {last_line(error)}") from error
             if outcome is None:  # no part in this round
@@ -248,7 +248,7 @@ class Learning:
             if mine["ends"][row] <= tick:
                 self._take(mine, row, outcome, news)
 
-    def _take(self, mine: Memory, row: int, outcome: Outcome, news: list[str]) -> None:
+    def _take(self, mine: Memory, row: int, outcome: TrainingResult, news: list[str]) -> None:
         """End the training of a row with its outcome."""
         mine["began"][row] = mine["ends"][row] = -1
         if outcome.problem:
@@ -280,7 +280,7 @@ class Learning:
             self._jobs[uav] = began, job
         return job
 
-    def _call(self, mine: Memory, row: int) -> Callable[[], Outcome | None]:
+    def _call(self, mine: Memory, row: int) -> Callable[[], TrainingResult | None]:
         uav, began = int(mine["uav"][row]), int(mine["began"][row])
         number = began // self.scenario.period_ticks + 1
         config = Fit(
@@ -295,8 +295,10 @@ class Learning:
         base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
         return partial(self._trained, uav, base, kept, _unpacked(state), config)
 
-    def _trained(self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit) -> Outcome | None:
-        """Train one model, in the thread of the trainings."""
+    def _trained(
+        self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit
+    ) -> TrainingResult | None:
+        """Train one model; called in the thread of the trainings."""
         learner, threads = self._learner(uav), threading.active_count()
         with seeded(config.seed, self._table.threads):
             learner.load(state)
@@ -317,7 +319,7 @@ class Learning:
         metrics = {name: float(value) for name, value in (measured | trained.metrics).items()}
         left = max(0, threading.active_count() - threads)
         examples = float(trained.examples)
-        return Outcome(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
+        return TrainingResult(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
 
     def _problem(self, model: Floats) -> str:
         if not np.isfinite(model).all():

@@ -1,6 +1,5 @@
 """Surroundings of a learner's code: seeded random generators, so many threads, and the kernels of torch."""
 
-import os
 import random
 import sys
 from collections.abc import Iterator
@@ -11,8 +10,6 @@ import numpy as np
 
 from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
-
-ISA = "ATEN_CPU_CAPABILITY"  # torch reads it when it is imported
 
 
 @contextmanager
@@ -58,11 +55,5 @@ def check_isa(wanted: str) -> None:
     if used != wanted:
         raise BadInput(
             f"torch computes with its kernels {used!r}, and `training.torch_isa` is {wanted!r}, so the bits would "
-            f"differ; start Python with {ISA}={wanted}, import meanflock.torch before torch, or set "
-            f"training.torch_isa={used}"
+            f"differ; start Python with {threads.TORCH_ISA}={wanted}, or set training.torch_isa={used}"
         )
-
-
-def pin_isa() -> None:
-    """Let torch compute with kernels that every processor has, unless the variable says otherwise."""
-    os.environ.setdefault(ISA, "default")

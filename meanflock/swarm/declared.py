@@ -1,5 +1,6 @@
 """Declarations of a controller: all that the swarm knows about it."""
 
+import importlib
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -82,7 +83,8 @@ def learning(instance: Any, scenario: Any) -> Any:
             f"a --method without one: {', '.join(_without_model(scenario))}"
         )
     options = plugins.options_of("learner", name, scenario.training.options)
-    return plugins.load("learner", name).around(options, scenario, instance)  # type: ignore[attr-defined]
+    found = importlib.import_module("meanflock.agent.learning.controller")  # by name, as a plug-in
+    return found.Learning(options, scenario, instance, plugins.load("learner", name))
 
 
 def _without_model(scenario: Any) -> list[str]:

@@ -23,7 +23,7 @@ ROUNDS, HOP = 2, 2  # rounds of a trial; ticks from an upload to the arrival of 
 
 _RANDOM = "draw from the global generators, which are seeded, or from a generator of `config.seed`"
 _ALONE = "train from the arguments of `fit`, and share nothing that changes between the learners of a process"
-_THREADS = "sum in an order of your own, or set the number of threads in `fit`"
+_THREADS = "leave the number of threads as it is: `training.threads` sets it before each call"
 _HIDDEN = (
     "what `fit` leaves in `self` is gone after a checkpoint: return it from `state`, take it in `load`, and declare "
     "`state_bytes`"
@@ -51,7 +51,7 @@ def check_learner(
 ) -> None:
     """Trains a small swarm in two rounds and checks everything that a flight relies on.
 
-    The rounds are repeated with a learner for each UAV alone, with another number of threads, and from checkpoints
+    The rounds are repeated with a learner for each UAV alone, with other threads in the process, and from checkpoints
     before and during a training. A learner that draws from an unseeded generator is found.
 
     Args:
@@ -71,12 +71,11 @@ def check_learner(
         uavs = np.arange(flown.uavs)
         together = [uavs]
         first = _trial(learner, flown, together)
-        threaded = flown.replace(**{"training.threads": OTHER_THREADS})
         for again, problem, remedy in (
             (_trial(learner, flown, together, seed=2), "differ in a second run", _RANDOM),
             (_trial(learner, flown, [uavs[k : k + 1] for k in uavs]), "differ if each UAV is alone", _ALONE),
             (_trial(learner, flown, together, afresh=True), "differ after a checkpoint", _HIDDEN),
-            (_trial(learner, threaded, together), f"differ with {OTHER_THREADS} threads", _THREADS),
+            (_trial(learner, flown, together, number=OTHER_THREADS), "differ if other code has two threads", _THREADS),
         ):
             if difference := first.differs(again):
                 fail(learner, f"{difference} {problem}", remedy)
@@ -97,13 +96,20 @@ def _registered(learner: type[Learner]) -> Iterator[None]:
 
 
 def _trial(
-    learner: type[Learner], flown: Scenario, groups: list[NDArray[np.intp]], seed: int = 1, afresh: bool = False
+    learner: type[Learner],
+    flown: Scenario,
+    groups: list[NDArray[np.intp]],
+    seed: int = 1,
+    number: int = 1,
+    afresh: bool = False,
 ) -> LearningTrial:
     """Train in some rounds with an instance for each group of UAVs.
 
-    `afresh`: a new instance, which gets only the memory, when a model arrives and one tick later.
+    Args:
+        seed: of the global generators. number: of threads of the numeric libraries, outside of trainings. afresh: a new
+            instance, which gets only the memory, when a model arrives and one tick later.
     """
-    return with_surroundings(lambda: _rounds(learner, flown, groups, afresh), seed)
+    return with_surroundings(lambda: _rounds(learner, flown, groups, afresh), seed, number)
 
 
 def _rounds(learner: type[Learner], flown: Scenario, groups: list[NDArray[np.intp]], afresh: bool) -> LearningTrial:

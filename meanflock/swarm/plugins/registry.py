@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
+from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line, meant
 
 PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "learner", "filter", "topology"]
@@ -110,6 +111,7 @@ def load(kind: PluginKind, name: str) -> type:
     plugin = find(kind, name)
     if (kind, name) in registered:
         return registered[kind, name][1]
+    threads.pin_torch()
     module, _, attribute = plugin.reference.partition(":")
     try:
         found: Any = importlib.import_module(module)

@@ -80,7 +80,7 @@ class Training(_Table, frozen=True):
     torch_isa: Annotated[
         Literal["default", "avx2", "avx512"],
         key(
-            "instruction set of torch's kernels; torch reads it from ATEN_CPU_CAPABILITY when it is imported",
+            "instruction set of torch's kernels; torch reads it from ATEN_CPU_CAPABILITY when it first computes",
             OURS,
             "`default` is on every processor, so the bits are the same on all",
         ),
