@@ -96,7 +96,9 @@ class Guarded:
         """
         try:
             step = self.controller.step(memory, tick, own, received)
-            return step, *checked_step(step, memory, self._blank, self._declared, self._everyone)
+            commands, largest = checked_step(step, memory, self._blank, self._declared, self._everyone)
+            self._problems += step.news
+            return step, commands, largest
         except FAILURES as error:
             step, commands = self._step_rows(memory, tick, own, received)
             self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
@@ -199,6 +201,7 @@ class Guarded:
             return step
 
         steps = _each_row(range(len(own)), step_row)
+        self._problems += [text for step in steps.values() for text in step.news]
         silence = [np.zeros((0, 1))]
         broadcasts = tuple(
             Broadcast(np.concatenate([*payloads.values()] or silence), np.array([*payloads], dtype=np.intp))

@@ -27,7 +27,11 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "A controller": (
         "See [your controller](your-controller.md).",
-        ("Controller", "Options", "Received", "Broadcast", "Step"),
+        ("Controller", "Options", "Received", "Broadcast", "Step", "Arrival"),
+    ),
+    "A learner": (
+        "Trains a model while UAVs fly; see [train your PyTorch model](train-in-flight.md).",
+        ("Learner", "Fit", "Trained"),
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),

@@ -1,4 +1,4 @@
-"""A coding in a file: QSGD, seven levels of 4 bits with a random rounding that is right on average (Alistarh et al. 2017).
+"""A coding in a file: QSGD, seven levels of 4 bits, rounded at random and right on average (Alistarh et al. 2017).
 
 meanflock run --plugin examples/qsgd.py --set federation.payload=qsgd
 """

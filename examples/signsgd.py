@@ -1,5 +1,6 @@
-"""A coding in a file: one bit a number, its sign, times the mean size of its piece (Bernstein et al. 2018; with the error
-feedback of Karimireddy et al. 2019, which is on by default).
+"""A coding in a file: one bit a number, its sign, times the mean size of its piece (Bernstein et al. 2018).
+
+The rounding errors are fed back to later uploads, as for every coding (Karimireddy et al. 2019).
 
     meanflock run --plugin examples/signsgd.py --set federation.payload=signsgd
 """

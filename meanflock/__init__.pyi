@@ -1,11 +1,16 @@
 """The names of the Python API, each with its module. `__init__.py` reads this file, too."""
 
+from meanflock.agent.controllers.base import Arrival as Arrival
 from meanflock.agent.controllers.base import Broadcast as Broadcast
 from meanflock.agent.controllers.base import Controller as Controller
 from meanflock.agent.controllers.base import Options as Options
 from meanflock.agent.controllers.base import Received as Received
 from meanflock.agent.controllers.base import Step as Step
 from meanflock.agent.controllers.filtered import Filter as Filter
+from meanflock.agent.learning.base import Fit as Fit
+from meanflock.agent.learning.base import Learner as Learner
+from meanflock.agent.learning.base import Trained as Trained
+from meanflock.agent.learning.base import Tree as Tree
 from meanflock.channel.base import Channel as Channel
 from meanflock.channel.base import Message as Message
 from meanflock.comparing import compare as compare

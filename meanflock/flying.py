@@ -12,7 +12,7 @@ from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.results.quantities import check_diagnostics
 from meanflock.runs import Run
-from meanflock.settings import load_plugins, scenario_of, with_settings
+from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
 from meanflock.swarm import paths, threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -30,6 +30,7 @@ def fly(
     scenario: str | Path | Scenario | None = "paper",
     *,
     method: str | type | None = None,
+    learner: str | Path | type | None = None,
     uavs: int | None = None,
     seed: int | None = None,
     duration: float | None = None,
@@ -44,6 +45,7 @@ def fly(
     Args:
         scenario: the name of a shipped scenario, a TOML file, or a Scenario.
         method: the controller, by name or as a class.
+        learner: a learner that trains while UAVs fly, by name, file or class; the method must share no model.
         uavs: number of UAVs.
         seed: seed of all random numbers.
         duration: longest simulated time, s.
@@ -62,7 +64,9 @@ def fly(
         RunFailed: the flight failed.
     """
     load_plugins(plugin)
-    options = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
+    options: dict[str, Any] = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
+    if learner is not None:
+        options["training.learner"] = learner_named(learner)
     flown = scenario_of(scenario, settings, **options)
     with ExitStack() as stack:
         flight = prepared(flown, out, record, stack)

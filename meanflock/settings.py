@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
 from meanflock.federation.plan import plan_of
-from meanflock.swarm import plugins
+from meanflock.swarm import paths, plugins
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
 Arguments = ParamSpec("Arguments")
@@ -38,6 +39,28 @@ def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
     """
     if given is not None:
         plugins.load_files([given] if isinstance(given, str | Path) else given)
+
+
+def learner_named(given: str | Path | type) -> str:
+    """Name of a learner, given as its name, its class or the file that has it; class or file are then registered.
+
+    Raises:
+        BadInput: it cannot be used, or the file has no learner, or several.
+    """
+    if isinstance(given, type):
+        return plugins.register(given).name
+    if Path(given).suffix != ".py":
+        return plugins.find("learner", str(given)).name
+    plugins.load_files([given])
+    path = str(paths.given(paths.given(given).resolve()))
+    found = [plugin.name for plugin in plugins.installed() if (plugin.kind, plugin.source) == ("learner", path)]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise BadInput(
+            f"--learner {given}: no learner in it; derive a class from meanflock.Learner and give it a `name`"
+        )
+    raise BadInput(f"--learner {given}: several learners, {' and '.join(found)}; use --plugin, and --learner NAME")
 
 
 def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, Any], **options: Any) -> Scenario:

@@ -21,11 +21,16 @@ class Commands(Stateful):
         diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
         largest: (K,), maximum of |diagnostics| over the ticks that were settled.
         summed: (K,), sum of the diagnostics of UAVs on the way over these ticks.
+        busy: (N,), UAVs that trained in the last tick. busy_ticks: sum of their number.
     """
 
-    stored = ("accelerations", "largest", "summed")
+    stored = ("accelerations", "largest", "summed", "busy", "busy_ticks")
 
-    def __init__(self, uavs: int, axes: int, diagnostics: int) -> None:
+    def __init__(self, uavs: int, axes: int, diagnostics: int, busy: int | None = None) -> None:
+        """`busy`: column of the diagnostics that is 1 while a UAV trains; None: none does."""
+        self._busy = busy
+        self.busy: Mask = np.zeros(uavs, dtype=bool)
+        self.busy_ticks = 0
         self.accelerations: state.Vectors = np.zeros((uavs, axes))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
@@ -57,6 +62,9 @@ class Commands(Stateful):
         else:
             self.accelerations[...] = numbers[:, :axes]
         self.diagnostics = numbers[:, axes:]
+        if self._busy is not None:
+            self.busy = self.diagnostics[:, self._busy] > 0.0
+            self.busy_ticks += int(np.count_nonzero(self.busy))
         if on_way is not self._on_way or len(self._block) == self._most:
             self.settle()
             self._on_way = on_way

@@ -58,12 +58,14 @@ class World(Stateful):
         """
         self.plan = plan
         self.scenario = scenario = plan.scenario
+        declared = plan.declared
+        busy = declared.diagnostics.index(declared.busy) if declared.busy else None
         self.flight = Flight(scenario)
         self.air = Medium(plan)
         self.ledger = Ledger(plan)
         self.models = ModelsHash(plan)
         self.counters = Counters()
-        self.commands = Commands(scenario.uavs, scenario.dimensions, len(plan.declared.diagnostics))
+        self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)
         self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every

@@ -74,7 +74,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
     memory: the memory after the tick. acceleration: (M, 2), m/s². diagnostics: (M, K), in the declared order.
     broadcasts: the frames to send; a receiver gets their position in the tuple as `number`. refused: UAVs whose
-    received states were not used; the world counts them.
+    received states were not used; the world counts them. news: texts for the events of the run.
     """
 
     memory: Memory
@@ -82,6 +82,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     diagnostics: NDArray[np.float64] | None = None
     broadcasts: Sequence[Broadcast] = ()
     refused: NDArray[np.int32] = NOBODY
+    news: Sequence[str] = ()
 
 
 class Arrival(msgspec.Struct, frozen=True, eq=False):
@@ -118,8 +119,9 @@ class Controller:
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
-    note_bytes: int = 0  # most bytes of a note that is sent with a model, 16 bits more
+    note_bytes: int = 0  # most bytes of a note that is sent with a model, 48 bits more
     dated: bool = False  # whether each model is sent with the round that `based` returns, 48 bits more
+    busy: str = ""  # diagnostic that is 1 while a row trains, else 0; empty if none does
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""

@@ -45,6 +45,7 @@ class Filter:
         self.weighted = inner.weighted
         self.note_bytes = inner.note_bytes
         self.dated = inner.dated
+        self.busy = inner.busy
         self.recorded = dict(inner.recorded)
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
@@ -97,6 +98,7 @@ class Filter:
             np.concatenate([*inner_reported, reported, self._neighbours.unsent(own_memory)], axis=1),
             (broadcast, *step.broadcasts),
             step.refused if not len(refused) else distinct(np.concatenate([step.refused, refused])).astype(np.int32),
+            step.news,
         )
 
     def _admitted(

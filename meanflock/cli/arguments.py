@@ -76,6 +76,25 @@ def _register(context: click.Context, _parameter: click.Parameter, files: tuple[
         plugins.load_files(files)
 
 
+_LEARNER = "meanflock.learner"  # in the `meta` of a context
+
+
+def _take_learner(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
+    """Register the file of `--learner`, and keep the learner's name for `_with_learner`."""
+    if given is None or context.resilient_parsing:
+        return
+    from meanflock.settings import learner_named
+
+    with redirect_stdout(sys.stderr):
+        context.meta[_LEARNER] = learner_named(given)
+
+
+def _with_learner(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
+    """The settings, and that of `--learner`."""
+    learner = context.meta.get(_LEARNER)
+    return settings if learner is None else (*settings, f"training.learner={learner}")
+
+
 class _MethodOption(click.Option):
     """Option `--method`, whose help names the controllers that are installed."""
 
@@ -103,7 +122,17 @@ _OF_A_SCENARIO = {
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=completion.keys,
+        callback=_with_learner,
         help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
+    ),
+    "learner": click.option(
+        "--learner",
+        metavar="FILE.py|NAME",
+        callback=_take_learner,
+        expose_value=False,
+        is_eager=True,  # before --set, which gets its key
+        shell_complete=completion.learners,
+        help="Train with a learner while UAVs fly; the --method must share no model.",
     ),
     "plugin": click.option(
         "--plugin",
@@ -113,7 +142,7 @@ _OF_A_SCENARIO = {
         callback=_register,
         expose_value=False,
         is_eager=True,  # before anything asks for what is in it
-        help="Load your own controller, aggregation rule, channel, vehicle or filter; repeatable.",
+        help="Load your own controller, aggregation rule, channel, vehicle, learner or filter; repeatable.",
     ),
 }
 

@@ -17,6 +17,7 @@ KEYS: dict[PluginKind, str] = {  # of a scenario, that names the plug-in
     "aggregator": "federation.aggregation",
     "channel": "radio.model",
     "vehicle": "vehicle.model",
+    "learner": "training.learner",
     "filter": "filter.kind",
     "topology": "federation.topology",
 }

@@ -40,6 +40,11 @@ def controllers(_context: click.Context, _parameter: click.Parameter, incomplete
     return _beginning(incomplete, _plugins("meanflock.controllers"))
 
 
+def learners(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
+    """Names of the installed learners, else files."""
+    return _or_files(incomplete, _plugins("meanflock.learners"))
+
+
 def scenarios(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> Items:
     """Names of the shipped scenarios, else files."""
     return _or_files(incomplete, _shipped())

@@ -12,12 +12,13 @@ from meanflock.cli.catalogue import KEYS
 from meanflock.swarm import __version__, durable, plugins
 from meanflock.swarm.errors import BadInput
 
-Kind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter"]
+Kind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "learner", "filter"]
 _THINGS: dict[Kind, str] = {
     "controller": "controller",
     "aggregator": "aggregation rule",
     "channel": "channel",
     "vehicle": "vehicle",
+    "learner": "learner",
     "filter": "filter",
 }
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -44,7 +45,7 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
         "name": name,
         "Class": _class_of(name),
         "thing": _THINGS[kind],
-        "key": KEYS[kind],
+        "keys": _keys(kind, name),
         "group": plugins.GROUPS[kind],
         "flight": flight(kind, name),
         "version": __version__,
@@ -79,8 +80,13 @@ def create(kind: Kind, name: str, parent: Path) -> list[Path]:
 
 def flight(kind: Kind, name: str) -> str:
     """The command that flies the new plug-in."""
-    chosen = f"--method {name}" if kind == "controller" else f"--set {KEYS[kind]}={name}"
-    return f"meanflock run {chosen} --in-process"
+    chosen = {"controller": f"--method {name}", "learner": f"--method plan --learner {name}"}
+    return f"meanflock run {chosen.get(kind, f'--set {KEYS[kind]}={name}')} --in-process"
+
+
+def _keys(kind: Kind, name: str) -> str:
+    """The keys of a scenario that flies the new plug-in, as Python."""
+    return repr({KEYS[kind]: name} | ({"method": "plan"} if kind == "learner" else {})).replace("'", '"')
 
 
 def _check(kind: Kind, name: str) -> None:

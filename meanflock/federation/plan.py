@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from meanflock.federation.cut import WHOLE, coding_of
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
-from meanflock.swarm.declared import NO_FILTER, Declared, controller, declarations_of
+from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import LeaderLoss
 from meanflock.swarm.plugins import PluginKind
@@ -174,6 +174,8 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
         ("topology", topology_of(scenario)),
         *(("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))),
     )
+    if scenario.training.learner != NO_LEARNER:
+        wanted += (("learner", scenario.training.learner),)
     if scenario.filter.kind != NO_FILTER:
         wanted += (("filter", scenario.filter.kind),)
     return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in wanted)

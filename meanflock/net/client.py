@@ -278,14 +278,14 @@ def connected(connect: Callable[[float], Bus], end: float, over: Callable[[], bo
 
 
 def _check_plugins(welcome: Welcome, role: str) -> None:
-    """Check that this host has the plug-ins that a node needs, in the world's versions: controller, filter, leader's
-    rule.
+    """Check that this host has the plug-ins that a node needs, in the world's versions: controller, learner,
+    filter, leader's rule.
 
     Raises:
         BadInput: one is missing, or has another version here.
     """
     for kind, name, fingerprint in welcome.plugins:
-        if kind in ("controller", "filter") or (kind == "aggregator" and role == "leader"):
+        if kind in ("controller", "learner", "filter") or (kind == "aggregator" and role == "leader"):
             here = plugins.find(kind, name)
             if here.fingerprint != fingerprint:
                 raise BadInput(f"{kind} {name!r} is of {here.fingerprint} here, and of {fingerprint} with the world")

@@ -2,6 +2,7 @@
 
 import logging
 from collections import deque
+from collections.abc import Collection
 from typing import NamedTuple
 
 from meanflock.net.barrier import Barrier
@@ -59,7 +60,7 @@ class DelayRules:
     The wait for a node alone begins with the last reply but one, but not before `ORDINARY` times what half of the
     nodes took: where all nodes are slow, no single one is to blame. An agent may take `wait_share` of the window, its
     share of the UAVs, or one barrier, whichever is longest. This rule excludes the leader, because no other node does
-    its work. A swarm's only agent is excluded from both rules.
+    its work. A swarm's only agent is excluded from both rules, and so is an agent while a UAV of it trains.
 
     An agent that rejoins keeps its account. Each standby leader has its own.
     """
@@ -78,9 +79,10 @@ class DelayRules:
         self._ticks = 0
         self.begin()
 
-    def begin(self) -> None:
-        """Begin a tick in which all nodes have been asked."""
+    def begin(self, training: Collection[str] = ()) -> None:
+        """Begin a tick in which all nodes have been asked. `training`: nodes that may be slow, because a UAV trains."""
         self._ticks += 1
+        self._training = training
         self._half_s: float | None = None  # what half of the nodes took
         self._slow: list[str] = []
         self._verdicts: list[Verdict] = []
@@ -92,7 +94,11 @@ class DelayRules:
         slow = waited_s > self._rules.slow_s and not self._slow
         if slow and self._half_s is not None and waited_s > self._rules.slow_factor * self._half_s:
             agents = _agents(barrier)
-            self._slow = [name for name in barrier.missing if [member.name for member in agents] != [name]]
+            self._slow = [
+                name
+                for name in barrier.missing
+                if [member.name for member in agents] != [name] and name not in self._training
+            ]
 
     def charge(self, waited_s: float, now: float, barrier: Barrier) -> None:
         """Add the time that all others waited for one agent to its account, after the last reply of a tick.
@@ -105,7 +111,7 @@ class DelayRules:
         half_s = others[len(others) // 2][0] - barrier.asked_at
         since = max(others[-1][0], barrier.asked_at + self.ORDINARY * half_s)
         alone_s = min(settled - since, waited_s)
-        if alone_s > 0.0 and last.rows:
+        if alone_s > 0.0 and last.rows and last.name not in self._training:
             agents = {member.name: member.rows for member in (*_agents(barrier), last)}
             share = max(self._rules.wait_share, last.rows / sum(agents.values()))
             if share < 1.0:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from meanflock.agent.learning.worker import FIT_S
 from meanflock.federation.mailbox import mail_for
 from meanflock.net import keys
 from meanflock.net.admission import Admission
@@ -225,7 +226,8 @@ class RemoteCrew:
         waited = 0.0  # by the nodes that are asked now
         waited_before = 0.0  # by nodes that are lost since
         repeated = 0.0  # value of `waited` when the requests were last repeated
-        self._pace.begin()
+        training = self._training()
+        self._pace.begin(training)
         self._ask_leader(senses)  # another one, where the one that was asked is lost
         while self._barrier.silent:
             before = now
@@ -234,9 +236,11 @@ class RemoteCrew:
             waited += min(now - before, STALL_S)
             self._ask_leader(senses)
             self._pace.look(waited, self._barrier)
-            if waited > self._barrier_s:
-                for name in self._barrier.missing:
-                    self._admission.lose(self._barrier.asked[name], f"no answer for {self._barrier_s:.0f} s")
+            missing = self._barrier.missing if waited > self._barrier_s else []
+            patience_s = {name: self._barrier_s + (FIT_S if name in training else 0.0) for name in missing}
+            if overdue := [name for name in missing if waited > patience_s[name]]:
+                for name in overdue:
+                    self._admission.lose(self._barrier.asked[name], f"no answer for {patience_s[name]:.0f} s")
                 self._ask_leader(senses)
                 waited_before += waited
                 waited = repeated = 0.0  # a leader that takes over has as much time
@@ -247,6 +251,13 @@ class RemoteCrew:
         for verdict in self._pace.overdrawn():
             self._admission.expel(verdict.node, verdict.reason, verdict.out_s)
         return now
+
+    def _training(self) -> set[str]:
+        """Names of the nodes that are asked and have a UAV that trains, for which the tick may have to wait."""
+        busy = self._world.commands.busy
+        if not busy.any():
+            return set()
+        return {name for name, member in self._barrier.asked.items() if busy[member.uavs].any()}
 
     def _until(self, senses: Senses, end: float) -> float:
         """Wait in real time until `end`; returns the time of the last reply, or `end` if replies are missing."""

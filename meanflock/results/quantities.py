@@ -225,7 +225,10 @@ SUMMARY = (
     Field("radio.links", "", "`[source, target, sent, outages]` for each link; null if there are more than 1000"),
     Field("energy_radio_J", ENERGY, "energy of all transmitters: `energy.radio_W` times the time on air"),
     Field(
-        "energy_compute_J", ENERGY, "energy of all controllers: `energy.step_J` for each UAV and tick, lost UAVs apart"
+        "energy_compute_J",
+        ENERGY,
+        "energy of all controllers: `energy.step_J` for each UAV and tick, lost UAVs apart; and of all trainings: "
+        "`training.power_W` times their simulated time",
     ),
     Field("energy_total_J", ENERGY, "energy of all UAVs until the end of the flight: motion, radio and controllers"),
     Field("rounds", "1", "rounds whose average was broadcast"),

@@ -1,6 +1,8 @@
 """Declarations of a controller: all that the swarm knows about it."""
 
+import importlib
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -13,7 +15,7 @@ MAX_PARAMETERS = 10_000_000  # floats of a model, 80 MB
 MAX_DIAGNOSTICS = 100  # a message counts its columns in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
-NO_FILTER = "none"
+NO_FILTER = NO_LEARNER = "none"
 MAX_MEMORY_BYTES = 256 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
 MAX_NOTE_BYTES = 65_000  # of a note that is sent with a model
 MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule
@@ -33,6 +35,7 @@ class Declared(msgspec.Struct, frozen=True):
     weighted: whether each model is sent with a weight.
     note_bytes: most bytes of a note that is sent with a model.
     dated: whether each model is sent with the round of the global model that its training began with.
+    busy: name of the diagnostic that is 1 while a UAV trains, else 0; empty if none does.
     recorded: options that the controller fills in, by name: hashes of the files that it flies.
     """
 
@@ -47,6 +50,7 @@ class Declared(msgspec.Struct, frozen=True):
     weighted: bool
     note_bytes: int
     dated: bool
+    busy: str
     recorded: Mapping[str, str]
 
     @property
@@ -56,12 +60,43 @@ class Declared(msgspec.Struct, frozen=True):
 
 
 def controller(scenario: Any) -> Any:
-    """A new instance of the controller of a `Scenario` (which this module cannot import), behind its filter.
+    """A new instance of the controller of a `Scenario` (which this module cannot import), behind learner and filter.
 
     Raises:
-        BadInput: one of them is not installed here, or its options do not fit.
+        BadInput: one of them is not installed here, or its options do not fit; or the controller and the learner both
+            have a model.
     """
-    return filtered(plugins.create("controller", scenario.method, scenario.controller, scenario), scenario)
+    alone = plugins.create("controller", scenario.method, scenario.controller, scenario)
+    return filtered(learning(alone, scenario), scenario)
+
+
+def learning(instance: Any, scenario: Any) -> Any:
+    """A controller that trains with the learner of a scenario; the controller itself without a learner.
+
+    Raises:
+        BadInput: the learner is not installed here, its options do not fit, or the controller has a model.
+    """
+    name = scenario.training.learner
+    if name == NO_LEARNER:
+        return instance
+    if declarations_of(instance, scenario.method).is_federated:
+        raise BadInput(
+            f"controller {scenario.method!r} shares a model of its own, so learner {name!r} cannot share another; take "
+            f"a --method without one: {', '.join(_without_model(scenario))}"
+        )
+    options = plugins.options_of("learner", name, scenario.training.options)
+    found = importlib.import_module("meanflock.agent.learning.controller")  # by name, as a plug-in
+    return found.Learning(options, scenario, instance, plugins.load("learner", name))
+
+
+def _without_model(scenario: Any) -> list[str]:
+    """Names of the controllers that fly without options and share no model."""
+    found = []
+    for name in plugins.names("controller"):
+        with suppress(BadInput):
+            if not plugins.create("controller", name, {}, scenario).parameters:
+                found.append(name)
+    return found
 
 
 def filtered(instance: Any, scenario: Any) -> Any:
@@ -120,6 +155,7 @@ def _checked(instance: Any, name: str) -> Declared:
         weighted=bool(instance.weighted),
         note_bytes=_count(instance, name, "note_bytes", 0, MAX_NOTE_BYTES),
         dated=bool(instance.dated),
+        busy=instance.busy,
         recorded=dict(getattr(instance, "recorded", {})),
     )
 

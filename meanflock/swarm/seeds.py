@@ -17,6 +17,8 @@ STREAMS = (
     "wind-field",  # modes of the wind field; drawn by the world only
     "alignment",  # pairs whose velocities are compared, by tick; drawn by the world only
     "coding",  # of codings that round at random, by round × N + UAV
+    "training",  # seeds of trainings, by round and UAV
+    "slowness",  # of a UAV's computer, by UAV
 )
 
 

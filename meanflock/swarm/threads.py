@@ -15,6 +15,7 @@ from contextlib import ContextDecorator
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+TORCH_ISA = "ATEN_CPU_CAPABILITY"  # variable with the instruction set of torch's kernels
 _MAPS = Path("/proc/self/maps")  # the files that this process has loaded
 _LIBRARY = re.compile(r"(?:openblas|blis|mkl_rt|gomp|iomp|libomp).*\.so")
 # Functions that read and set the number of threads, and whether the number is one of each thread.
@@ -100,6 +101,12 @@ class limited(ContextDecorator):
         with _lock:
             for scope in (_common, _own.scope):
                 scope.leave(self)
+
+
+def pin_torch() -> None:
+    """Let torch compute with the kernels of every processor, unless its variable is set. Torch reads it when it first
+    computes."""
+    os.environ.setdefault(TORCH_ISA, "default")
 
 
 def renew_if_loaded() -> None:

@@ -13,6 +13,15 @@ from meanflock.testing.channel import check_channel
 from meanflock.testing.controller import check_controller
 from meanflock.testing.error import ConformanceError
 from meanflock.testing.filter import check_filter
+from meanflock.testing.learner import check_learner
 from meanflock.testing.vehicle import check_vehicle
 
-__all__ = ["ConformanceError", "check_aggregator", "check_channel", "check_controller", "check_filter", "check_vehicle"]
+__all__ = [
+    "ConformanceError",
+    "check_aggregator",
+    "check_channel",
+    "check_controller",
+    "check_filter",
+    "check_learner",
+    "check_vehicle",
+]

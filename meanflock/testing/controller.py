@@ -31,7 +31,7 @@ def check_controller(
 ) -> None:
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
 
-    The swarm flies two rounds of a controller that shares a model, and 40 ticks at least.
+    The swarm flies two rounds of a controller that shares a model, and 205 ticks at least.
 
     Args:
         controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs.

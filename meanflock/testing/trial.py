@@ -20,7 +20,7 @@ from meanflock.swarm.state import States
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
-TICKS = 40  # of a controller without rounds
+TICKS = 205  # at least; two rounds of a controller that declares no period
 ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the last of them
 LOST = 0.2  # share of the frames that the radio loses in the trial
 

@@ -1,4 +1,4 @@
-"""Plug-ins: controllers, aggregation rules, topologies, channels, vehicles and filters, found by name.
+"""Plug-ins: controllers, aggregation rules, topologies, channels, vehicles, learners and filters, found by name.
 
 A plug-in is a class with a `name`. It is in an entry-point group of an installed package, or in a file that was named
 on the command line of this machine. Messages of the network contain the name only; a name that is not registered here
@@ -17,6 +17,7 @@ from meanflock.swarm.plugins.registry import (
     is_file,
     load,
     names,
+    options_of,
     options_table,
     register,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "load_file",
     "load_files",
     "names",
+    "options_of",
     "options_table",
     "register",
 ]

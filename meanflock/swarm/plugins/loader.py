@@ -8,6 +8,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
+from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.paths import given as given_path
 from meanflock.swarm.paths import read
@@ -45,6 +46,7 @@ def load_file(path: Path | str) -> list[Plugin]:
         raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
     if path.suffix != ".py":
         raise BadInput(f"{where}: not a Python file; its name must end in .py")
+    threads.pin_torch()
     name = f"{PLUGIN_MODULE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     module = sys.modules[name] = ModuleType(name)
     module.__file__ = str(path)

@@ -7,9 +7,12 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
+from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, BadInput, lacking, last_line, meant
 
-PluginKind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "filter", "topology", "coding"]
+PluginKind: TypeAlias = Literal[
+    "controller", "aggregator", "channel", "vehicle", "learner", "filter", "topology", "coding"
+]
 
 # Methods that a class must have; the others have defaults in the base classes.
 NEEDED: dict[PluginKind, tuple[str, ...]] = {
@@ -17,6 +20,7 @@ NEEDED: dict[PluginKind, tuple[str, ...]] = {
     "aggregator": ("step",),
     "channel": ("transmit",),
     "vehicle": ("step", "power"),
+    "learner": ("initial", "fit"),
     "filter": ("init", "step"),
     "topology": ("hops",),
     "coding": ("encode", "decode"),
@@ -27,7 +31,9 @@ GROUPS: dict[PluginKind, str] = {
     kind: "meanflock.topologies" if kind == "topology" else f"meanflock.{kind}s" for kind in get_args(PluginKind)
 }
 HERE = "this process"  # source of a class that was registered by Python code
-NO_PLUGIN = "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle or Filter and give it a `name`"
+NO_PLUGIN = (
+    "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle, Learner or Filter and give it a `name`"
+)
 
 
 class Plugin(NamedTuple):
@@ -108,6 +114,7 @@ def load(kind: PluginKind, name: str) -> type:
     plugin = find(kind, name)
     if (kind, name) in registered:
         return registered[kind, name][1]
+    threads.pin_torch()
     module, _, attribute = plugin.reference.partition(":")
     try:
         found: Any = importlib.import_module(module)
@@ -144,16 +151,7 @@ def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) 
         BadInput: like `load`; or the options do not fit, or the constructor fails.
     """
     plugin_class: Any = load(kind, name)
-    try:
-        typed = msgspec.convert(options, plugin_class.Options)
-    except msgspec.ValidationError as error:
-        from meanflock.swarm.explain import explain  # only here: nodes receive valid options
-
-        asked = f"scenario schema --method {name}" if kind == "controller" else "plugins"
-        remedy = f"`meanflock {asked}` lists the options of {name!r}"
-        raise BadInput(explain(str(error), plugin_class.Options, options, options_table(kind), remedy)) from error
-    except FAILURES as error:  # of a `__post_init__`
-        raise BadInput(f"{kind} {name!r}: its options cannot be made: {last_line(error)}") from error
+    typed = options_of(kind, name, options)
     try:
         return plugin_class(typed, *context)
     except BadInput:
@@ -162,9 +160,33 @@ def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) 
         raise BadInput(f"{kind} {name!r} cannot be made: {last_line(error)}") from error
 
 
+def options_of(kind: PluginKind, name: str, options: dict[str, Any]) -> Any:
+    """The options of the plug-in of that name, converted to their type.
+
+    Raises:
+        BadInput: like `load`; or they do not fit.
+    """
+    plugin_class: Any = load(kind, name)
+    try:
+        return msgspec.convert(options, plugin_class.Options)
+    except msgspec.ValidationError as error:
+        from meanflock.swarm.explain import explain  # only here: nodes receive valid options
+
+        asked = f"scenario schema --method {name}" if kind == "controller" else "plugins"
+        remedy = f"`meanflock {asked}` lists the options of {name!r}"
+        raise BadInput(explain(str(error), plugin_class.Options, options, options_table(kind), remedy)) from error
+    except FAILURES as error:  # of a `__post_init__`
+        raise BadInput(f"{kind} {name!r}: its options cannot be made: {last_line(error)}") from error
+
+
 def options_table(kind: PluginKind) -> str:
     """The table of a scenario that holds the options of a kind of plug-in."""
-    tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
+    tables = {
+        "controller": "controller",
+        "aggregator": "federation.options",
+        "channel": "radio.options",
+        "learner": "training.options",
+    }
     return tables.get(kind, f"{kind}.options")
 
 

@@ -102,6 +102,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     offline: mean_field.OfflineTable = field(default_factory=mean_field.OfflineTable)
     filter: Annotated[tables.FilterTable, LATER] = field(default_factory=tables.FilterTable)
     sharing: Annotated[tables.Sharing, LATER] = field(default_factory=tables.Sharing)
+    training: Annotated[tables.Training, LATER] = field(default_factory=tables.Training)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)
     vehicle: tables.VehicleTable = field(default_factory=tables.VehicleTable)

@@ -8,11 +8,14 @@ import msgspec
 import numpy as np
 
 from meanflock.swarm import plugins
-from meanflock.swarm.declared import NO_FILTER
+from meanflock.swarm.declared import NO_FILTER, NO_LEARNER
 from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.toml import put
 
 Kind = TypeVar("Kind")
+
+
+_CLASSES = {"method": "controller", "training.learner": "learner"}  # keys that may be a class
 
 
 def as_builtins(value: Any) -> Any:
@@ -41,18 +44,19 @@ def _with_lists(value: Any) -> Any:
 def with_keys(table: dict[str, Any], settings: Mapping[str, Any], kind: type[Kind], where: str) -> Kind:
     """The scenario that a table describes once dotted keys of it are set to Python values.
 
-    `method` may be a controller's class, which is then registered.
+    `method` may be a controller's class and `training.learner` a learner's; it is then registered.
 
     Raises:
         BadInput: a value has a type that a scenario cannot contain, a key leads through a value that is not a table, or
             the scenario is invalid, see `validated`.
     """
     for key, value in settings.items():
-        if key == "method" and isinstance(value, type):
+        if key in _CLASSES and isinstance(value, type):
             plugins.register(value)
             value = value.name  # type: ignore[attr-defined]
-        elif key == "method" and not isinstance(value, str):
-            raise BadInput(f"method: {value!r} is neither the name nor the class of a controller; give one of these")
+        elif key in _CLASSES and not isinstance(value, str):
+            plugin = _CLASSES[key]
+            raise BadInput(f"{key}: {value!r} is neither the name nor the class of a {plugin}; give one of these")
         try:
             put(table, key, as_builtins(value))
         except TypeError as error:
@@ -72,6 +76,7 @@ class Switch(NamedTuple):
 
 SWITCHES = (
     Switch("filter", "kind", NO_FILTER, "ecbf"),
+    Switch("training", "learner", NO_LEARNER, "digits"),
     Switch("cost", "separation", 0.0, "0.1", ("separation_range",)),
     Switch("wind", "field_rms", 0.0, "0.5", ("field_length", "field_modes")),
     Switch("federation", "byzantine_fraction", 0.0, "0.2", ("byzantine_kind",)),

@@ -1,0 +1,369 @@
+"""Controller that flies by another one, and trains by a learner.
+
+A row trains on the newest global model as soon as it is free. Its training takes simulated time:
+
+    fit_s + example_s · examples, times the slowness of the UAV.
+
+This time is rounded up to ticks, one at least. The trained model exists from the tick on in which it is over, and waits
+for the next round. A row without a trained model is silent in a round. Its next training may begin meanwhile, from a
+newer global model.
+
+All that a training depends on is in the memory, so it can be repeated: after a checkpoint, or if a row is stepped
+again. The thread that trains, and the results that it has, are a cache of that. Arrays of the memory have names that
+begin with `learner_`.
+"""
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Arrival, Controller, Memory, Prediction, Received, Rows, Step
+from meanflock.agent.learning.base import Fit, Learner, Trained, Tree
+from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
+from meanflock.agent.learning.trees import ModelForm
+from meanflock.agent.learning.worker import TRAININGS, Job
+from meanflock.federation.codec import check_weights
+from meanflock.federation.cut import bound_of_models
+from meanflock.swarm import seeds
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats, Mask, States
+
+PREFIX = "learner_"
+RECORDED = 10_000  # floats; larger models are not recorded
+_SIZE = 4  # bytes of a length
+_INITIAL = 0  # index of the seed of the first model; those of trainings follow
+
+
+class TrainingResult(NamedTuple):
+    """Checked result of a training. problem: why there is no model to upload; empty if there is one.
+
+    threads: number of threads that it left running.
+    """
+
+    model: Floats
+    kept: NDArray[np.uint8]
+    examples: float
+    metrics: dict[str, float]
+    note: bytes
+    state: bytes
+    problem: str
+    threads: int
+
+
+class Learning:
+    """Controller `inner` with the rounds of a learner; see `Controller` for its methods."""
+
+    def __init__(self, options: Any, scenario: Scenario, inner: Controller, learner: type[Learner]) -> None:
+        """Raises BadInput if the first model cannot be shared."""
+        self.options, self.scenario, self.inner, self.learner = options, scenario, inner, learner
+        table = self._table = scenario.training
+        check_isa(table.torch_isa)
+        self._name = f"learner {learner.name!r}"
+        try:
+            first = TRAININGS.call(self._initial)
+            self._form = ModelForm(first, table.integers, (*learner.keeps, *table.keeps))
+            self._first = self._form.split(first)
+        except FAILURES as error:
+            raise BadInput(f"{self._name}: `initial`: {last_line(error)}") from error
+        self._limit = bound_of_models(scenario)
+        if not np.abs(self._first[0]).max() < self._limit:
+            raise BadInput(f"{self._name}: `initial` has a number that is not finite, or {self._limit:g} or more")
+        self.parameters, self.parts = self._form.parameters, self._form.parts
+        self.weights = None if self.parameters <= RECORDED else 0
+        self.period_ticks, self.note_bytes = learner.period_ticks, learner.note_bytes
+        self.weighted = self.dated = True
+        own = (*learner.metrics, "examples", "training")
+        inner_names = tuple(inner.diagnostics)
+        own = tuple(PREFIX + name if name in inner_names else name for name in own)
+        self.diagnostics, self.busy = (*inner_names, *own), own[-1]
+        self.broadcast_numbers, self.pairwise, self.shares = inner.broadcast_numbers, inner.pairwise, inner.shares
+        self.recorded = dict(inner.recorded)
+        self._learners: dict[int, Learner] = {}
+        self._jobs: dict[int, tuple[int, Job]] = {}  # of each UAV: the tick in which its training began, and the call
+
+    def __reduce__(self) -> Any:
+        """A copy begins without learners and results: it finds all it needs in the memory."""
+        return Learning, (self.options, self.scenario, self.inner, self.learner)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        """See `Controller.init`."""
+        before = global_state() if TRAININGS.is_idle else None
+        inner_memory = self.inner.init(uavs, plan)
+        with suppress(*FAILURES):  # the flight reports it
+            self.inner.step(dict(inner_memory), 0, plan[uavs], ())
+        self._check_draws(before)
+        if taken := sorted(name for name in inner_memory if name.startswith(PREFIX)):
+            raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the learner")
+        TRAININGS.call(lambda: [self._learner(uav) for uav in uavs.tolist()])
+        rows, (vector, kept) = len(uavs), self._first
+        models = np.tile(vector, (rows, 1))
+        own = {
+            "uav": uavs.astype(np.int64),
+            "slowness": np.array([self._slowness(uav) for uav in uavs.tolist()]),
+            # The newest global model; `fresh`: no training has begun from it.
+            "global": models,
+            "fresh": np.ones(rows, dtype=bool),
+            "round": np.zeros(rows, dtype=np.int64),
+            "whole": np.ones(rows, dtype=bool),
+            "heard": _packed([b""] * rows, self.note_bytes),
+            # The training that goes on: from which model, in which tick and place; `ends` is -1 until it is known.
+            "base": models.copy(),
+            "base_round": np.zeros(rows, dtype=np.int64),
+            "base_whole": np.ones(rows, dtype=bool),
+            "base_heard": _packed([b""] * rows, self.note_bytes),
+            "began": np.full(rows, -1, dtype=np.int64),
+            "ends": np.full(rows, -1, dtype=np.int64),
+            "place": np.zeros((rows, 2)),
+            # The trained model, and all that is left of trainings.
+            "model": models.copy(),
+            "ready": np.zeros(rows, dtype=bool),
+            "based": np.zeros(rows, dtype=np.int64),
+            "examples": np.ones(rows),
+            "note": _packed([b""] * rows, self.note_bytes),
+            "kept": np.tile(kept, (rows, 1)),
+            "state": _packed([b""] * rows, self.learner.state_bytes),
+            "metrics": np.zeros((rows, len(self.learner.metrics))),
+        }
+        return inner_memory | {PREFIX + name: array for name, array in own.items()}
+
+    def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """See `Controller.step`."""
+        inner_memory, mine = _split(memory)
+        flown = self._flown(inner_memory, tick, own, received)
+        news: list[str] = []
+        mine = {name: array.copy() for name, array in mine.items()} if self._is_event(mine, tick) else mine
+        if tick % self.scenario.period_ticks == 0 and mine["ready"].any():  # a round has just taken the models
+            mine["ready"][:] = False
+        self._finish(mine, tick, news)
+        self._begin(mine, tick, own)
+        columns = [mine["metrics"], mine["examples"][:, None], mine["began"][:, None] >= 0]
+        reported = [] if flown.diagnostics is None else [flown.diagnostics]
+        return msgspec.structs.replace(
+            flown,
+            memory=flown.memory | {PREFIX + name: array for name, array in mine.items()},
+            diagnostics=np.concatenate([*reported, *columns], axis=1),
+            news=(*flown.news, *news),
+        )
+
+    def get(self, memory: Memory) -> Floats:
+        """The trained models; where there is none, the newest global model."""
+        ready = memory[PREFIX + "ready"][:, None]
+        return np.where(ready, memory[PREFIX + "model"], memory[PREFIX + "global"]).astype(np.float64)
+
+    def set(self, memory: Memory, rows: Rows, models: Floats) -> Memory:
+        """See `Controller.set`."""
+        return self.arrived(memory, rows, Arrival(0, models, np.ones(len(rows), dtype=bool), [b""] * len(rows)))
+
+    def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
+        """See `Controller.arrived`."""
+        changes = {"global": arrival.models, "fresh": True, "round": arrival.number, "whole": arrival.whole}
+        changes["heard"] = _packed(arrival.notes, self.note_bytes)
+        after = dict(memory)
+        for name, values in changes.items():
+            array = after[PREFIX + name] = memory[PREFIX + name].copy()
+            array[rows] = values
+        return after
+
+    def ready(self, memory: Memory) -> Mask:
+        """See `Controller.ready`."""
+        return memory[PREFIX + "ready"]
+
+    def based(self, memory: Memory) -> NDArray[np.integer]:
+        """See `Controller.based`."""
+        return memory[PREFIX + "based"]
+
+    def note(self, memory: Memory) -> Sequence[bytes]:
+        """See `Controller.note`."""
+        return [_unpacked(row) for row in memory[PREFIX + "note"]]
+
+    def samples(self, memory: Memory) -> Floats:
+        """See `Controller.samples`."""
+        return memory[PREFIX + "examples"]
+
+    def report(self, memory: Memory) -> Floats:
+        """See `Controller.report`."""
+        return self.get(memory) if self.weights is None else np.zeros((len(memory[PREFIX + "uav"]), 0))
+
+    def prediction(self) -> Prediction | None:
+        """See `Controller.prediction`."""
+        return self.inner.prediction()
+
+    # -- trainings ----------------------------------------------------------------------------------------------
+
+    def _flown(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
+        """The step of the controller. While nothing trains, it is checked that it draws from no global generator."""
+        before = global_state() if TRAININGS.is_idle else None
+        step = self.inner.step(memory, tick, own, received)
+        self._check_draws(before)
+        return step
+
+    def _check_draws(self, before: tuple[Any, ...] | None) -> None:
+        if before is not None and global_state() != before:
+            raise RuntimeError(
+                f"controller {self.scenario.method!r} draws from a global random generator, which trainings seed; draw "
+                "from mf.seeds.generator instead"
+            )
+
+    def _is_event(self, mine: Memory, tick: int) -> bool:
+        """Returns whether something of the memory of a learner changes in a tick."""
+        began, ends = mine["began"], mine["ends"]
+        due = (began >= 0) & (self._earliest(mine) <= tick)
+        opens = tick % self.scenario.period_ticks == 0 and mine["ready"].any()
+        return bool(opens or (due & ((ends < 0) | (ends <= tick))).any() or (mine["fresh"] & (began < 0)).any())
+
+    def _begin(self, mine: Memory, tick: int, own: States) -> None:
+        """Begin the trainings of rows that are free and have a new global model."""
+        for row in np.flatnonzero(mine["fresh"] & (mine["began"] < 0)).tolist():
+            mine["fresh"][row] = False
+            mine["began"][row], mine["ends"][row], mine["place"][row] = tick, -1, own[row, :2]
+            for name in ("round", "whole", "heard"):
+                mine[f"base_{name}"][row] = mine[name][row]
+            mine["base"][row] = mine["global"][row]
+            self._job(mine, row)
+
+    def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
+        """Wait for trainings that may be over, and take the models of those that are."""
+        due = (mine["began"] >= 0) & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
+        for row in np.flatnonzero(due).tolist():
+            uav = int(mine["uav"][row])
+            try:
+                outcome: TrainingResult | None = TRAININGS.wait(self._job(mine, row))
+            except FAILURES as error:
+                raise RuntimeError(f"{self._name}: {last_line(error)}") from error
+            if outcome is None:  # no part in this round
+                mine["began"][row] = -1
+                continue
+            if mine["ends"][row] < 0:
+                ticks = self._ticks(mine["slowness"][row], outcome.examples)
+                mine["ends"][row] = mine["began"][row] + int(ticks)
+                if outcome.threads:
+                    threads = f"{outcome.threads} thread{'s' * (outcome.threads > 1)}"
+                    news.append(f"{self._name} of UAV {uav} left {threads} running; end them in `fit`")
+            if mine["ends"][row] <= tick:
+                self._take(mine, row, outcome, news)
+
+    def _take(self, mine: Memory, row: int, outcome: TrainingResult, news: list[str]) -> None:
+        """End the training of a row with its outcome."""
+        mine["began"][row] = mine["ends"][row] = -1
+        if outcome.problem:
+            news.append(f"{self._name} of UAV {mine['uav'][row]}: {outcome.problem}; it uploads no model")
+            return
+        mine["model"][row], mine["kept"][row], mine["ready"][row] = outcome.model, outcome.kept, True
+        mine["based"][row], mine["examples"][row] = mine["base_round"][row], outcome.examples
+        mine["note"][row] = _packed([outcome.note], self.note_bytes)[0]
+        mine["state"][row] = _packed([outcome.state], self.learner.state_bytes)[0]
+        for column, name in enumerate(self.learner.metrics):
+            if math.isfinite(value := outcome.metrics.get(name, math.nan)):
+                mine["metrics"][row, column] = value
+
+    def _ticks(self, slowness: Any, examples: float = 0.0) -> NDArray[np.int64]:
+        """Ticks that a training takes."""
+        seconds = (self._table.fit_s + self._table.example_s * examples) * slowness
+        return np.ceil(np.clip(seconds / self.scenario.dt * (1.0 - 1e-9), 1.0, 2.0**40)).astype(np.int64)
+
+    def _earliest(self, mine: Memory) -> NDArray[np.int64]:
+        """First ticks (M,) in which the trainings can be over, before their examples are known."""
+        return mine["began"] + self._ticks(mine["slowness"])
+
+    def _job(self, mine: Memory, row: int) -> Job:
+        """The call that trains a row; it is made if this process has not made it yet."""
+        uav, began = int(mine["uav"][row]), int(mine["began"][row])
+        known, job = self._jobs.get(uav, (-1, None))
+        if job is None or known != began:
+            job = TRAININGS.submit(self._call(mine, row))
+            self._jobs[uav] = began, job
+        return job
+
+    def _call(self, mine: Memory, row: int) -> Callable[[], TrainingResult | None]:
+        uav, began = int(mine["uav"][row]), int(mine["began"][row])
+        number = began // self.scenario.period_ticks + 1
+        config = Fit(
+            number=number,
+            based=int(mine["base_round"][row]),
+            seed=self._seed(number, uav),
+            time_s=began * self.scenario.dt,
+            position=mine["place"][row].copy(),
+            whole=bool(mine["base_whole"][row]),
+            note=_unpacked(mine["base_heard"][row]),
+        )
+        base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
+        return partial(self._trained, uav, base, kept, _unpacked(state), config)
+
+    def _trained(
+        self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit
+    ) -> TrainingResult | None:
+        """Train one model; called in the thread of the trainings."""
+        learner, threads = self._learner(uav), threading.active_count()
+        with seeded(config.seed, self._table.threads):
+            learner.load(state)
+            measured = dict(learner.evaluate(self._form.join(base, kept), config))
+        with seeded(config.seed, self._table.threads):
+            trained = learner.fit(self._form.join(base, kept), config)
+            state = learner.state()
+        if trained is None:
+            return None
+        if not isinstance(trained, Trained):
+            raise TypeError(f"`fit` returns a {type(trained).__name__}; expected mf.Trained(model, examples) or None")
+        check_weights("`examples`", np.array([trained.examples], dtype=np.float64))
+        for label, raw, most in (("note", trained.note, self.note_bytes), ("state", state, self.learner.state_bytes)):
+            if not isinstance(raw, bytes) or len(raw) > most:
+                given = f"{len(raw)} bytes" if isinstance(raw, bytes) else f"a {type(raw).__name__}"
+                raise ValueError(f"its {label} is {given}; `{label}_bytes` declares {most} bytes")
+        model, kept = self._form.split(trained.model)
+        metrics = {name: float(value) for name, value in (measured | trained.metrics).items()}
+        left = max(0, threading.active_count() - threads)
+        examples = float(trained.examples)
+        return TrainingResult(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
+
+    def _problem(self, model: Floats) -> str:
+        if not np.isfinite(model).all():
+            return "its trained model is not finite"
+        if (largest := float(np.abs(model).max())) >= self._limit:
+            return f"its trained model has {largest:g}, beyond what the radio's floats can say"
+        return ""
+
+    def _initial(self) -> Tree:
+        with seeded(self._seed(_INITIAL, 0), self._table.threads):
+            return self.learner.initial(self.options, self.scenario)
+
+    def _learner(self, uav: int) -> Learner:
+        """The learner of a UAV."""
+        if uav not in self._learners:
+            with seeded(self._seed(_INITIAL, uav + 1), self._table.threads):
+                self._learners[uav] = self.learner(self.options, self.scenario, uav)
+        return self._learners[uav]
+
+    def _seed(self, number: int, uav: int) -> int:
+        """Seed of 63 bits, of the scenario, a round and a UAV."""
+        words = seeds.generator(self.scenario.seed, "training", number * (self.scenario.uavs + 1) + uav)
+        return int(words.integers(2**63))
+
+    def _slowness(self, uav: int) -> float:
+        draw = seeds.generator(self.scenario.seed, "slowness", uav)
+        return float(np.exp(self._table.spread * draw.standard_normal()))
+
+
+def _split(memory: Memory) -> tuple[Memory, Memory]:
+    """The memories of the controller and of the learner, each with its own names."""
+    inner_memory = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
+    mine = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
+    return inner_memory, mine
+
+
+def _packed(texts: Sequence[bytes], room: int) -> NDArray[np.uint8]:
+    """Bytes of at most `room` as rows, each after its length."""
+    raw = b"".join(len(text).to_bytes(_SIZE, "little") + text.ljust(room, b"\0") for text in texts)
+    return np.frombuffer(raw, np.uint8).reshape(len(texts), _SIZE + room)
+
+
+def _unpacked(row: NDArray[np.uint8]) -> bytes:
+    raw = row.tobytes()
+    return raw[_SIZE : _SIZE + int.from_bytes(raw[:_SIZE], "little")]

@@ -1,0 +1,59 @@
+"""Surroundings of a learner's code: seeded random generators, so many threads, and the kernels of torch."""
+
+import random
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from meanflock.swarm import threads
+from meanflock.swarm.errors import BadInput
+
+
+@contextmanager
+def seeded(seed: int, number: int) -> Iterator[None]:
+    """Context with seeded global generators of Python, NumPy and torch, and with `number` threads; restores them."""
+    with threads.limited(number):
+        python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
+        torch = sys.modules.get("torch")
+        state = None if torch is None else torch.get_rng_state()
+        random.seed(seed)
+        np.random.seed(seed % 2**32)  # noqa: NPY002
+        if torch is not None:
+            torch.manual_seed(seed)
+            # The public `use_deterministic_algorithms` imports the compiler of torch, which takes seconds.
+            was = torch._C._get_deterministic_algorithms()
+            torch._C._set_deterministic_algorithms(True, warn_only=False)
+        try:
+            yield
+        finally:
+            random.setstate(python)
+            np.random.set_state(numpy)  # noqa: NPY002
+            if torch is not None:
+                torch.set_rng_state(state)
+                torch._C._set_deterministic_algorithms(was, warn_only=False)
+
+
+def global_state() -> tuple[Any, ...]:
+    """State of the global generators of Python and NumPy, to compare."""
+    numpy: Any = np.random.get_state()  # noqa: NPY002
+    return random.getstate(), *(part.tobytes() if isinstance(part, np.ndarray) else part for part in numpy)
+
+
+def check_isa(wanted: str) -> None:
+    """Check that torch, if it is loaded, computes with the kernels of `training.torch_isa`.
+
+    Raises:
+        BadInput: it computes with others.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None or not hasattr(torch, "backends"):
+        return
+    used = torch.backends.cpu.get_cpu_capability().lower()
+    if used != wanted:
+        raise BadInput(
+            f"torch computes with its kernels {used!r}, and `training.torch_isa` is {wanted!r}, so the bits would "
+            f"differ; start Python with {threads.TORCH_ISA}={wanted}, or set training.torch_isa={used}"
+        )

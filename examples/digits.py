@@ -1,0 +1,31 @@
+"""Handwritten digits: each UAV has seen two of ten, and they train one network of PyTorch in flight.
+
+meanflock run --method plan --learner examples/digits.py --uavs 10 --set federation.fraction=1
+"""
+
+import torch
+from sklearn.datasets import load_digits
+
+from meanflock.torch import TorchLearner  # first: it pins the kernels of torch
+
+
+class Digits(TorchLearner):
+    """A network of 2,410 weights."""
+
+    name = "digits"
+    metrics = ("loss", "accuracy")
+
+    def module(self):
+        return torch.nn.Sequential(torch.nn.Linear(64, 32), torch.nn.Tanh(), torch.nn.Linear(32, 10))
+
+    def optimizer(self, parameters):
+        return torch.optim.SGD(parameters, lr=0.3)
+
+    def data(self):
+        images, digits = (torch.as_tensor(array) for array in load_digits(return_X_y=True))
+        mine = (digits == self.uav % 10) | (digits == (self.uav + 1) % 10)
+        return torch.utils.data.TensorDataset(images[mine].float() / 16, digits[mine])
+
+    def tests(self):
+        images, digits = (torch.as_tensor(array) for array in load_digits(return_X_y=True))
+        return torch.utils.data.TensorDataset(images.float() / 16, digits)
