@@ -68,7 +68,7 @@ class World(Stateful):
         self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)
         self._merger = FrameMerger(self.ledger)
-        self._checkpoint_every = checkpoint_every
+        self._checkpoint_every = checkpoint_every if plan.is_resumable else 0
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
         if resume is not None:
@@ -84,7 +84,7 @@ class World(Stateful):
     @property
     def over(self) -> bool:
         """Returns whether the mission has ended."""
-        return self.flight.over
+        return self.flight.over or (self.ledger.is_done and self.scenario.stop == "rounds")
 
     def ask(self) -> Senses:
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
@@ -224,7 +224,10 @@ class World(Stateful):
         if len(acts.failed):
             flight.lose(acts.failed.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
         if acts.rule_record is not None:
-            ledger.rule_record = acts.rule_record
+            try:
+                ledger.take_record(acts.rule_record)
+            except MessageRejected as error:
+                self._drop(error, "the record of the aggregation rule")
         if acts.leader_failed:
             ledger.fail()
         counters.steered += acts.steered

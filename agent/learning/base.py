@@ -49,7 +49,10 @@ class Trained(msgspec.Struct, frozen=True, eq=False):
 
 
 class Learner:
-    """Base class of learners: override `initial` and `fit`; declare what differs from these."""
+    """Base class of learners: override `initial` and `fit`; declare what differs from these.
+
+    Options named `metrics`, `state_bytes`, `note_bytes` or `period_ticks` take the place of these declarations.
+    """
 
     plugin_kind: ClassVar[Literal["learner"]] = "learner"
     name: ClassVar[str] = ""  # value of `training.learner`

@@ -78,9 +78,12 @@ class Learning:
             raise BadInput(f"{self._name}: `initial` has a number that is not finite, or {self._limit:g} or more")
         self.parameters, self.parts = self._form.parameters, self._form.parts
         self.weights = None if self.parameters <= RECORDED else 0
-        self.period_ticks, self.note_bytes = learner.period_ticks, learner.note_bytes
+        self._metrics, self._state_bytes, self.period_ticks, self.note_bytes = (
+            getattr(options, name, getattr(learner, name))
+            for name in ("metrics", "state_bytes", "period_ticks", "note_bytes")
+        )
         self.weighted = self.dated = True
-        own = (*learner.metrics, "examples", "training")
+        own = (*self._metrics, "examples", "training")
         inner_names = tuple(inner.diagnostics)
         own = tuple(PREFIX + name if name in inner_names else name for name in own)
         self.diagnostics, self.busy = (*inner_names, *own), own[-1]
@@ -129,8 +132,8 @@ class Learning:
             "examples": np.ones(rows),
             "note": _packed([b""] * rows, self.note_bytes),
             "kept": np.tile(kept, (rows, 1)),
-            "state": _packed([b""] * rows, self.learner.state_bytes),
-            "metrics": np.zeros((rows, len(self.learner.metrics))),
+            "state": _packed([b""] * rows, self._state_bytes),
+            "metrics": np.zeros((rows, len(self._metrics))),
         }
         return inner_memory | {PREFIX + name: array for name, array in own.items()}
 
@@ -259,8 +262,8 @@ class Learning:
         mine["model"][row], mine["kept"][row], mine["ready"][row] = outcome.model, outcome.kept, True
         mine["based"][row], mine["examples"][row] = mine["base_round"][row], outcome.examples
         mine["note"][row] = _packed([outcome.note], self.note_bytes)[0]
-        mine["state"][row] = _packed([outcome.state], self.learner.state_bytes)[0]
-        for column, name in enumerate(self.learner.metrics):
+        mine["state"][row] = _packed([outcome.state], self._state_bytes)[0]
+        for column, name in enumerate(self._metrics):
             if math.isfinite(value := outcome.metrics.get(name, math.nan)):
                 mine["metrics"][row, column] = value
 
@@ -313,7 +316,7 @@ class Learning:
         if not isinstance(trained, Trained):
             raise TypeError(f"`fit` returns a {type(trained).__name__}; expected mf.Trained(model, examples) or None")
         check_weights("`examples`", np.array([trained.examples], dtype=np.float64))
-        for label, raw, most in (("note", trained.note, self.note_bytes), ("state", state, self.learner.state_bytes)):
+        for label, raw, most in (("note", trained.note, self.note_bytes), ("state", state, self._state_bytes)):
             if not isinstance(raw, bytes) or len(raw) > most:
                 given = f"{len(raw)} bytes" if isinstance(raw, bytes) else f"a {type(raw).__name__}"
                 raise ValueError(f"its {label} is {given}; `{label}_bytes` declares {most} bytes")

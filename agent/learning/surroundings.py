@@ -57,3 +57,39 @@ def check_isa(wanted: str) -> None:
             f"torch computes with its kernels {used!r}, and `training.torch_isa` is {wanted!r}, so the bits would "
             f"differ; start Python with {threads.TORCH_ISA}={wanted}, or set training.torch_isa={used}"
         )
+
+
+class Generators:
+    """States of the global generators that code has which runs at intervals; a context in which it runs."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed: int | None = seed
+        self._python: Any = None
+        self._numpy: Any = None
+        self._torch: Any = None
+        self._outer: tuple[Any, Any, Any] = (None, None, None)
+
+    def __enter__(self) -> None:
+        torch = sys.modules.get("torch")
+        self._outer = random.getstate(), np.random.get_state(), None if torch is None else torch.get_rng_state()  # noqa: NPY002
+        if self._seed is not None:
+            random.seed(self._seed)
+            np.random.seed(self._seed % 2**32)  # noqa: NPY002
+            if torch is not None:
+                torch.manual_seed(self._seed)
+            self._seed = None
+            return
+        random.setstate(self._python)
+        np.random.set_state(self._numpy)  # noqa: NPY002
+        if torch is not None and self._torch is not None:
+            torch.set_rng_state(self._torch)
+
+    def __exit__(self, *_: object) -> None:
+        torch = sys.modules.get("torch")
+        self._python, self._numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
+        self._torch = None if torch is None else torch.get_rng_state()
+        python, numpy, outer = self._outer
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
+        if torch is not None and outer is not None:
+            torch.set_rng_state(outer)

@@ -37,6 +37,7 @@ class _Listed(NamedTuple):
 
 _COMMANDS = {  # in the order of their use
     "run": _Listed("fly", "run", "Fly a scenario once, by default the paper's."),
+    "flower": _Listed("flower", "flower", "Fly a Flower app unmodified: the radio carries its models."),
     "resume": _Listed("fly", "resume", "Resume a run that did not finish, from its last checkpoint."),
     "view": _Listed("look", "view", "Open a finished run in the Rerun viewer."),
     "picture": _Listed("look", "picture", "Save the Rerun view of a finished run as a PNG file."),

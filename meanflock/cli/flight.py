@@ -39,7 +39,7 @@ def run(
     as_json: bool,
     keys: dict[str, Any],
     **given: Any,
-) -> None:
+) -> EndedRun:
     """Fly a scenario.
 
     Args:
@@ -65,16 +65,15 @@ def run(
         given["steer"] = Address.parse("--steer", where)
     given["serve"] = ("127.0.0.1", checks.VIEWER_PORT) if view else None
     if web:
-        _fly_in_a_browser(flown, as_json, **given)
-    elif view:
+        return _fly_in_a_browser(flown, as_json, **given)
+    if view:
         from meanflock.recording.viewer import open_viewer
 
-        _fly(flown, as_json, watch=open_viewer, **given)
-    else:
-        _fly(flown, as_json, record=record, **given)
+        return _fly(flown, as_json, watch=open_viewer, **given)
+    return _fly(flown, as_json, record=record, **given)
 
 
-def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> None:
+def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> EndedRun:
     """Fly a scenario and show it on a page, live and then from its recording, until Ctrl-C."""
     from meanflock.recording.web import WebPage
     from meanflock.results.run_folder import RECORDING
@@ -89,6 +88,7 @@ def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> 
         page.recording = done.folder / RECORDING
         logs.show(f"{page.url} shows the recording until Ctrl-C")
         page.attend()
+        return done
 
 
 def resume(folder: Path, as_json: bool, record: bool | None, **given: Any) -> None:

@@ -3,8 +3,10 @@
 Sums go by ascending UAV, a UAV's own model last, so that neither the order of arrival nor other rows leave a trace.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,12 +16,20 @@ from meanflock.federation.rule import Rule, RuleFailed
 from meanflock.federation.rules.base import Aggregate, State
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import decode_record, encode_record
 
 Indices = NDArray[np.intp]
-DONE = "meanflock.done"  # in the record of a rule after which no round follows
+VERDICT = "meanflock.verdict"  # in the record of a rule
 _RULE = "meanflock.rule."  # in a checkpoint
+
+
+class Verdict(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What an aggregation rule said of a round beside its model; see `rules.base.Aggregate`."""
+
+    is_done: bool = False
+    metrics: dict[str, float] = {}
 
 
 class Averages(NamedTuple):
@@ -64,19 +74,22 @@ class Averager:
             name: np.repeat(array[None], len(node), axis=0) if len(node) else [array] for name, array in state.items()
         }
         self._is_done = False
+        self._metrics: Mapping[str, float] = {}  # of the last round
 
     @property
     def record(self) -> bytes:
         """The state of the aggregation rule in the leader, a record; empty where it has none."""
         state = {name: arrays[0] for name, arrays in self._states.items()}
-        if self._is_done:
-            state[DONE] = np.ones(1, dtype=np.uint8)
+        if self._is_done or self._metrics:
+            verdict = msgspec.msgpack.encode(Verdict(self._is_done, dict(self._metrics)))
+            state[VERDICT] = np.frombuffer(verdict, dtype=np.uint8)
         return encode_record(state) if state else b""
 
     def take_over(self, record: bytes) -> None:
         """Goes on with the state of the aggregation rule that another leader left, a record."""
         state = decode_record(record)
-        self._is_done = state.pop(DONE, None) is not None
+        self._is_done = verdict_of(record).is_done
+        state.pop(VERDICT, None)
         self._states = {name: [array] for name, array in state.items()}
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -108,6 +121,7 @@ class Averager:
                     aggregate = self._one(round_, row)
                 except RuleFailed as error:  # this row keeps its model, and its state of the rule
                     problems.append(str(error))
+                    self._is_done = not self._rule.resumable if self._rule else False
                     continue
                 if aggregate.model is not None:
                     found.append((row, aggregate.model, aggregate.note))
@@ -149,10 +163,20 @@ class Averager:
         after, aggregate = self._rule.step(before, round_.uploads(row))
         for name, array in after.items():
             self._states[name][place] = array
-        self._is_done = aggregate.done
+        self._is_done, self._metrics = aggregate.done, aggregate.metrics
         return aggregate
 
 
-def is_done(record: bytes) -> bool:
-    """Returns whether no round follows after the one that left this record of the aggregation rule."""
-    return bool(record) and DONE in decode_record(record)
+def verdict_of(record: bytes) -> Verdict:
+    """What a rule said of a round, in the record that it left.
+
+    Raises:
+        MessageRejected: the record is malformed.
+    """
+    raw = decode_record(record).get(VERDICT) if record else None
+    if raw is None:
+        return Verdict()
+    try:
+        return msgspec.msgpack.decode(raw.tobytes(), type=Verdict)
+    except msgspec.MsgspecError as error:
+        raise MessageRejected("malformed", f"verdict of the aggregation rule: {error}") from error

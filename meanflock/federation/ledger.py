@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.averager import is_done
+from meanflock.federation.averager import Verdict, verdict_of
 from meanflock.federation.mailbox import Letter, Mailbox, links_of
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
@@ -46,7 +46,18 @@ class Ledger(Stateful):
     """
 
     stored = (
-        *("rounds", "rounds_void", "late", "silent", "isolated", "retries", "_averaged", "newest", "rule_record"),
+        *(
+            "rounds",
+            "rounds_void",
+            "late",
+            "silent",
+            "isolated",
+            "retries",
+            "_averaged",
+            "newest",
+            "rule_record",
+            "is_done",
+        ),
         *("transmissions", "_reception", "_mailboxes", "accounts"),
     )
 
@@ -66,6 +77,8 @@ class Ledger(Stateful):
         self._accounts: dict[int, Account] = {}  # of the rounds that are open
         self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
         self.rule_record = b""
+        self.is_done = False
+        self._verdict = Verdict()  # of this tick
         rule = plugins.load("aggregator", scenario.federation.aggregation) if self._hops else None
         self._is_asked_void = getattr(rule, "asked_void", False)
         self._attempts = scenario.federation.retries
@@ -107,11 +120,6 @@ class Ledger(Stateful):
         if len(rest) < len(due):
             self._list_open()
         return rest
-
-    @property
-    def is_done(self) -> bool:
-        """Returns whether the aggregation rule wants no further round."""
-        return is_done(self.rule_record)
 
     @property
     def letters(self) -> tuple[Letter, ...]:
@@ -182,6 +190,15 @@ class Ledger(Stateful):
     def refuse(self, uavs: Iterable[int]) -> None:
         """Takes notice that a node did not average the models of some UAVs in this tick."""
         self._refused.update(uavs)
+
+    def take_record(self, record: bytes) -> None:
+        """Takes the record that the leader's aggregation rule left in this tick.
+
+        Raises:
+            MessageRejected: it is malformed.
+        """
+        self._verdict = verdict_of(record)
+        self.rule_record, self.is_done = record, self._verdict.is_done
 
     def fail(self) -> None:
         """Takes notice that the leader could not average in this tick, and said why."""
@@ -286,6 +303,7 @@ class Ledger(Stateful):
             self._list_open()
         self._refused.clear()
         self._has_failed = False
+        self._verdict = Verdict()
         return ended
 
     @property
@@ -375,7 +393,7 @@ class Ledger(Stateful):
         leads = hop.role == "leader"
         outcome: Literal["averaged", "waiting", "void"] = "void"
         reason = ""
-        if averaged:
+        if averaged or (leads and self._verdict.is_done and not self._has_failed):
             self.rounds += 1
             self._averaged = number
             outcome = "averaged"
@@ -409,6 +427,7 @@ class Ledger(Stateful):
             copy=copy,
             earlier=account.earlier,
             retries=account.retries,
+            metrics=self._verdict.metrics if leads else {},
             **found,
         )
 

@@ -63,6 +63,7 @@ class Plan:
                 "filter, which shares them: filter.kind=ecbf"
             )
         self._check_codings()
+        self._check_resumable()
         self._check_silence()
         self.hops = self._hops()
         for one in (scenario, self.scenario):
@@ -105,6 +106,21 @@ class Plan:
         if not self.declared.is_federated:
             return min(left, 1)
         return left if any(hop.role == "leader" for hop in self.hops) else 0
+
+    @property
+    def is_resumable(self) -> bool:
+        """Returns whether a checkpoint has all of a flight."""
+        rule = plugins.load("aggregator", self.scenario.federation.aggregation)
+        return not self.declared.is_federated or bool(getattr(rule, "resumable", True))
+
+    def _check_resumable(self) -> None:
+        """Validates that no leader takes over a rule whose state it cannot get."""
+        standbys = any(isinstance(fault, LeaderLoss) and fault.standby for fault in self.scenario.faults)
+        if standbys and not self.is_resumable:
+            raise BadInput(
+                f"scenario: `faults` has a standby leader, which cannot go on with the rule "
+                f"{self.scenario.federation.aggregation}: its state is in one process; leave out `standby`"
+            )
 
     def _check_codings(self) -> None:
         """Validates that no number of a model is wider on the air than a float of the radio."""

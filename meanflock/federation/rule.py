@@ -1,6 +1,7 @@
 """The aggregation rule of a flight: a plug-in, whose answers are validated here."""
 
 import inspect
+import math
 
 from meanflock.federation.cut import share_delivered
 from meanflock.federation.plan import Plan
@@ -20,7 +21,8 @@ class Rule:
     """An aggregation rule.
 
     Attributes:
-        asked_void: whether it is asked in rounds without models, too. state_bytes: most bytes of states of any length.
+        asked_void: whether it is asked in rounds without models, too. state_bytes: most bytes of states of any
+            length. resumable: whether its state is all in what it returns; else it is done when it fails.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -30,6 +32,7 @@ class Rule:
         self._rule: Aggregator = plugins.create("aggregator", self._name, federation.options, plan.scenario)
         self.asked_void = bool(self._rule.asked_void)
         self.state_bytes = int(self._rule.state_bytes)
+        self.resumable = bool(self._rule.resumable)
         takes = inspect.signature(self._rule.step)
         try:
             takes.bind("state", "uploads")
@@ -90,6 +93,10 @@ class Rule:
                 aggregate = aggregate._replace(model=model)
             if not isinstance(aggregate.note, bytes) or len(aggregate.note) > self._rule.note_bytes:
                 raise ValueError(f"a note of {len(aggregate.note)} bytes; `note_bytes` is {self._rule.note_bytes}")
+            metrics = {str(name): float(number) for name, number in aggregate.metrics.items()}
+            if not all(map(math.isfinite, metrics.values())):
+                raise ValueError(f"metrics that are not finite: {metrics}")
+            aggregate = aggregate._replace(metrics=metrics)
             self._check_form(after, state)
             _check_finite(after)
         except FAILURES as error:

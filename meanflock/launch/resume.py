@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from meanflock.federation.plan import plan_of
 from meanflock.net import keys
 from meanflock.results import flown_plugins
 from meanflock.results.run_folder import CHECKPOINT, SCENARIO, SUMMARY, read_checkpoint
@@ -46,6 +47,11 @@ def back(folder: Path) -> Back:
         )
     flown = scenario.load(folder / SCENARIO)
     flown_plugins.check(folder, flown)
+    if not plan_of(flown).is_resumable:
+        raise BadInput(
+            f"{folder}: cannot be resumed: the state of the aggregation rule {flown.federation.aggregation} was in its "
+            "process; fly it again"
+        )
     saved = read_checkpoint(folder)
     rows = past(folder, saved["tick"]).rows
     start = Resumption.decode(saved["body"], states_of(rows))

@@ -1,7 +1,8 @@
 """Base class of aggregation rules, which compute the global model from the models of a round."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import msgspec
@@ -89,12 +90,13 @@ class Aggregate(NamedTuple):
     """What a rule makes of a round, if that is more than a model.
 
     model: (parameters,); None: nothing is broadcast. note: bytes that are broadcast with it, at most `note_bytes`.
-    done: no round follows: UAVs upload nothing any more.
+    done: no round follows: UAVs upload nothing any more. metrics: finite numbers by name, recorded with the round.
     """
 
     model: Floats | None
     note: bytes = b""
     done: bool = False
+    metrics: Mapping[str, float] = MappingProxyType({})
 
 
 def mean(models: Floats, weights: Floats | None = None, arrived: NDArray[np.bool_] | None = None) -> Floats:

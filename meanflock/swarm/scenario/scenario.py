@@ -82,9 +82,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         ),
     ] = 300.0
     stop: Annotated[
-        Literal["arrival", "duration"],
+        Literal["arrival", "duration", "rounds"],
         key(
-            "the flight ends when all UAVs have arrived, or at `duration`",
+            "the flight ends when all UAVs have arrived, at `duration`, or when the aggregation rule wants no further "
+            "round",
             OURS,
             "little of interest follows the last arrival; `duration` continues the flight",
         ),

@@ -1,0 +1,155 @@
+"""Command `flower`: flies a Flower app as its author wrote it."""
+
+import json
+import shlex
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meanflock.cli.arguments import (
+    PATH,
+    in_process_option,
+    out_option,
+    scenario_arguments,
+    telling,
+    uavs_per_process_option,
+)
+from meanflock.cli.fly import _forker
+from meanflock.swarm.errors import BadInput, RunFailed, available
+
+if TYPE_CHECKING:
+    from meanflock.flower.app import App
+
+RESULT = "result.json"
+_PLUGIN = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
+
+from meanflock.flower.app import App
+from meanflock.flower.client import FlowerClient
+from meanflock.flower.server import FlowerServer
+
+
+class Client(FlowerClient):
+    name = {name!r}
+    app = App({folder!r}, {client!r}, {server!r}, {name!r}, {config!r})
+
+
+class Server(FlowerServer):
+    name = {name!r}
+    client = Client
+
+
+Client.app.half(Client.app.client)  # before processes are forked, which share it
+'''
+
+
+@click.command()
+@click.argument("app", metavar="APP_DIR", type=PATH)
+@click.option("--mission", metavar="SCENARIO", help="Scenario that is flown.  [default: paper]")
+@click.option("--run-config", metavar="'KEY=VALUE …'", default="", help="Configuration over that of the app.")
+@scenario_arguments("method", "uavs", "seed", "duration", "settings", "plugin")
+@in_process_option
+@uavs_per_process_option
+@out_option("runs", "Where run folders are made.")
+@telling
+def flower(
+    app: Path,
+    mission: str | None,
+    run_config: str,
+    method: str | None,
+    uavs: int | None,
+    seed: int | None,
+    duration: float | None,
+    settings: tuple[str, ...],
+    in_process: bool,
+    out: Path,
+    **given: Any,
+) -> None:
+    """Fly a Flower app unmodified: the radio carries its models.
+
+    APP_DIR is the folder of the app, with its pyproject.toml. ClientApps train on the UAVs, the ServerApp runs in the
+    leader. A reply that the radio loses is an error, as of a node that fails. What the app reports is written to
+    OUT/<id>/result.json, with bits, airtime and failures of every round.
+
+    \b
+    Example: meanflock flower examples/flower_app --mission lossy --uavs 10 --set federation.retries=1
+    """
+    with available("the command `flower`", "flower"):
+        from meanflock.flower.app import App
+    from meanflock.swarm import plugins
+
+    described = App.read(app)
+    described.config.update(_pairs(run_config))
+    folder = Path(out) / ".flower"
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{described.name}.py"
+    path.write_text(_PLUGIN.format(fingerprint=described.fingerprint, **described._asdict()), encoding="utf-8")
+    plugins.load_files([path])
+    name = described.name
+    fixed = (f"training.learner={name}", f"federation.aggregation={name}", "federation.fraction=1.0", "stop=rounds")
+    with _forker(in_process) as forker:
+        from meanflock.cli import flight
+        from meanflock.cli.arguments import load_scenario
+
+        file = None if mission is None else Path(mission)
+        keys: dict[str, Any] = {"method": method or "orca", "uavs": uavs, "seed": seed, "duration": duration}
+        if duration is None and (rounds := described.config.get("num-server-rounds")):
+            planned = load_scenario(file, (*fixed, *settings), **keys)
+            keys["duration"] = (rounds + 2) * planned.period_ticks * planned.dt
+        done = flight.run(
+            file,
+            (*fixed, *settings),
+            keys=keys,
+            in_process=in_process,
+            forker=forker,
+            out=out,
+            faults=None,
+            realtime=None,
+            record=False,
+            view=False,
+            web=False,
+            steer=None,
+            endpoint=None,
+            tls=None,
+            **given,
+        )
+    failure = _write_result(done.folder, described, done.summary)
+    if failure:
+        raise RunFailed(failure)
+
+
+def _pairs(text: str) -> dict[str, Any]:
+    """Keys and values in a text such as Flower's `--run-config`: TOML, but pairs are separated by spaces."""
+    pairs: dict[str, Any] = {}
+    for pair in shlex.split(text, posix=False):
+        key, sign, value = pair.partition("=")
+        try:
+            if not (key and sign):
+                raise ValueError("no `=`")
+            pairs[key] = tomllib.loads(f"value = {value}")["value"]
+        except ValueError as error:
+            raise BadInput(f"--run-config {pair}: expected key=value, with a value as in TOML: {error}") from error
+    return pairs
+
+
+def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> str:
+    """Write what came of an app into the folder of its run; returns why it failed, empty if it did not."""
+    import pyarrow.parquet as pq
+
+    from meanflock.results.rounds_table import METRIC, ROUNDS
+
+    path = folder / ROUNDS
+    ended = pq.read_table(path).to_pylist() if path.exists() else []
+    same = ("round", "sim_time_s", "bits", "airtime_s", "sent", "received", "retries")
+    table = [
+        {name: one[name] for name in same}
+        | {"failures": one["participants"] - one["received"]}
+        | {name.removeprefix(METRIC): value for name, value in one.items() if name.startswith(METRIC)}
+        for one in ended
+    ]
+    result = {"app": described.name, "config": described.config, "rounds": table, "summary": summary}
+    (folder / RESULT).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    if ended and ended[-1]["reason"] == "the aggregation rule failed":
+        return f"the ServerApp failed in round {ended[-1]['round']}; {folder / 'events.jsonl'} says why"
+    return ""

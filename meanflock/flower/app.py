@@ -1,0 +1,140 @@
+"""A Flower app in a folder, and the records that its messages have."""
+
+import hashlib
+import importlib
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.plugins.loader import read
+
+os.environ["FLWR_TELEMETRY_ENABLED"] = "0"  # Flower reads it when it is imported
+
+import numpy as np
+from flwr.app import Array, ArrayRecord, Context, RecordDict
+from flwr.common.serde import recorddict_from_proto, recorddict_to_proto
+from flwr.proto.recorddict_pb2 import RecordDict as Proto
+from flwr.supercore.task_identity import TaskIdentity
+from numpy.typing import NDArray
+
+FIRST_NODE = 1000  # number of the node on UAV 0
+SUFFIXES = (".py", ".toml")  # of files whose change makes another app
+
+logging.getLogger("flwr").setLevel(logging.WARNING)
+TaskIdentity.task_id = TaskIdentity.run_id = TaskIdentity.node_id = 1
+
+
+class App(NamedTuple):
+    """A Flower app: its folder, `module:attribute` of its two halves, its name, and its own configuration."""
+
+    folder: str
+    client: str
+    server: str
+    name: str
+    config: dict[str, Any]
+
+    @classmethod
+    def read(cls, folder: Path) -> "App":
+        """The app that the file pyproject.toml of a folder describes.
+
+        Raises:
+            BadInput: there is no such file, or it describes no app.
+        """
+        path = folder / "pyproject.toml"
+        try:
+            project = msgspec.toml.decode(read(path))
+            table = project["tool"]["flwr"]["app"]
+            components = table["components"]
+            client, server = components["clientapp"], components["serverapp"]
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}; name the folder of a Flower app") from error
+        except (msgspec.DecodeError, KeyError, TypeError) as error:
+            raise BadInput(
+                f"{path}: describes no Flower app; `clientapp` and `serverapp` stand in [tool.flwr.app.components]"
+            ) from error
+        name = "".join(
+            sign if sign.isalnum() else "-" for sign in str(project.get("project", {}).get("name", folder.name))
+        )
+        return cls(str(folder.resolve()), client, server, f"flower-{name}", dict(_flat(table.get("config", {}))))
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the files of the app."""
+        digest = hashlib.sha256()
+        for path in sorted(Path(self.folder).rglob("*")):
+            if path.is_file() and path.suffix in SUFFIXES and "." not in path.parent.name:
+                digest.update(path.relative_to(self.folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()
+
+    def half(self, component: str) -> Any:
+        """One half of the app, imported from its folder.
+
+        Raises:
+            BadInput: it cannot be imported.
+        """
+        module, _, attribute = component.partition(":")
+        if self.folder not in sys.path:
+            sys.path.insert(0, self.folder)
+        try:
+            return getattr(importlib.import_module(module), attribute)
+        except FAILURES as error:
+            raise BadInput(f"Flower app {self.folder}: {component}: {last_line(error)}") from error
+
+
+def context(node: int, run_config: dict[str, Any], uav: int | None = None, uavs: int = 0) -> Context:
+    """The context of one half of an app: of the ServerApp, or of the ClientApp on a UAV."""
+    config: dict[str, Any] = {} if uav is None else {"partition-id": uav, "num-partitions": uavs}
+    return Context(1, node, config, RecordDict(), dict(run_config))
+
+
+def split(content: RecordDict) -> tuple[dict[str, NDArray[Any]], bytes]:
+    """The arrays of a message, and all else in it as bytes.
+
+    Raises:
+        ValueError: it has not one record of arrays.
+    """
+    records = list(content.array_records.items())
+    if len(records) != 1:
+        raise ValueError(f"a message has {len(records)} ArrayRecords; a model on the radio is one")
+    name, record = records[0]
+    rest = recorddict_to_proto(RecordDict({key: value for key, value in content.items() if key != name}))
+    arrays = {key: array.numpy() for key, array in record.items()}
+    return arrays, bytes([len(name)]) + name.encode() + rest.SerializeToString(deterministic=True)
+
+
+def joined(arrays: dict[str, NDArray[Any]], note: bytes) -> RecordDict:
+    """The content of a message of its arrays and the bytes of all else."""
+    name, rest = note[1 : 1 + note[0]].decode(), recorddict_from_proto(Proto.FromString(note[1 + note[0] :]))
+    record = ArrayRecord({key: Array(np.ascontiguousarray(array)) for key, array in arrays.items()})
+    return RecordDict({name: record, **rest})
+
+
+def state_bytes(state: RecordDict) -> bytes:
+    """The state of a ClientApp as bytes; none if it is empty."""
+    return recorddict_to_proto(state).SerializeToString(deterministic=True) if len(state) else b""
+
+
+def state_of(raw: bytes) -> RecordDict:
+    """The state of a ClientApp in bytes."""
+    return recorddict_from_proto(Proto.FromString(raw)) if raw else RecordDict()
+
+
+def numbers_in(content: RecordDict) -> dict[str, float]:
+    """The single numbers among the metrics of a message, by name."""
+    found: dict[str, float] = {}
+    for record in content.metric_records.values():
+        found |= {name: float(value) for name, value in record.items() if isinstance(value, int | float)}
+    return found
+
+
+def _flat(table: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Keys and values of nested tables; the parts of a key are joined by dots, as Flower does."""
+    pairs: list[tuple[str, Any]] = []
+    for name, value in table.items():
+        pairs += _flat(value, f"{path}{name}.") if isinstance(value, dict) else [(path + name, value)]
+    return pairs

@@ -1,0 +1,113 @@
+"""The ClientApp of a Flower app as a learner: each UAV is a node, and trains when the ServerApp asks it."""
+
+from functools import cache
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.controllers.base import Options as NoOptions
+from meanflock.agent.learning.base import Fit, Learner, Trained, Tree
+from meanflock.flower.app import FIRST_NODE, App, context, joined, numbers_in, split, state_bytes, state_of
+from meanflock.flower.grid import Asked, asked_first
+from meanflock.swarm.scenario import Scenario
+
+_EXAMPLES = ("num-examples", "num_examples")
+
+
+class Request(NamedTuple):
+    """What the ServerApp asks, as it travels in a note: number of the exchange, mask (N,) of the UAVs that are asked,
+    and all of the message but its arrays."""
+
+    number: int
+    asked: NDArray[np.bool_]
+    rest: bytes
+
+    @property
+    def note(self) -> bytes:
+        """The request as bytes."""
+        return self.number.to_bytes(2, "little") + np.packbits(self.asked).tobytes() + self.rest
+
+    @classmethod
+    def of_note(cls, note: bytes, uavs: int) -> "Request":
+        """The request in the bytes of a note, of a swarm of so many UAVs."""
+        end = 2 + -(-uavs // 8)
+        asked = np.unpackbits(np.frombuffer(note[2:end], np.uint8), count=uavs).astype(bool)
+        return cls(int.from_bytes(note[:2], "little"), asked, note[end:])
+
+
+class FlowerClient(Learner):
+    """A ClientApp as a learner. `meanflock flower` makes a class of it for its app."""
+
+    app: ClassVar[App]
+
+    class Options(NoOptions, frozen=True):
+        """The options of an app."""
+
+        run_config: Annotated[dict[str, Any], Meta(description="configuration of the run, over that of the app")] = (
+            msgspec.field(default_factory=dict)
+        )
+        metrics: Annotated[tuple[str, ...], Meta(description="metrics of the ClientApp that are recorded")] = ()
+        note_bytes: Annotated[
+            int, Meta(ge=32, le=60_000, description="most bytes of configuration and metrics beside a model")
+        ] = 192
+        state_bytes: Annotated[int, Meta(ge=0, le=1_000_000, description="most bytes of a ClientApp's state")] = 0
+
+    def __init__(self, options: Any, scenario: Scenario, uav: int) -> None:
+        super().__init__(options, scenario, uav)
+        self._client = self.app.half(self.app.client)
+        self._node = FIRST_NODE + uav
+        self._context = context(self._node, self.run_config(options), uav, scenario.uavs)
+
+    @classmethod
+    def run_config(cls, options: Any) -> dict[str, Any]:
+        """The configuration of a run."""
+        return cls.app.config | options.run_config
+
+    @classmethod
+    def first(cls, options: Any, scenario: Scenario) -> Asked:
+        """The first message of the ServerApp."""
+        config = msgspec.json.encode(cls.run_config(options))
+        return _first(*cls.app[:4], config, scenario.uavs, scenario.seed)
+
+    @classmethod
+    def initial(cls, options: Any, scenario: Scenario) -> Tree:
+        """See `Learner.initial`: what the ServerApp sends first, which every UAV has on board at take-off."""
+        return dict(cls.first(options, scenario).arrays)
+
+    def fit(self, model: Tree, config: Fit) -> Trained | None:
+        """See `Learner.fit`. A UAV that did not receive what it is asked for is silent."""
+        if config.based:
+            if not config.note:
+                return None
+            request = Request.of_note(config.note, self.scenario.uavs)
+        else:
+            first = self.first(self.options, self.scenario)
+            request = Request(1, np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, first.nodes), first.rest)
+        if not request.asked[self.uav]:
+            return None
+        from flwr.app import Message
+
+        assert isinstance(model, dict)
+        reply = self._client(Message(joined(model, request.rest), self._node, "train"), self._context)
+        if reply.has_error():
+            raise RuntimeError(reply.error.reason)
+        arrays, rest = split(reply.content)
+        metrics = numbers_in(reply.content)
+        examples = next((metrics[name] for name in _EXAMPLES if name in metrics), 1.0)
+        return Trained(arrays, examples, metrics, request.number.to_bytes(2, "little") + rest)
+
+    def state(self) -> bytes:
+        """See `Learner.state`."""
+        return state_bytes(self._context.state)
+
+    def load(self, raw: bytes) -> None:
+        """See `Learner.load`."""
+        self._context.state = state_of(raw)
+
+
+@cache
+def _first(folder: str, client: str, server: str, name: str, config: bytes, uavs: int, seed: int) -> Asked:
+    return asked_first(App(folder, client, server, name, {}), msgspec.json.decode(config), uavs, seed)

@@ -1,0 +1,112 @@
+"""The ServerApp of a Flower app as an aggregation rule.
+
+It gets the uploads of a round as replies, and what it sends next is the global model.
+"""
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from meanflock.agent.learning.trees import ModelForm
+from meanflock.agent.learning.worker import TRAININGS
+from meanflock.federation.plan import topology_of
+from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
+from meanflock.federation.rules.base import Options as NoOptions
+from meanflock.flower.app import FIRST_NODE, joined
+from meanflock.flower.client import FlowerClient, Request
+from meanflock.flower.grid import RunningServer
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats, Mask
+
+
+class FlowerServer(Aggregator):
+    """A ServerApp as an aggregation rule. `meanflock flower` makes a class of it for its app."""
+
+    client: ClassVar[type[FlowerClient]]
+    asked_void = True
+    resumable = False
+
+    class Options(NoOptions, frozen=True):
+        """The options of the rule."""
+
+        incomplete: Annotated[
+            Literal["mean", "fill", "refuse"],
+            Meta(
+                description="of an upload that lost fragments: take their mean over the other uploads, take the global "
+                "model's, or count it as a failure"
+            ),
+        ] = "mean"
+        expires: Annotated[int, Meta(ge=1, description="rounds after which a message without a reply has failed")] = 1
+        wait_s: Annotated[float, Meta(gt=0, description="wall time that the ServerApp may take in a round, s")] = 300.0
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        if (topology := topology_of(scenario)) != "leader":
+            raise ValueError(f"a ServerApp needs a leader, and `federation.topology` is {topology}; leave that out")
+        self._client_options = msgspec.convert(scenario.training.options, self.client.Options)
+        self.note_bytes = self._client_options.note_bytes  # type: ignore[misc]
+        self._server: RunningServer | None = None
+        self._round = 0  # the last one
+
+    def step(self, state: State, uploads: Uploads) -> tuple[State, Aggregate]:
+        """See `Aggregator.step`. The ServerApp runs while no learner trains in this process: both use the global random
+        generators."""
+        aggregate: Aggregate = TRAININGS.call(lambda: self._answer(uploads))
+        return state, aggregate
+
+    def _answer(self, uploads: Uploads) -> Aggregate:
+        server = self._server or self._begin()
+        if server.is_over:
+            return Aggregate(None, done=True)
+        assert server.grid.asked is not None
+        kept = self._form.split(self._cast(server.grid.asked.arrays))
+        for place, uav in enumerate(uploads.uavs.tolist()):
+            note, arrived = uploads.notes[place], uploads.arrived[place]
+            if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
+                continue
+            model = self._model(uploads.models[place], arrived, kept[0])
+            arrays: Any = self._form.join(model, kept[1])
+            server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
+        server.grid.expire()
+        server.go_on(self.options.wait_s)
+        if server.error is not None:
+            raise server.error
+        metrics = server.grid.metrics
+        if server.is_over:
+            return Aggregate(None, done=True, metrics=metrics)
+        asked = server.grid.asked
+        nodes = np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, asked.nodes)
+        note = Request(server.grid.number, nodes, asked.rest).note
+        if len(note) > self.note_bytes:
+            raise ValueError(f"configuration of {len(note)} bytes; set training.options.note_bytes={len(note)} or more")
+        vector, _ = self._form.split(self._cast(asked.arrays))
+        return Aggregate(vector.astype(np.float64), note, metrics=metrics)
+
+    def _begin(self) -> RunningServer:
+        """Let the ServerApp run to its first message, which the UAVs have on board."""
+        config = self.client.run_config(self._client_options)
+        server = RunningServer(self.client.app, config, self.scenario.uavs, self.scenario.seed, self.options.expires)
+        server.go_on(self.options.wait_s)
+        if server.error is not None:
+            raise server.error
+        assert server.grid.asked is not None
+        self._first = server.grid.asked.arrays
+        self._form = ModelForm(dict(self._first), self.scenario.training.integers, self.scenario.training.keeps)
+        self._server = server
+        return server
+
+    def _model(self, vector: Floats, arrived: Mask, sent: Floats) -> Floats:
+        """An upload with numbers in the place of those that were lost."""
+        return np.where(arrived, vector, sent) if self.options.incomplete == "fill" else vector
+
+    def _cast(self, arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Arrays in the dtypes that they had first: strategies make floats of whole numbers."""
+        return {
+            name: (np.rint(array) if self._first[name].dtype.kind in "iu" else array).astype(self._first[name].dtype)
+            if name in self._first
+            else array
+            for name, array in arrays.items()
+        }
