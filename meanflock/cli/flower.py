@@ -1,7 +1,7 @@
 """Command `flower`: flies a Flower app as its author wrote it."""
 
 import json
-import shlex
+import re
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from meanflock.flower.app import App
 
 RESULT = "result.json"
+_PAIR = re.compile(r"""(?:[^\s"']|"(?:\\.|[^"\\])*"|'[^']*')+""")  # signs up to a space that is not quoted
 _PLUGIN = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
 
 from meanflock.flower.app import App
@@ -122,7 +123,7 @@ def flower(
 def _pairs(text: str) -> dict[str, Any]:
     """Keys and values in a text such as Flower's `--run-config`: TOML, but pairs are separated by spaces."""
     pairs: dict[str, Any] = {}
-    for pair in shlex.split(text, posix=False):
+    for pair in _PAIR.findall(text):
         key, sign, value = pair.partition("=")
         try:
             if not (key and sign):
