@@ -1,6 +1,7 @@
 """The command that writes a run in the files of other tools."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -14,16 +15,20 @@ from meanflock.swarm.errors import BadInput, needed
 @run_argument
 @click.option("--mcap", type=PATH, metavar="FILE.mcap", help="Write an MCAP file, which Foxglove and ROS 2 open.")
 @click.option("--rosbag", type=PATH, metavar="DIR", help="Write the same as a bag of ROS 2, which is a new folder.")
+@click.option("--radio", type=PATH, metavar="FILE.json", help="Write what became of every upload, to be replayed.")
 @click.option(
     "--take-off",
     metavar="TIME",
     help="When the UAVs took off, e.g. 2026-11-21T10:15:00Z, or `run`: when the run began.  [default: 0 s]",
 )
 @quiet_option
-def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str | None, quiet: bool) -> None:
-    """Write a run as a file or a bag for Foxglove and ROS 2.
+def export(
+    folder: Path, mcap: Path | None, rosbag: Path | None, radio: Path | None, take_off: str | None, quiet: bool
+) -> None:
+    """Write a run for other tools: as a file or a bag for Foxglove and ROS 2, or its radio as a table.
 
-    RUN is its folder, or `latest`. Needs the extra `export`.
+    RUN is its folder, or `latest`. Foxglove and ROS 2 need the extra `export`. The table of `--radio` has a row for
+    each upload: round, UAV, share that arrived, delay and bits; examples/flower_radio.py replays it in Flower.
 
     \b
     Example:
@@ -33,12 +38,18 @@ def export(folder: Path, mcap: Path | None, rosbag: Path | None, take_off: str |
     from meanflock.results.flown import FlightSoFar
     from meanflock.results.run_folder import alone, completed
 
-    if mcap is None and rosbag is None:
-        raise BadInput("export: name what to write: --mcap FILE.mcap, --rosbag DIR, or both")
-    with needed("`meanflock export`", "export"):
-        from meanflock.export.bag import write_bag, write_mcap
-    wanted = (("--mcap", mcap, write_mcap), ("--rosbag", rosbag, write_bag))
-    writers = [(flag, path, write) for flag, path, write in wanted if path is not None]
+    if mcap is None and rosbag is None and radio is None:
+        raise BadInput("export: name what to write: --mcap FILE.mcap, --rosbag DIR or --radio FILE.json")
+    writers: list[tuple[str, Path, Any]] = []
+    if radio is not None:
+        from meanflock.export.radio import write_radio
+
+        writers.append(("--radio", radio, write_radio))
+    if mcap is not None or rosbag is not None:
+        with needed("`meanflock export`", "export"):
+            from meanflock.export.bag import write_bag, write_mcap
+        wanted = (("--mcap", mcap, write_mcap), ("--rosbag", rosbag, write_bag))
+        writers += [(flag, path, write) for flag, path, write in wanted if path is not None]
     for flag, path, _ in writers:
         if path.exists():
             raise BadInput(f"{flag} {path}: there is something already; remove it, or give another name")

@@ -4,7 +4,7 @@ Flights whose federations did the same, to the last bit, have equal hashes.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import msgspec
 import numpy as np
@@ -27,6 +27,8 @@ class Account(msgspec.Struct, array_like=True):
         refused: UAVs whose upload was received and could not be averaged.
         earlier: late uploads of the round before, which count in this one.
         retries: fragments of uploads that were transmitted again.
+        ticks: after the opening, at which the last part of an upload arrived or will, by UAV.
+        parts: fragments of an upload that were there when the round was averaged, by UAV.
     """
 
     participants: int
@@ -36,18 +38,27 @@ class Account(msgspec.Struct, array_like=True):
     arrived: int = 0
     earlier: int = 0
     retries: int = 0
+    ticks: dict[int, int] = {}
+    parts: dict[int, int] = {}
     received: set[int] = set()
     late: set[int] = set()
     refused: set[int] = set()
 
-    def transmit(self, links: NDArray[np.int32], rows: NDArray[np.intp], is_late: NDArray[np.bool_]) -> None:
-        """Counts uploads on the air over links (K, 5), with `rows` (K,) messages each, and which of them are late."""
+    def transmit(
+        self, links: NDArray[np.int32], rows: NDArray[np.intp], ticks: NDArray[np.intp], is_late: NDArray[np.bool_]
+    ) -> None:
+        """Counts uploads on the air over links (K, 5): `rows` (K,) messages of each, the `ticks` (K,) after the opening
+        in which they arrive, and which of them are late."""
         self.copies += int(rows.sum())
         self.late.update(links[is_late, 1].tolist())
+        for uav, tick, slots in zip(links[:, 1].tolist(), ticks.tolist(), links[:, 4].tolist(), strict=True):
+            if slots >= 0:
+                self.ticks[uav] = max(tick, self.ticks.get(uav, 0))
 
-    def receive(self, senders: Iterable[int], copies: int) -> None:
-        """Counts the mail of this round that is there when it is averaged."""
-        self.received.update(senders)
+    def receive(self, parts: Mapping[int, int], copies: int) -> None:
+        """Counts the mail of this round that is there when it is averaged: fragments by UAV, and messages."""
+        self.parts = dict(parts)
+        self.received.update(parts)
         self.arrived += copies
 
 

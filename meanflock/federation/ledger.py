@@ -358,18 +358,18 @@ class Ledger(Stateful):
         for one in self._transmissions:
             one.follow(links)
         for batch in on_air:
-            if id(batch) in self._again:
-                continue
-            if self._schedule.gathers and batch.kind == self._hops[-1].label:
+            is_again = id(batch) in self._again
+            if self._schedule.gathers and batch.kind == self._hops[-1].label and not is_again:
                 self._reception.send(batch)
             account = self._accounts.get(batch.round)
             after = self._uploads.get(batch.kind, 0)
             if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
                 continue
-            used = links[links[:, 3] == batch.kind]
-            rows = np.bincount(batch.source, minlength=self._scenario.uavs)[used[:, 1]]
-            is_late = age + self._scenario.delivery_ticks(np.maximum(used[:, 4], 0) // rows) > after
-            account.transmit(used, rows, is_late & (used[:, 4] >= 0))
+            count = np.bincount(batch.source, minlength=self._scenario.uavs)
+            used = links[(links[:, 3] == batch.kind) & (count[links[:, 1]] > 0)]
+            rows = count[used[:, 1]]
+            ticks = age + self._scenario.delivery_ticks(np.maximum(used[:, 4], 0) // rows)
+            account.transmit(used, rows * (not is_again), ticks, (ticks > after) & (used[:, 4] >= 0))
 
     def _receive(self, hop: Hop, box: Mailbox, number: int) -> None:
         """Counts the uploads that are averaged in a hop."""
@@ -427,9 +427,17 @@ class Ledger(Stateful):
             copy=copy,
             earlier=account.earlier,
             retries=account.retries,
+            shares=tuple(account.parts.get(uav, 0) / self._hops[0].codec.count for uav in account.sent),
+            delays_s=tuple(self._delay_s(account, uav) for uav in account.sent),
             metrics=self._verdict.metrics if leads else {},
             **found,
         )
+
+    def _delay_s(self, account: Account, uav: int) -> float | None:
+        """Time after the opening at which the last part of an upload arrived, s; None if nothing did."""
+        if uav not in account.ticks:
+            return 0.0 if uav in account.parts else None  # it went by no radio
+        return account.ticks[uav] * self._scenario.dt
 
     @cached_property
     def _terms(self) -> tuple[int | None, str]:

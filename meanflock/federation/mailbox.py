@@ -60,17 +60,22 @@ class Mailbox(Stateful):
             arrived[hop.mail.codec.places(frames.payload)[here]] = True
         return arrived
 
-    def arrived(self, number: int) -> tuple[list[int], int]:
-        """The UAVs whose models of a round arrived, or parts of them, and how many messages of others did."""
-        has_arrived = np.zeros(len(self.addressed), dtype=bool)
+    def arrived(self, number: int) -> tuple[dict[int, int], int]:
+        """The UAVs whose models of a round arrived, with the fragments of each that any UAV has, and how many messages
+        of others arrived."""
+        assert self._hop.mail is not None
+        codec = self._hop.mail.codec
+        found = np.zeros((len(self.addressed), codec.count), dtype=bool)
         copies = 0
         for _, _, frames in self.letters:
             if frames.round == number:
                 row, target = links_of(frames).T
                 source = frames.source[row]
-                has_arrived[source] = True
+                found[source, codec.places(frames.payload)[row]] = True
                 copies += int(np.count_nonzero(source != target))
-        return np.flatnonzero(has_arrived).tolist(), copies
+        parts = found.sum(axis=1)
+        uavs = np.flatnonzero(parts)
+        return dict(zip(uavs.tolist(), parts[uavs].tolist(), strict=True)), copies
 
     def receivers(self, number: int) -> Mask:
         """The UAVs that a model of a round was delivered to, (N,)."""

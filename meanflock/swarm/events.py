@@ -43,7 +43,9 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         retries: uploads that were transmitted again.
         bits: payload bits of all traffic since take-off, up to the end of the round. airtime_s: likewise, s.
         diagnostics: means of the diagnostics in that tick over the UAVs on the way, by name.
-        metrics: numbers that the learners report, by name.
+        metrics: numbers that the aggregation rule reports, by name.
+        shares: of each upload of `sent`, the share that was there when the round was averaged.
+        delays_s: time after the opening at which its last part arrived, s; None if nothing did. Late ones count.
     """
 
     tick: Count
@@ -71,6 +73,8 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
     airtime_s: float = 0.0
     diagnostics: dict[str, float] = {}
     metrics: dict[str, float] = {}
+    shares: tuple[float, ...] = ()
+    delays_s: tuple[float | None, ...] = ()
 
     @property
     def kind(self) -> str:
