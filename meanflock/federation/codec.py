@@ -347,7 +347,9 @@ class Codec:
         scales = self._scales_of(table.reshape(-1, self._bytes)).reshape(len(uavs), self.count, -1)
         weights = table[:, : self.count if self.form.counted else 1, self._weight]
         columns = [
-            table[:, :, self._values].reshape(len(uavs), -1)[:, : (self._first + self.floats) * self.form.bits // 8],
+            table[:, :, self._values].reshape(len(uavs), -1)[
+                :, : -(-(self._first + self.floats) * self.form.bits // 8)
+            ],
             table[:, :, self._count].reshape(len(uavs), -1),
             _bytes_of(scales[:, of_piece, at] if self.form.scaled else scales[:, :, 0:0].reshape(len(uavs), 0)),
             weights.reshape(len(uavs), -1),

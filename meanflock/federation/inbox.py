@@ -162,7 +162,7 @@ class Round:
         values = (self.values if len(here) == len(self.values) else self.values[here]).astype(np.float64)
         counts = self.weights[here] * arrived
         sent, slots, heads = self.sent[here], self.slots[row, here], self.heads[here]
-        if len(self.uavs) > 1 and not arrived.all():  # fragments that only other UAVs received
+        if not arrived.all():  # fragments that only other UAVs received, or that came again later
             values[~arrived] = 0.0
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))

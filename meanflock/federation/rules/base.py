@@ -33,6 +33,16 @@ class Uploads:
         notes: bytes that came with each model, as `Controller.note` returns them; empty where they were lost.
     """
 
+    models: Floats
+    uavs: NDArray[np.intp]
+    sent: NDArray[np.integer]
+    slots: NDArray[np.integer]
+    samples: Floats
+    arrived: NDArray[np.bool_]
+    round: int
+    based: NDArray[np.integer]
+    notes: tuple[bytes, ...]
+
     def __init__(
         self,
         models: Floats,
