@@ -164,7 +164,12 @@ def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) 
 
 def options_table(kind: PluginKind) -> str:
     """The table of a scenario that holds the options of a kind of plug-in."""
-    tables = {"controller": "controller", "aggregator": "federation.options", "channel": "radio.options"}
+    tables = {
+        "controller": "controller",
+        "aggregator": "federation.options",
+        "channel": "radio.options",
+        "coding": "federation.payload_options",
+    }
     return tables.get(kind, f"{kind}.options")
 
 
