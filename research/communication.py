@@ -135,7 +135,7 @@ def measure_rounding(flown: Scenario) -> dict[str, tuple[float, float]]:
     """The distances of one flight, by coding and feedback; see `distances`."""
     rounds = uploads(flown)
     found = {
-        _case(name, active): distances(rounds, Coded(flown, name, active))
+        _case(name, active): distances(rounds, Rounded(flown, name, active))
         for name, active in product(ROUNDED, (False, True))
     }
     return found | {name: distances(rounds, way(flown)) for name, way in REJECTED.items()}
@@ -161,7 +161,7 @@ def uploads(flown: Scenario) -> list[Frames]:
     return sent
 
 
-class Coded:
+class Rounded:
     """Uploads in one of our codings, as the leader receives them."""
 
     def __init__(self, flown: Scenario, name: str, active: bool) -> None:
@@ -219,7 +219,7 @@ class Differences:
 LARGEST = "largest quarter of differences"
 REJECTED: dict[str, Callable[[Scenario], Transmit]] = {
     "`int8`, rounded at random": Stochastic,
-    "`int8` of differences": lambda flown: Differences(flown, Coded(flown, "int8", True)),
+    "`int8` of differences": lambda flown: Differences(flown, Rounded(flown, "int8", True)),
     LARGEST: lambda flown: Differences(flown, LargestQuarter(flown)),
 }
 

@@ -20,6 +20,7 @@ KEYS: dict[PluginKind, str] = {  # of a scenario, that names the plug-in
     "learner": "training.learner",
     "filter": "filter.kind",
     "topology": "federation.topology",
+    "coding": "federation.payload",
 }
 _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 _ABBREVIATIONS = {"al.", "cf.", "ch.", "e.g.", "eq.", "fig.", "i.e.", "no.", "sec.", "vs."}

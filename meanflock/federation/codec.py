@@ -69,7 +69,7 @@ class Pieces(NamedTuple):
     heads: NDArray[np.uint8]
 
 
-class Form(NamedTuple):
+class FragmentForm(NamedTuple):
     """Properties of a codec that decide what a fragment holds.
 
     bits: of a number. scaled: pieces have scales. counted: each fragment has the number of models behind it. weighted:
@@ -146,7 +146,7 @@ class Codec:
             most: (N,) models that an average of each UAV can stand for, if each fragment says how many; None: not so.
         """
         self.floats = sum(parts)
-        self.form = form = Form(coding.bits, coding.scaled, most is not None, weighted, head)
+        self.form = form = FragmentForm(coding.bits, coding.scaled, most is not None, weighted, head)
         self.cut = cut
         self.largest = coding.largest
         self.note = head - HEAD_BYTES
@@ -347,7 +347,9 @@ class Codec:
         scales = self._scales_of(table.reshape(-1, self._bytes)).reshape(len(uavs), self.count, -1)
         weights = table[:, : self.count if self.form.counted else 1, self._weight]
         columns = [
-            table[:, :, self._values].reshape(len(uavs), -1)[:, : (self._first + self.floats) * self.form.bits // 8],
+            table[:, :, self._values].reshape(len(uavs), -1)[
+                :, : -(-(self._first + self.floats) * self.form.bits // 8)
+            ],
             table[:, :, self._count].reshape(len(uavs), -1),
             _bytes_of(scales[:, of_piece, at] if self.form.scaled else scales[:, :, 0:0].reshape(len(uavs), 0)),
             weights.reshape(len(uavs), -1),
@@ -415,7 +417,7 @@ def check_weights(label: str, weights: Floats) -> None:
 
 def starts_of(parts: tuple[int, ...], size: int) -> NDArray[np.intp]:
     """First numbers of the pieces into which the ends of parts and of fragments of `size` numbers cut a model."""
-    return np.union1d(np.cumsum((0, *parts[:-1])), np.arange(0, sum(parts), size))
+    return distinct(np.concatenate([np.cumsum((0, *parts[:-1])), np.arange(0, sum(parts), size)]))
 
 
 def _most_pieces(parts: tuple[int, ...], size: int) -> int:

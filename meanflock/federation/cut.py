@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, Form
+from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, FragmentForm
 from meanflock.federation.codings.base import Coding
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import Declared
@@ -81,7 +81,7 @@ def bound_of_models(scenario: Scenario) -> float:
     return min(BEYOND_SENSE, math.nextafter(coding.largest, math.inf))
 
 
-def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[Form]) -> Cut | None:
+def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[FragmentForm]) -> Cut | None:
     """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
 
     Args:

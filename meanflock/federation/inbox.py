@@ -11,7 +11,7 @@ from meanflock.federation.codec import Codec, based_of, notes_of
 from meanflock.federation.rules.base import Uploads, mean
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.state import Floats, Mask, contains, distinct
 from meanflock.swarm.wire.messages import Frames
 
 Indices = NDArray[np.intp]
@@ -96,7 +96,7 @@ class Round:
         keys = self.senders * _ROUNDS + self.sent
         wanted = source.astype(np.intp) * _ROUNDS + number
         if not contains(keys, wanted).all():
-            every = np.union1d(keys, wanted)
+            every = distinct(np.concatenate([keys, wanted]))
             place, count = every.searchsorted(keys), len(every)
             self.senders, self.sent = np.divmod(every, _ROUNDS)
             self.values, self.weights, self.behind, self.heads = (
@@ -130,7 +130,7 @@ class Round:
         """Leaves out models that cannot be averaged, and earlier copies of fragments that arrived again."""
         is_usable = usable(self.values)
         if not is_usable.all():
-            self.refused = np.unique(self.senders[~is_usable]).tolist()
+            self.refused = distinct(self.senders[~is_usable]).tolist()
             vars(self).update(vars(self._picked(is_usable)))
         again = np.flatnonzero(self.senders[1:] == self.senders[:-1])  # models whose UAVs sent another one later
         newer = self.arrived.copy() if len(again) else self.arrived
@@ -162,7 +162,7 @@ class Round:
         values = (self.values if len(here) == len(self.values) else self.values[here]).astype(np.float64)
         counts = self.weights[here] * arrived
         sent, slots, heads = self.sent[here], self.slots[row, here], self.heads[here]
-        if len(self.uavs) > 1 and not arrived.all():  # fragments that only other UAVs received
+        if not arrived.all():  # fragments that only other UAVs received, or that came again later
             values[~arrived] = 0.0
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
             first = np.searchsorted(place, np.arange(len(uavs)))

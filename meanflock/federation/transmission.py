@@ -117,9 +117,9 @@ class Transmission:
     @classmethod
     def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
         """The transmission with these `fields`, in one of the hops of a round."""
-        models, wanted, attempt, pairs, reached, known = fields
+        models, wanted, attempt, pairs, *masks = fields
         frames = frames_of(models)
-        restored = cls(next(hop for hop in hops if hop.label == frames.kind), frames, wanted, 0, 0, 0)
+        restored = cls(next(hop for hop in hops if hop.label == frames.kind), frames, wanted.astype(bool), 0, 0, 0)
         (
             restored._turn,
             restored._left,
@@ -128,7 +128,8 @@ class Transmission:
             restored._is_first,
             restored.again,
         ) = attempt
-        restored._pairs, restored._reached, restored._known = pairs, reached.copy(), known.copy()
+        restored._pairs = pairs
+        restored._reached, restored._known = (mask.astype(bool) for mask in masks)
         return restored
 
     def _acknowledge(self, awake: Mask, acknowledge: Acknowledge) -> None:

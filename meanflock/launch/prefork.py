@@ -43,12 +43,12 @@ def fork(count: int) -> int:
 
 
 def _preload() -> None:
-    """Load the entry points, and the built-in controllers, filters and topologies.
+    """Load the entry points, and the built-in controllers, filters, topologies, codings and aggregation rules.
 
     Foreign plug-ins are loaded only by an agent that flies one, because their import may start threads.
     """
     for plugin in plugins.installed():
-        if plugin.kind in ("controller", "filter", "topology") and plugin.reference.startswith("meanflock."):
+        if plugin.kind not in ("channel", "vehicle") and plugin.reference.startswith("meanflock."):
             with contextlib.suppress(BadInput):  # the agent that flies it reports the error
                 plugins.load(plugin.kind, plugin.name)
 

@@ -43,13 +43,16 @@ PREPARED = """
 from pathlib import Path
 from meanflock.launch import forker
 
-forker.prepare(Path("scenarios/paper.toml"))
+forker.prepare(Path({path!r}))
 """
 
 
-def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_forked() -> None:
+def test_an_agent_loads_nothing_it_does_not_need_and_all_of_it_before_it_is_forked(tmp_path) -> None:
+    flown = tmp_path / "int8.toml"
+    flown.write_text('method = "mfgfl-hf"\n[federation]\npayload = "int8"\n', encoding="utf-8")
+    prepared = PREPARED.format(path=str(flown))
     modules = loaded(LIFE, cwd=ROOT)
     assert {"numpy", "zenoh", "meanflock.swarm.scenario"} < modules
     assert sorted((modules & NEEDLESS) - loaded(FINDING, cwd=ROOT)) == []
     assert sorted(modules - loaded(FORKED, cwd=ROOT)) == []
-    assert sorted(loaded(PREPARED + LIFE, cwd=ROOT) - loaded(PREPARED, cwd=ROOT)) == []
+    assert sorted(loaded(prepared + LIFE, cwd=ROOT) - loaded(prepared, cwd=ROOT)) == []

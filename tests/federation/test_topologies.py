@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.federation import coding
 from meanflock.federation.account import Account, ModelsHash
-from meanflock.federation.exchange import Exchange
-from meanflock.federation.memory import Trigger
+from meanflock.federation.averager import Averager
+from meanflock.federation.codec import Codec
+from meanflock.federation.cut import coding_of
+from meanflock.federation.inbox import OwnModels
+from meanflock.federation.memory import Sent
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
@@ -37,19 +39,20 @@ class Ring(Topology):
     name = "test-ring"
 
     def hops(self) -> tuple[Hop, ...]:
-        scenario, uavs = self.scenario, self.scenario.uavs
+        uavs = self.scenario.uavs
         if uavs < 3:
             raise ValueError(f"`federation.topology` is {self.name}, but `uavs` is {uavs}; a ring has three or more")
         everyone = np.arange(uavs)
         following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
-        counted = coding.Counted(scenario.radio_payload, self.declared.parameters, np.full(uavs, 4))
-        upload = Hop(
-            FrameKind.UPLOAD, 0, "agent", everyone, following, coding.of_uploads(scenario, self.declared, None)
+        codecs = self.codecs
+        averages = codecs.relay(np.full(uavs, 4))
+        relays = self.upload_ticks(codecs.upload)
+        after = relays + self.ticks(averages)
+        return (
+            Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, codecs.upload),
+            Hop(FrameKind.RELAY, relays, "agent", everyone, following, averages, "models"),
+            Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], codecs.broadcast, "means"),
         )
-        relay = Hop(FrameKind.RELAY, scenario.hop_ticks, "agent", everyone, following, counted, mail=upload)
-        after, down = 2 * scenario.hop_ticks, coding.of_broadcasts(scenario, self.declared, None)
-        model = Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], down, mail=relay, is_last=True)
-        return upload, relay, model
 
 
 UAVS = 9
@@ -98,7 +101,7 @@ def test_a_flight_is_the_same_in_any_number_of_nodes_and_resumed_within_a_round(
     whole, record = fly(case)
     assert whole["rounds"] > 0
     assert len(whole["models_sha256"]) == 64
-    assert (method == "long") == (plan_of(case).hops[0].coding.count > 10)
+    assert (method == "long") == (plan_of(case).hops[0].codec.count > 10)
     assert (SILENT in settings) == (whole["uploads_silent"] > 0)
     assert (DEADLINE in settings) == (whole["uploads_late"] > 0)
     pasts = record.checkpoints[1:]
@@ -129,15 +132,15 @@ def drawn(case: Scenario) -> np.ndarray:
 
 def exchanged(case: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarray:
     """What is made of models (N, L) in a round in which they go over `links` (K, 2): UAV to UAV."""
-    everyone = np.arange(case.uavs)
-    exchange = Exchange(plan_of(case).hops[-1], plan_of(case), everyone, [])
-    exchange.remember(1, everyone, models)
+    plan, everyone = plan_of(case), np.arange(case.uavs)
+    averager = Averager(plan.hops[-1], Schedule(plan, everyone), plan, everyone, everyone)
     for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
         source, row = np.unique(batch[:, 0], return_inverse=True)
         ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
-        exchange.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
-    rows, averages, refused = exchange.average(1, np.ones(case.uavs, dtype=bool))
-    assert refused == []
+        averager.inbox.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
+    each = np.ones(case.uavs, dtype=bool)
+    rows, averages, *_, refused, problems = averager.average(1, each, OwnModels(models, np.ones(case.uavs), each))
+    assert (refused, problems) == ([], [])
     after = models.copy()
     after[rows] = averages
     return after
@@ -215,11 +218,12 @@ def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_o
 
 def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
     """By hand: the norm of the change over that of the model sent last."""
-    trigger, rows = Trigger(0.1, 3, 2), np.arange(3)
-    assert trigger.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
+    sent, rows = Sent(Codec(coding_of(Scenario(), "float64"), (2,)), 3, 0.1), np.arange(3)
+    assert sent.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
     moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
-    assert trigger.due(rows, moved).tolist() == [True, False, True]
-    assert trigger.due(rows, np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])).tolist() == [False, True, False]
+    assert sent.due(rows, moved).tolist() == [[True], [False], [True]]
+    again = np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])
+    assert sent.due(rows, again).tolist() == [[False], [True], [False]]
 
 
 # -- ticks, participants and accounts ----------------------------------------------------------------------------------

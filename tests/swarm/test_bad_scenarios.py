@@ -36,8 +36,6 @@ WRONG_KEYS = [
 # Text of a scenario, then all parts of the line: keys that contradict each other.
 CONTRADICTIONS = [
     ("uavs = 5\n[federation]\nleader = 5", "federation.leader", "0…4", "name one"),
-    ('[radio]\nbits_per_float = 16\n[federation]\npayload = "float32"', "federation.payload", "narrower"),
-    ('[federation]\nbroadcast_payload = "float64"', "federation.broadcast_payload", "32", "narrower"),
     ("dt = 0.5\nduration = 0.4", "duration", "dt"),
     ("dt = 2.0\n[wind]\ndrag = 1.0", "dt", "wind.drag", "keep"),
     ("[filter.options]\nreach_m = 1.0", "`filter.options` has no effect without `filter.kind`", "filter.kind=ecbf"),
@@ -178,6 +176,10 @@ BEFORE_TAKE_OFF = [
     ("windmap", ["controller.spacing_m=1"], ("a map of ", " nodes; at most 1000")),
     ("hjb", ["radio.model=disk"], ("'disk' is not installed here; ", "there are ideal, rice")),
     ("hjb", ["radio.options.radius_m=3.0"], ("radio.options",)),
+    ("hjb", ["radio.bits_per_float=16", "federation.payload=float32"], ("federation.payload", "16", "narrower")),
+    ("hjb", ["federation.broadcast_payload=float64"], ("federation.broadcast_payload", "32", "narrower")),
+    ("hjb", ["federation.payload=int4"], ("coding 'int4' is not installed here; ", "float16", "int8")),
+    ("mfgfl-h", ["federation.payload_options.steps=3"], ("federation.payload_options", "steps", "'float32'")),
     ("hjb", ["truth.drag=30"], ("unstable with `truth.drag` 30",)),
 ]
 

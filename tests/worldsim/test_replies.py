@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from meanflock.channel.meter import Meter
-from meanflock.federation import coding as codings
+from meanflock.federation.ledger import Ledger
 from meanflock.federation.plan import plan_of
-from meanflock.federation.post import Post
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
@@ -46,7 +45,7 @@ def member(*uavs: int) -> Member:
 
 
 def readers(flown: Scenario) -> Replies:
-    return Replies(plan_of(flown), RUN, Post(plan_of(flown)), lambda rows: 2**16)
+    return Replies(plan_of(flown), RUN, Ledger(plan_of(flown)), lambda rows: 2**16)
 
 
 def broadcast(*uavs: int, dtype: Any = "<f4", width: int = 4, number: int = 0) -> Frames:
@@ -77,13 +76,14 @@ def test_commands_stand_in_the_rows_of_their_uavs_and_the_last_reply_wakes_the_w
 
 
 def upload(flown: Scenario, *uavs: int, number: int = 2) -> Frames:
-    coding = codings.of_uploads(flown, plan_of(flown).declared, None)
-    models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), coding.floats))
-    return Frames(FrameKind.UPLOAD, number, np.array(uavs, np.int32), coding.encode(models))
+    codec, source = plan_of(flown).hops[0].codec, np.array(uavs, np.int32)
+    models = np.random.default_rng(uavs[0]).normal(size=(len(uavs), codec.floats))
+    rows = codec.rows(codec.encode(models, source, number), np.ones((len(uavs), 1)))
+    return Frames(FrameKind.UPLOAD, number, source, rows)
 
 
 def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_rounds_and_silent_uavs() -> None:
-    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Post(plan_of(ALL)))
+    meter, merger = Meter(ALL.radio, ALL.uavs), FrameMerger(Ledger(plan_of(ALL)))
     batches = [upload(ALL, 1, number=3), upload(ALL, 0), upload(ALL, 2, 3), upload(ALL, 4), upload(ALL, 5, number=1)]
     (merged,), rejected = merger.merged(TICK, batches, ~np.isin(np.arange(8), [3, 4]), meter)
     kept = [upload(ALL, 0), upload(ALL, 2, 3)]

@@ -1,5 +1,6 @@
 """Base class of aggregation rules, which compute the global model from the models of a round."""
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
@@ -33,6 +34,16 @@ class Uploads:
             `Controller.based` returns it; else `sent` − 1.
         notes: bytes that came with each model, as `Controller.note` returns them; empty where they were lost.
     """
+
+    models: Floats
+    uavs: NDArray[np.intp]
+    sent: NDArray[np.integer]
+    slots: NDArray[np.integer]
+    samples: Floats
+    arrived: NDArray[np.bool_]
+    round: int
+    based: NDArray[np.integer]
+    notes: tuple[bytes, ...]
 
     def __init__(
         self,
@@ -153,6 +164,12 @@ class Aggregator:
     state_bytes: ClassVar[int] = 0  # most bytes of a state whose uint8 arrays change their lengths; 0: none does
     resumable: ClassVar[bool] = True  # false: its state is not in `state`, so a flight cannot be resumed or taken over
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        """A rule that overrides `weights` needs no `step` of its own."""
+        super().__init_subclass__(**more)
+        if cls.step is Aggregator.step and cls.weights is not Aggregator.weights:
+            cls.step = _weighted  # type: ignore[method-assign, assignment]
+
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`."""
         self.options, self.scenario = options, scenario
@@ -166,6 +183,7 @@ class Aggregator:
         """
         return {}
 
+    @abstractmethod
     def step(self, state: State, uploads: Uploads) -> tuple[State, Floats | Aggregate | None]:
         """Returns the state after a round, and its global model, (parameters,), or an `Aggregate`.
 
@@ -176,10 +194,7 @@ class Aggregator:
         Args:
             uploads: at least one model, unless the rule is `asked_void`.
         """
-        weights = self.weights(uploads)
-        if weights is None:
-            raise NotImplementedError("an aggregation rule must override `step` or `weights`")
-        return state, mean(uploads.models, weights, uploads.arrived)
+        raise NotImplementedError
 
     def weights(self, uploads: Uploads) -> Floats | None:
         """Returns the factor of each model, (S,), greater than 0, if the rule is a weighted mean; else None.
@@ -188,3 +203,8 @@ class Aggregator:
         all UAVs of a node, in place of a `step` for each; the state is not used.
         """
         return None
+
+
+def _weighted(rule: Aggregator, state: State, uploads: Uploads) -> tuple[State, Floats]:
+    """The step of a rule that is a weighted mean."""
+    return state, mean(uploads.models, rule.weights(uploads), uploads.arrived)

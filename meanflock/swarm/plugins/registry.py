@@ -186,6 +186,7 @@ def options_table(kind: PluginKind) -> str:
         "aggregator": "federation.options",
         "channel": "radio.options",
         "learner": "training.options",
+        "coding": "federation.payload_options",
     }
     return tables.get(kind, f"{kind}.options")
 

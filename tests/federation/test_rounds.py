@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 import meanflock as mf
 from meanflock.agent.node import Agent
-from meanflock.federation.coding import Coding
-from meanflock.federation.party import Party
+from meanflock.federation.codec import Codec
+from meanflock.federation.cut import coding_of
 from meanflock.federation.plan import plan_of
+from meanflock.federation.rounds import Rounds
 from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
@@ -34,10 +35,10 @@ def clustered(*settings: str) -> Scenario:
     return load(None, [*fixed, *settings], method="mfgfl-h")
 
 
-def heads(*uavs: int, flight: Scenario | None = None) -> Party:
-    """A party of agents; the relays of round k are due in tick 10 k + 1."""
+def heads(*uavs: int, flight: Scenario | None = None) -> Rounds:
+    """The part of an agent; the relays of round k are due in tick 10 k + 1."""
     nobody = np.zeros(len(uavs), dtype=bool)
-    return Party(plan_of(flight or clustered()), "agent", np.array(uavs), [], SimpleNamespace(silent=lambda: nobody))
+    return Rounds(plan_of(flight or clustered()), "agent", np.array(uavs), [], SimpleNamespace(silent=lambda: nobody))
 
 
 def model(uav: int, seed: int = 0) -> np.ndarray:
@@ -48,6 +49,10 @@ def uploads(source: list[int], to: list[int], number: int = 1, seed: int = 0) ->
     payload = np.stack([model(uav, seed) for uav in source])
     links = np.array([[row, head] for row, head in enumerate(to)], dtype=np.int32).reshape(-1, 2)
     return Frames(FrameKind.UPLOAD, number, np.array(source, dtype=np.int32), payload, links)
+
+
+def rows_of(codec: Codec, models: np.ndarray) -> np.ndarray:
+    return codec.rows(codec.encode(models, np.arange(len(models)), 1), np.ones((len(models), 1)))
 
 
 def average(*uavs: int) -> np.ndarray:
@@ -77,9 +82,8 @@ def test_a_head_refuses_absurd_models_and_sends_nothing_if_it_has_no_others() ->
 
 def test_a_mean_that_no_float_of_the_radio_can_hold_is_not_sent() -> None:
     flight = clustered("radio.bits_per_float=16", "federation.payload=int8")
-    coding, node = Coding("int8", plan_of(flight).declared.parts), heads(0, 6, flight=flight)
-    written = coding.encode(np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
-    links = np.array([[0, 0], [1, 6]], dtype=np.int32)
+    written = rows_of(plan_of(flight).hops[0].codec, np.stack([np.full(108, 1e8), np.full(108, 2.0)]))
+    node, links = heads(0, 6, flight=flight), np.array([[0, 0], [1, 6]], dtype=np.int32)
     node.receive(Frames(FrameKind.UPLOAD, 1, np.array([1, 7], np.int32), written, links), 11)
     (sent,), refused = node.act(11)
     assert (sent.source.tolist(), sent.payload.dtype, refused) == ([6], np.float16, [])
@@ -95,13 +99,14 @@ def closing(case: Scenario, number: int) -> int:
 @pytest.mark.parametrize("down", ["int8", "float16", "float32"])
 def test_a_leader_averages_what_bytes_stand_for_and_broadcasts_once_in_its_own_coding(down: str) -> None:
     case = flown(*LEADER, "federation.payload=int8", f"federation.broadcast_payload={down}")
-    node, up = Leader(welcome(case, ())), Coding("int8", plan_of(case).declared.parts)
+    node, up = Leader(welcome(case, ())), plan_of(case).hops[0].codec
     batch = uploads([0, 1, 6], [3, 3, 3])
-    written = Frames(batch.kind, 1, batch.source, up.encode(batch.payload.astype(np.float64)), batch.links)
+    written = Frames(batch.kind, 1, batch.source, rows_of(up, batch.payload.astype(np.float64)), batch.links)
     act = node.act(sense(closing(case, 1), written, uavs=()))
     (sent,) = act.outbox
-    heard = up.decode(written.payload)
-    expected = Coding(down, plan_of(case).declared.parts).encode(((heard[0] + heard[1]) + heard[2])[None] / 3)
+    heard = up.read(written.payload).values
+    broadcast = Codec(coding_of(case, down), plan_of(case).declared.parts)
+    expected = rows_of(broadcast, ((heard[0] + heard[1]) + heard[2])[None] / 3)
     assert (sent.kind, sent.round, sent.source.tolist(), sent.links) == (FrameKind.GLOBAL, 1, [3], None)
     assert (sent.payload.dtype, sent.payload.tobytes()) == (expected.dtype, expected.tobytes())
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
