@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
-from meanflock.swarm.events import Event, FlightEvent
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.plugins import PluginKind
 
 
@@ -109,6 +109,15 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     models: np.ndarray | None = None  # (M, W) f8, the learned weights, if requested
     memory: bytes = b""  # a record, at a checkpoint and of a leader after a round
     outbox: tuple[Frames, ...] = ()
+
+
+class Event(_ControlMessage, frozen=True, tag="event"):
+    """Message of a node: something failed. The world makes an event of the text and reads nothing else of it."""
+
+    tick: int
+    kind: str
+    text: str
+    uavs: tuple[int, ...] = ()
 
 
 class Stop(_ControlMessage, frozen=True, tag="stop"):
