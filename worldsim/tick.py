@@ -72,9 +72,10 @@ class Acts(msgspec.Struct, eq=False):
         """Add the UAVs that the reply of a node names."""
         if len(reply.lost):
             self.failed = np.concatenate([self.failed, reply.lost])
-        if len(reply.refused):
-            self.refused_uploads = np.concatenate([self.refused_uploads, ~reply.refused[reply.refused < 0]])
-            self.refused_states = np.concatenate([self.refused_states, reply.refused[reply.refused >= 0]])
+        if len(reply.refused_uploads):
+            self.refused_uploads = np.concatenate([self.refused_uploads, reply.refused_uploads])
+        if len(reply.refused_states):
+            self.refused_states = np.concatenate([self.refused_states, reply.refused_states])
 
 
 class Row(NamedTuple):

@@ -287,8 +287,7 @@ class RemoteCrew:
         acts.leader_failed, admission.leader_failed = admission.leader_failed, False
         found = [(member, reply) for name, member in barrier.asked.items() if (reply := barrier.acts.get(name))]
         for member, reply in found:
-            if len(reply.lost) or len(reply.refused):
-                acts.add(reply)
+            acts.add(reply)
             if member.role == LEADER and reply.memory:
                 acts.rule_record = reply.memory
         if senses.report:

@@ -116,8 +116,8 @@ def test_numbers_of_any_memory_order_travel_as_their_values() -> None:
         raw = tick.write_sense(Sense(1, 2, view))
         np.testing.assert_array_equal(tick.read_sense(raw).states, view)
         assert raw[24 : 24 + 8 * view.size] == view.astype("<f8").tobytes()
-    got = tick.read_act(tick.write_act(Act(1, 2, grid, lost=np.array([4, 6]), refused=np.array([1], np.int16))))
-    assert (got.lost.tolist(), got.refused.tolist()) == ([4, 6], [1])  # numbers of UAVs travel as 32 bits
+    got = tick.read_act(tick.write_act(Act(1, 2, grid, lost=np.array([4, 6]), refused_states=np.array([1], np.int16))))
+    assert (got.lost.tolist(), got.refused_states.tolist()) == ([4, 6], [1])  # numbers of UAVs travel as 32 bits
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ DUMPS = {
             RUN,
             41,
             np.array([[-2.55, -2.075, 0.5]]),
-            refused=np.array([2]),
+            refused_states=np.array([2]),
             models=np.array([[1.0, -1.0]]),
             outbox=(Frames(FrameKind.STATE, 0, np.array([1], "<i4"), STATE.astype("<f4")),),
         )
