@@ -106,7 +106,8 @@ class Agent:
             tick,
             commands,
             self._names[self._failed],
-            np.concatenate([~np.array(refused, np.int32), self._others(step.refused)]),  # uploads, and states
+            np.array(refused, np.int32),
+            self._others(step.refused),
             learned,
             self._memory_record() if sense.checkpoint else b"",
             tuple(outbox),

@@ -8,6 +8,7 @@ from meanflock.results.quantities import Field
 from meanflock.studies.frontier import record
 from meanflock.studies.leaderboard import board
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
+from meanflock.swarm import events
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -98,11 +99,23 @@ def page() -> str:
         "",
         *_table(("field", "what"), ((f"`{name}`", about) for name, about in event_log.FIELDS.items())),
         "",
-        "Kinds:",
+        "Each type of event, in the order of kinds; `tick` and `uavs` are in the line itself:",
         "",
-        *_table(("kind", "what"), ((f"`{kind}`", about) for kind, about in event_log.KINDS.items())),
+        *_table(("kind", "event", "fields", "what"), _events()),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _events() -> list[tuple[str, ...]]:
+    kinds = ((kind, name, each) for name, each in events.TYPES.items() for kind in each.meanings)
+    return [
+        (f"`{kind}`", f"`{name}`", ", ".join(f"`{field}`" for field in _fields(each)), each.meanings[kind])
+        for kind, name, each in sorted(kinds, key=lambda row: events.KINDS.index(row[0]))
+    ]
+
+
+def _fields(event: type[events.BaseEvent]) -> list[str]:
+    return [name for name in event.__struct_fields__ if name not in event_log.FIELDS]
 
 
 def _measure(measure: Measure) -> tuple[str, ...]:

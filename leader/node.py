@@ -35,7 +35,7 @@ class Leader:
             sense.run,
             sense.tick,
             self._no_commands,
-            refused=~np.array(refused, dtype=np.int32),
+            refused_uploads=np.array(refused, dtype=np.int32),
             memory=self._rounds.rule_record,
             outbox=tuple(outbox),
         )

@@ -22,7 +22,9 @@ class Comparison:
 
     A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
     under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. `uplink_bits`,
-    `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic. In means over UAVs a UAV
+    `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic; `rounds` and `rounds_void`
+    follow. If any flight averaged a round, `last_round_…` are means of the numbers of the last one, over the
+    `last_round_n` flights of the point that averaged one. In means over UAVs a UAV
     that never arrived counts with the duration. A notebook shows the means as a table.
     """
 

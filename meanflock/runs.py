@@ -59,7 +59,7 @@ class Run:
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
-        """The events, each a dict with tick, sim_time_s, kind, text and, if it concerns UAVs, uavs.
+        """The events, each a dict with tick, sim_time_s, kind, text, uavs, event (its type) and fields.
 
         Raises:
             BadInput: the file of events is damaged or missing.

@@ -6,9 +6,8 @@ import numpy as np
 
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
-from meanflock.results import event_log
+from meanflock.swarm.events import KINDS, FlightEvent
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import Event
 from meanflock.worldsim.checkpoint import Resumption
 
 
@@ -16,9 +15,9 @@ class Record(StoredTelemetry):
     """The telemetry of a flight, and what its events say."""
 
     @property
-    def events(self) -> list[Event]:
+    def events(self) -> list[FlightEvent]:
         events = [event for block in self.blocks for event in block.events]
-        assert {event.kind for event in events} <= event_log.KINDS.keys()  # docs/data.md describes these
+        assert {event.kind for event in events} <= set(KINDS)  # docs/data.md describes these
         return events
 
     @property

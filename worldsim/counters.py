@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import MessageRejected, printable
+from meanflock.swarm.events import Dropped
 from meanflock.swarm.stateful import Stateful
 
 log = logging.getLogger("meanflock.world")
@@ -54,22 +55,22 @@ class Counters(Stateful):
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
 
-    def drop(self, error: MessageRejected, where: str, tick: int, peer: str = "") -> str:
+    def drop(self, error: MessageRejected, where: str, tick: int, peer: str = "") -> Dropped | None:
         """Count a message that is rejected, and log the first ones.
 
         Args:
             where: its key or its sender. peer: name of the node that sent it.
 
         Returns:
-            The text of its event; empty if many were rejected before.
+            Its event; None if many were rejected before.
         """
         self.drops[error.reason] += 1
         if self.drops.total() > MAX_DROP_EVENTS:  # so that a flood fills neither log nor record
-            return ""
+            return None
         where = printable(where)
         about = {"tick": tick, "peer": peer or where, "reason": error.reason}
         log.warning("dropped a message under %s: %s", where, error, extra=about)
-        return f"{where}: {error}"
+        return Dropped(tick, where, error.reason, str(error))
 
     def late(self, commands: int) -> None:
         """Count the late commands of a tick in real time."""

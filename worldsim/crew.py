@@ -13,12 +13,21 @@ from meanflock.federation.mailbox import links_of, mail_for, only
 from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.events import (
+    AgentFailed,
+    FlightEvent,
+    FlightResumed,
+    LeaderFailed,
+    LeaderTookOver,
+    NodeLost,
+    NodesJoined,
+)
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import TickSchedule
-from meanflock.worldsim.tick import Acts, News, Note, Row, Senses
+from meanflock.worldsim.tick import Acts, Row, Senses
 from meanflock.worldsim.world import KILLED, World
 
 Place: TypeAlias = slice | NDArray[np.intp]  # index of the UAVs of a node among all UAVs
@@ -58,14 +67,6 @@ def move(world: World, answer: tuple[Acts, Mask], sinks: Sequence[Sink]) -> Row:
     for sink in sinks:
         sink.write(row)
     return row
-
-
-def joined(nodes: int, uavs: int, resumed_at: int | None) -> Note:
-    """The news that all nodes of a swarm have joined; `resumed_at`: tick from which a flight continues."""
-    text = f"{nodes} nodes hold {uavs} UAVs"
-    if resumed_at is None:
-        return Note("joined", text)
-    return Note("resumed", f"{text} and continue from tick {resumed_at}")
 
 
 def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames, ...]:
@@ -147,7 +148,7 @@ class LocalCrew:
         self._nobody = np.zeros(uavs, dtype=bool)
         self._standbys = plan.leaders(tick) if leaders is None else leaders
         nodes = len(self.agents) + self._standbys
-        self._news: list[News] = [joined(nodes, uavs, None if resume is None else tick)]
+        self._news: list[FlightEvent] = [(NodesJoined if resume is None else FlightResumed)(tick, nodes, uavs)]
         self._senses: list[tuple[int, Sense]] = []  # of the tick that was heard, by the number of the agent
         self.received: list[tuple[Received, ...]] = []
         self._led = 0  # number of the last leader
@@ -181,7 +182,7 @@ class LocalCrew:
         acts = Acts(self._nothing, has_leader=self._leader is not None, news=self._news)
         self._news = []
         for _ in range(senses.leaders_killed):
-            self._lose_leader(acts)
+            self._lose_leader(senses.tick, acts)
         if senses.leads and self._leader is not None:
             self._lead(self._leader, senses, acts)
         replies = []
@@ -192,7 +193,7 @@ class LocalCrew:
             acts.outbox += reply.outbox
             acts.add(reply)
             if agent.problems:
-                acts.news += [Note("agent", f"agent-{agent.uavs[0]}: {text}") for text in agent.problems]
+                acts.news += [AgentFailed(senses.tick, f"agent-{agent.uavs[0]}", text) for text in agent.problems]
                 agent.problems.clear()
         if len(replies) == len(self.agents) == 1:
             acts.commands, acts.models = replies[0][1].commands, replies[0][1].models
@@ -237,19 +238,19 @@ class LocalCrew:
             acts.rule_record = reply.memory
         if leader.problems:
             acts.leader_failed = True
-            acts.news += [Note("leader", f"{_name(self._led)}: {text}") for text in leader.problems]
+            acts.news += [LeaderFailed(senses.tick, _name(self._led), text) for text in leader.problems]
             leader.problems.clear()
 
-    def _lose_leader(self, acts: Acts) -> None:
+    def _lose_leader(self, tick: int, acts: Acts) -> None:
         """The fault script kills the leader; the next standby takes over."""
         if self._leader is None:
             return
         lost = _name(self._led)
-        acts.news.append(Note("lost", f"{lost}: {KILLED}"))
+        acts.news.append(NodeLost(tick, lost, KILLED))
         self._elect()
         acts.has_leader = self._leader is not None
         if acts.has_leader:
-            acts.news.append(Note("leader", f"{_name(self._led)} takes over from {lost}"))
+            acts.news.append(LeaderTookOver(tick, _name(self._led), lost))
 
     def _elect(self) -> None:
         self._leader = None

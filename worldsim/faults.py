@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel.medium import Cut, Indices
 from meanflock.swarm import state
-from meanflock.swarm.events import Event
+from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
 from meanflock.swarm.scenario import Scenario
 
@@ -18,15 +18,15 @@ class Script:
         self._dt = scenario.dt
         self._faults = scenario.faults
 
-    def events(self, tick: int) -> list[Event]:
+    def events(self, tick: int) -> list[FlightEvent]:
         """Faults that begin or end in a tick, one event each; in tick 0 also those that never begin."""
-        found = [Event(tick, "fault", text) for text in never(self._scenario)] if tick == 0 else []
-        for fault in self._faults:
+        found: list[FlightEvent] = [*never(self._scenario)] if tick == 0 else []
+        for number, fault in enumerate(self._faults):
             uavs = getattr(fault, "uavs", ())
             if fault.begins(self._dt) == tick:
-                found.append(Event(tick, "fault", words(fault), uavs))
+                found.append(FaultBegan(tick, uavs, number, words(fault)))
             if fault.ends(self._dt) == tick and hasattr(fault, "duration_s"):
-                found.append(Event(tick, "fault", f"{words(fault)} is over", uavs))
+                found.append(FaultEnded(tick, uavs, number, words(fault)))
         return found
 
     def killed(self, tick: int) -> NDArray[np.intp]:
@@ -91,12 +91,12 @@ def _inside(fault: Jam | Gust, states: state.States) -> NDArray[np.bool_]:
     return within
 
 
-def never(scenario: Scenario) -> list[str]:
-    """Lines about faults that do not begin before the end of the longest flight."""
+def never(scenario: Scenario) -> list[FaultNeverBegins]:
+    """Events of faults that do not begin before the end of the longest flight."""
     dt, end = scenario.dt, scenario.max_ticks
     return [
-        f"{words(fault)} never happens: it begins at {fault.begins(dt) * dt:g} s, and `duration` is {end * dt:g} s"
-        for fault in scenario.faults
+        FaultNeverBegins(0, number, words(fault), fault.begins(dt) * dt, end * dt)
+        for number, fault in enumerate(scenario.faults)
         if fault.begins(dt) >= end
     ]
 

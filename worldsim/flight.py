@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import mission, state
-from meanflock.swarm.events import Event, FlightEvent
+from meanflock.swarm.events import Arrived, Collided, Diverged, FlightEvent, HitObstacle, Lost, Rejoined
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
@@ -277,13 +277,13 @@ class Flight(Stateful):
         """(N,), UAVs that are out of the mission."""
         return self.status == LOST
 
-    def lose(self, uavs: NDArray[np.intp], kind: str, reason: str) -> None:
+    def lose(self, uavs: NDArray[np.intp], event: type[Lost | Diverged], reason: str) -> None:
         """Take UAVs out of the mission. They fly on without commands, and the flight does not wait for them."""
         uavs = uavs[self.status[uavs] != LOST]
         if len(uavs):
             self.status[uavs] = LOST
             self._sort()
-            self._event(kind, f"{reason}: UAV {', '.join(map(str, uavs))} lost", uavs)
+            self.events.append(event(self.tick, tuple(uavs.tolist()), reason))
 
     def rejoin(self, uavs: NDArray[np.intp], node: str) -> None:
         """Take lost UAVs back into the mission, with a new controller. Arrived UAVs keep that status."""
@@ -291,7 +291,7 @@ class Flight(Stateful):
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
             self._sort()
-            self._event("rejoined", f"{node} rejoined with UAV {', '.join(map(str, uavs))}", uavs)
+            self.events.append(Rejoined(self.tick, tuple(uavs.tolist()), node))
 
     def advance(self, accelerations: state.Vectors, gust: state.Vectors | None = None) -> None:
         """Fly one tick.
@@ -322,7 +322,7 @@ class Flight(Stateful):
             before[diverged] = np.nan
         self.books.add(self.states, self.hidden, accelerations, felt, on_way, waiting)
         if len(diverged):
-            self.lose(diverged, "diverged", "left every bound")
+            self.lose(diverged, Diverged, "left every bound")
         if waiting is not None and (self.launch_tick == self.tick).any():
             self._sort()
         self._observe(before, on_way)
@@ -380,9 +380,9 @@ class Flight(Stateful):
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
         for first, second in self.encounters.meet(seen, on_way, after):
-            self._event("collision", f"UAV {first} and UAV {second} collided", np.array([first, second]))
+            self.events.append(Collided(self.tick, first, second))
         for uav, disc in self.encounters.enter(before, after):
-            self._event("hit", f"UAV {uav} hit obstacle {disc}", np.array([uav]))
+            self.events.append(HitObstacle(self.tick, uav, disc))
 
     def _arrive(self, on_way: Mask, diverged: NDArray[np.intp]) -> None:
         """Change the status of UAVs that were `on_way` (N,), did not diverge, and have reached the destination."""
@@ -395,7 +395,4 @@ class Flight(Stateful):
         self.arrival_tick[new] = self.last_arrival = self.tick
         self.arrival_energy[new] = self.energy[new]
         self._sort()
-        self._event("arrived", f"UAV {', '.join(map(str, new))} arrived", new)
-
-    def _event(self, kind: str, text: str, uavs: NDArray[np.intp]) -> None:
-        self.events.append(Event(self.tick, kind, text, tuple(uavs.tolist())))
+        self.events.append(Arrived(self.tick, tuple(new.tolist())))

@@ -7,10 +7,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import SteeringBegan, SteeringEnded
 from meanflock.swarm.state import Mask, States
 from meanflock.worldsim.counters import Counters
 from meanflock.worldsim.crew import Crew
-from meanflock.worldsim.tick import Acts, Note, Row, Senses
+from meanflock.worldsim.tick import Acts, Row, Senses
 
 LOCKSTEP = "--steer: only a flight in real time can be steered; add --realtime"
 SILENCE_S = 1.0  # after which a UAV is given back to its controller
@@ -58,18 +59,17 @@ class Steered:
         for received in self._port.receive():
             if isinstance(received, Setpoint):
                 self._wanted[received.uav] = now, received
-            elif text := self._counters.drop(*received, senses.tick):
-                acts.news.append(Note("dropped", text))
+            elif dropped := self._counters.drop(*received, senses.tick):
+                acts.news.append(dropped)
         wanted = {
             uav: setpoint
             for uav, (since, setpoint) in self._wanted.items()
             if now - since <= SILENCE_S and senses.awake[uav] and (senses.idle is None or not senses.idle[uav])
         }
         for uav in sorted(self._steered - wanted.keys()):
-            acts.news.append(Note("released", f"UAV {uav} flies by its controller again", [uav]))
+            acts.news.append(SteeringEnded(senses.tick, uav))
         for uav in sorted(wanted.keys() - self._steered):
-            client = wanted[uav].client
-            acts.news.append(Note("steered", f"UAV {uav} is steered by {client}, not by its controller", [uav]))
+            acts.news.append(SteeringBegan(senses.tick, uav, wanted[uav].client))
         self._steered = set(wanted)
         if wanted:
             acts.steered = len(wanted)

@@ -1,6 +1,5 @@
 """A tick from outside of the world: what it tells all UAVs, what they say, and the row that is left of it."""
 
-from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import msgspec
@@ -44,31 +43,6 @@ class Senses(NamedTuple):
     leaders_killed: int
 
 
-class Loss(NamedTuple):
-    """UAVs whose node is lost, and why."""
-
-    uavs: Uavs
-    reason: str
-
-
-class Return(NamedTuple):
-    """Lost UAVs that a new node flies."""
-
-    uavs: Uavs
-    node: str
-
-
-class Note(NamedTuple):
-    """An event to record."""
-
-    kind: str
-    text: str
-    uavs: Sequence[int] = ()
-
-
-News: TypeAlias = Loss | Return | Note
-
-
 class Acts(msgspec.Struct, eq=False):
     """What all UAVs say in a tick, and what became of their nodes.
 
@@ -77,8 +51,8 @@ class Acts(msgspec.Struct, eq=False):
     refused_states: UAVs whose states are implausible. models: (N, W) learned weights, if they were asked for; NaN for
     UAVs without an answer. memories: of the controllers, if they were asked for and no node was just lost.
     rule_record: state of the aggregation rule after a round; None for no change. has_leader: whether a node leads.
-    leader_failed: whether the leader complained. steered: number of commands that clients gave. news: of the nodes,
-    since the last tick, in order of time.
+    leader_failed: whether the leader complained. steered: number of commands that clients gave. news: what became
+    of the nodes since the last tick, in order of time.
     """
 
     commands: Floats
@@ -92,15 +66,16 @@ class Acts(msgspec.Struct, eq=False):
     has_leader: bool = True
     leader_failed: bool = False
     steered: int = 0
-    news: list[News] = []
+    news: list[FlightEvent] = []
 
     def add(self, reply: Act) -> None:
         """Add the UAVs that the reply of a node names."""
         if len(reply.lost):
             self.failed = np.concatenate([self.failed, reply.lost])
-        if len(reply.refused):
-            self.refused_uploads = np.concatenate([self.refused_uploads, ~reply.refused[reply.refused < 0]])
-            self.refused_states = np.concatenate([self.refused_states, reply.refused[reply.refused >= 0]])
+        if len(reply.refused_uploads):
+            self.refused_uploads = np.concatenate([self.refused_uploads, reply.refused_uploads])
+        if len(reply.refused_states):
+            self.refused_states = np.concatenate([self.refused_states, reply.refused_states])
 
 
 class Row(NamedTuple):

@@ -12,7 +12,7 @@ from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.events import Event, RoundEnded
+from meanflock.swarm.events import Diverged, FlightEvent, Lost, Rejoined, RoundEnded, StatesRefused, UploadsRefused
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
@@ -22,7 +22,7 @@ from meanflock.worldsim.counters import Counters, weight_spread
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
-from meanflock.worldsim.tick import Acts, Loss, News, Return, Row, Senses
+from meanflock.worldsim.tick import Acts, Row, Senses
 
 REPORT_EVERY_TICKS = 10
 
@@ -124,7 +124,7 @@ class World(Stateful):
         self._take(acts)
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
         if len(diverged):
-            flight.lose(diverged, "diverged", "an answer beyond all bounds")
+            flight.lose(diverged, Diverged, "an answer beyond all bounds")
         frames, rejected = self._merger.merged(tick, acts.outbox, awake, self.air.meter)
         for error, where in rejected:
             self._drop(error, where)
@@ -150,20 +150,20 @@ class World(Stateful):
         """The row of the tick at which the flight begins."""
         return self._row(NO_LINKS)
 
-    def note(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None:
-        """Record an event of this tick, which concerns some UAVs."""
-        self.flight.events.append(Event(self.flight.tick, kind, text, tuple(uavs)))
+    def note(self, event: FlightEvent) -> None:
+        """Record an event of this tick."""
+        self.flight.events.append(event)
 
-    def learn(self, news: Iterable[News]) -> None:
-        """Take what became of the nodes."""
-        for one in news:
-            match one:
-                case Loss():
-                    self.flight.lose(one.uavs, "lost", one.reason)
-                case Return():
-                    self.flight.rejoin(one.uavs, one.node)
+    def learn(self, news: Iterable[FlightEvent]) -> None:
+        """Take what became of the nodes: UAVs are lost or rejoin, and all else is recorded."""
+        for event in news:
+            match event:
+                case Lost():
+                    self.flight.lose(np.array(event.uavs, dtype=np.intp), Lost, event.reason)
+                case Rejoined():
+                    self.flight.rejoin(np.array(event.uavs, dtype=np.intp), event.node)
                 case _:
-                    self.note(*one)
+                    self.note(event)
 
     def checkpoint(self, memories: Memories, wall_s: float, block: int) -> bytes:
         """The state between two ticks, which `Resumption.decode` reads.
@@ -215,14 +215,14 @@ class World(Stateful):
             return _NOBODY, 0, ~flight.lost if flight.any_lost else self._all
         flight.events += self._script.events(tick)
         killed = self._script.killed(tick)
-        flight.lose(killed, "lost", KILLED)
+        flight.lose(killed, Lost, KILLED)
         return killed, self._script.leaders_lost(tick), ~flight.lost & ~self._script.paused(tick)
 
     def _take(self, acts: Acts) -> None:
         """Take what the nodes say but commands and frames."""
         flight, ledger, counters = self.flight, self.ledger, self.counters
         if len(acts.failed):
-            flight.lose(acts.failed.astype(np.intp), "diverged", "the controller failed or left the finite numbers")
+            flight.lose(acts.failed.astype(np.intp), Diverged, "the controller failed or left the finite numbers")
         if acts.rule_record is not None:
             try:
                 ledger.take_record(acts.rule_record)
@@ -235,7 +235,7 @@ class World(Stateful):
             counters.uploads_refused += len(acts.refused_uploads)
             uploads = np.unique(acts.refused_uploads).tolist()
             ledger.refuse(uploads)
-            self.note("refused", f"uploads of UAV {', '.join(map(str, uploads))} were not averaged", uploads)
+            self.note(UploadsRefused(flight.tick, tuple(uploads)))
         if len(acts.refused_states):
             self._count_implausible(set(acts.refused_states.tolist()))
 
@@ -244,7 +244,7 @@ class World(Stateful):
         self.counters.states_refused += len(uavs)
         if new := sorted(uavs - self.counters.implausible):
             self.counters.implausible |= uavs
-            self.note("refused", f"states of UAV {', '.join(map(str, new))} were not believed: no UAV can be so")
+            self.note(StatesRefused(self.flight.tick, tuple(new)))
 
     def _completed(self, ended: RoundEnded, replied: Mask) -> RoundEnded:
         """A round with what it cost so far, and the means of the diagnostics of UAVs that `replied` (N,)."""
@@ -266,8 +266,8 @@ class World(Stateful):
         return np.where(bounded[leader], models[leader], 0.0), spread
 
     def _drop(self, error: MessageRejected, where: str) -> None:
-        if text := self.counters.drop(error, where, self.flight.tick):
-            self.note("dropped", text)
+        if dropped := self.counters.drop(error, where, self.flight.tick):
+            self.note(dropped)
 
 
 KILLED = "killed by the fault script"

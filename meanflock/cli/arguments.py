@@ -182,7 +182,7 @@ def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
     from meanflock.worldsim.faults import never
 
     flights = list(flights)
-    for text in dict.fromkeys(text for flown in flights for text in never(flown)):
+    for text in dict.fromkeys(event.text for flown in flights for event in never(flown)):
         logs.show(f"warning: {text}", logging.WARNING)
     warn_of_lost_models(flights)
 

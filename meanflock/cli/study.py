@@ -147,7 +147,7 @@ def _fly(
     Args:
         columns: names of the varied values.
     """
-    from meanflock.cli.tables import console_for, means_table, payload_table
+    from meanflock.cli.tables import console_for, means_table, payload_table, rounds_table
     from meanflock.launch import memory
     from meanflock.results.plots import comparison, plotstyle
     from meanflock.results.quantities import with_unit
@@ -164,8 +164,10 @@ def _fly(
         means = Means(tuple(map(with_unit, columns)), flown)
         sizes = {one.uavs for one in scenarios.values()}
         title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
-        for table in (means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)):
-            console_for(table).print(table)
+        shown = means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)
+        for table in (*shown, rounds_table(means)):
+            if table is not None:
+                console_for(table).print(table)
         study.save(flown.values(), out / "runs.jsonl")
         report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
         report(flight_table.write_tables(flight_table.flight_table(columns, flown), out))

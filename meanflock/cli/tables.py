@@ -9,7 +9,9 @@ from rich.table import Table
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results import quantities
-from meanflock.studies.means import METRICS, Means
+from meanflock.results.rounds_table import MEAN, METRIC
+from meanflock.studies.last_round import LAST_ROUND
+from meanflock.studies.means import METRICS, ROUNDS, Means
 
 WIDTH = 80  # of a terminal, at least
 _WIDE = 1000  # columns: wider than any table
@@ -49,6 +51,23 @@ def payload_table(means: Means) -> Table:
         shown.add_column(f"{kind}\n({prefix}bit)", justify="right", no_wrap=True)
     for values, row in rows:
         shown.add_row(*map(str, values), *(f"{row[f'{kind}_bits'] / scale:.4g}" for kind in kinds))
+    return shown
+
+
+def rounds_table(means: Means) -> Table | None:
+    """Table of the rounds, and of the means of the last averaged one; None if no flight averaged a round."""
+    rows = list(means.rows())
+    begin = f"{LAST_ROUND}_"
+    last = [name for name in rows[0][1] if name.startswith((f"{begin}{MEAN}", f"{begin}{METRIC}"))]
+    last = [name for name in last if not name.endswith(("_low", "_high"))]
+    if f"{begin}n" not in rows[0][1]:
+        return None
+    shown = _empty(means, "\nrounds, and means of n flights at the end of the last averaged round", "")
+    for head in ("rounds", "void", "n", *(name.removeprefix(begin) for name in last)):
+        shown.add_column(head, justify="right", overflow="fold")
+    for values, row in rows:
+        cells = ["–" if row[name] is None else f"{row[name]:.4g}" for name in (*ROUNDS, f"{begin}n", *last)]
+        shown.add_row(*map(str, values), *cells)
     return shown
 
 

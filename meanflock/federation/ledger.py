@@ -1,8 +1,8 @@
 """Ledger: the world's part in the rounds. It carries, counts and stores models, and never reads one."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -17,18 +17,12 @@ from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Acknowledge, Reception, Transmission
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.events import ClusterLeftOut, FlightEvent, FragmentsReceived, RoundEnded
 from meanflock.swarm.state import Mask, contains, distinct
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Indices: TypeAlias = NDArray[np.intp]
-
-
-class EventRecorder(Protocol):
-    """Records an event of a kind, with a text and the UAVs concerned."""
-
-    def __call__(self, kind: str, text: str, uavs: Iterable[int] = ()) -> None: ...
 
 
 class Ledger(Stateful):
@@ -262,7 +256,7 @@ class Ledger(Stateful):
         links: NDArray[np.int32],
         awake: NDArray[np.bool_],
         has_leader: bool,
-        note: EventRecorder,
+        note: Callable[[FlightEvent], None],
     ) -> list[RoundEnded]:
         """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
 
@@ -277,7 +271,7 @@ class Ledger(Stateful):
         if not is_busy:
             return ended
         if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
-            note("round", f"round {last}: {end}")
+            note(FragmentsReceived(tick, last, *end))
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
                 continue
@@ -298,7 +292,7 @@ class Ledger(Stateful):
                 for uav in hop.senders.tolist():
                     if uav in lost or (box.addressed[uav] and uav not in senders):
                         reason = "its relay is lost" if uav in lost else "its head is silent"
-                        note("void", f"round {number} goes on without the cluster of UAV {uav}: {reason}")
+                        note(ClusterLeftOut(tick, number, uav, reason))
             box.close(number)
             self._list_open()
         self._refused.clear()

@@ -164,16 +164,19 @@ class Reception(Stateful):
         """Counts fragments that arrive, at the UAVs that are awake (N,)."""
         self._received += np.bincount(links_of(frames)[:, 1], minlength=len(awake)) * awake
 
-    def close(self, awake: Mask) -> str:
-        """Ends the count; returns in words how many UAVs that are awake (N,) received it, empty if nothing was sent."""
+    def close(self, awake: Mask) -> tuple[int, int, int, int] | None:
+        """Ends the count; None if nothing was sent.
+
+        Returns:
+            The number of fragments; of the UAVs that are awake (N,) how many received all, some and none of them.
+        """
         sent, received = self._sent, self._received[awake]
         self._sent = 0
         self._received = np.zeros_like(self._received)
         if not sent:
-            return ""
-        whole, some = np.count_nonzero(received >= sent), np.count_nonzero(received)
-        parts = f"whole by {whole} UAVs, in part by {some - whole}, not at all by {len(received) - some}"
-        return f"{sent} fragments of the global model were received {parts}"
+            return None
+        whole, some = int(np.count_nonzero(received >= sent)), int(np.count_nonzero(received))
+        return sent, whole, some - whole, len(received) - some
 
 
 def _places(pairs: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.intp]:

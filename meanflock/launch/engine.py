@@ -10,6 +10,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.net.limits import Limits
 from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import FlightFinished
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
@@ -145,7 +146,7 @@ class Engine:
             can_be_steered=self._can_be_steered,
         )
         if self._blocks is not None:
-            world.note("finished", f"{record['arrived']} of {world.scenario.uavs} arrived")
+            world.note(FlightFinished(world.tick, record["arrived"], world.scenario.uavs))
             self._blocks.finish()
         return record
 

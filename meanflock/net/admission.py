@@ -16,12 +16,21 @@ from meanflock.net.members import LEADER, JoinRefused, Member, Members
 from meanflock.net.outbox import Outbox
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
+from meanflock.swarm.events import (
+    AgentFailed,
+    FlightEvent,
+    LastReturn,
+    LeaderFailed,
+    LeaderStandsBy,
+    Lost,
+    NodeLost,
+    Rejoined,
+)
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Acknowledgement, Event, Join, Message, Ready, Refusal, Stop, Welcome
 from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import MAX_DROP_EVENTS
-from meanflock.worldsim.tick import Loss, News, Note, Return
 from meanflock.worldsim.world import World
 
 log = logging.getLogger("meanflock.world")
@@ -50,7 +59,7 @@ class Admission:
         world: World,
         members: Members,
         barrier: Barrier,
-        news: list[News],
+        news: list[FlightEvent],
         clock: Callable[[], float],
         *,
         limits: Limits,
@@ -122,8 +131,8 @@ class Admission:
 
     def drop(self, error: MessageRejected, where: str) -> None:
         """Count a message that is rejected, and log the first ones."""
-        if text := self._counters.drop(error, where, self._world.tick, _peer(where)):
-            self._news.append(Note("dropped", text))
+        if dropped := self._counters.drop(error, where, self._world.tick, _peer(where)):
+            self._news.append(dropped)
 
     def lose(self, member: Member, reason: str) -> None:
         """Mark a node as lost and send it Stop."""
@@ -137,9 +146,9 @@ class Admission:
         self.dismiss(member, reason, lost=True)
         if len(member.uavs) and self.flying:
             self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
-            self._news.append(Loss(member.uavs, f"{member.name}: {reason}"))
+            self._news.append(Lost(self._world.tick, tuple(member.uavs.tolist()), f"{member.name}: {reason}"))
         else:
-            self._news.append(Note("lost", f"{member.name}: {reason}"))
+            self._news.append(NodeLost(self._world.tick, member.name, reason))
 
     def expel(self, name: str, reason: str, out_s: float) -> None:
         """Lose a node, and let no other node take its place for so many seconds."""
@@ -226,8 +235,10 @@ class Admission:
             member.events += 1
             if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
-            self._news.append(Note(member.role, f"{member.name}: {printable(message.text)}"))
-            self.leader_failed |= member.role == LEADER
+            is_leader = member.role == LEADER
+            failed = LeaderFailed if is_leader else AgentFailed
+            self._news.append(failed(self._world.tick, member.name, printable(message.text)))
+            self.leader_failed |= is_leader
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:
@@ -242,7 +253,7 @@ class Admission:
             self.unfit.append(reason)
         self.lose(member, reason)
         if few and member.rows and is_out:
-            self._news.append(Note("lost", f"{member.name}: {reason}"))
+            self._news.append(NodeLost(self._world.tick, member.name, reason))
 
     def _welcome(self, member: Member) -> None:
         if self.closed:  # it joined after the others were stopped
@@ -255,13 +266,13 @@ class Admission:
         for uav in member.uavs.tolist():
             self.unattended.pop(uav, None)
         if self.flying and member.role == LEADER:
-            self._news.append(Note("rejoined", f"{member.name} stands by"))
+            self._news.append(LeaderStandsBy(self._world.tick, member.name))
         elif self.flying:
-            self._news.append(Return(member.uavs, member.name))
+            self._news.append(Rejoined(self._world.tick, tuple(member.uavs.tolist()), member.name))
         if self.flying and self.members.rejoined(member, self._world.tick, self._scenario.pace):
-            text = f"{member.name} rejoined for the last time: its place stays closed after the next loss"
-            log.warning(text, extra={"tick": self._world.tick, "peer": member.name})
-            self._news.append(Note("refused", text))
+            last = LastReturn(self._world.tick, member.name)
+            log.warning(last.text, extra={"tick": self._world.tick, "peer": member.name})
+            self._news.append(last)
 
     # -- questions ----------------------------------------------------------------------------------------------
 

@@ -65,27 +65,27 @@ class Replies:
             raise MessageRejected(
                 "wrong-shape", f"models: expected {(member.rows, self._weights)}, got {act.models.shape}"
             )
-        if len(act.refused):
-            self._check_refused(member, tick, act.refused)
+        if len(act.refused_uploads):
+            self._check_named(act.refused_uploads)
+            self._ledger.check_refused(member.role, tick, act.refused_uploads, member.uavs)
+        if len(act.refused_states):
+            self._check_refused_states(member, act.refused_states)
         if len(act.lost) and not contains(member.uavs, act.lost).all():
             raise MessageRejected("wrong-shape", "lost names UAVs of another node")
         if act.outbox:
             self._check_outbox(member, act.outbox)
         return act
 
-    def _check_refused(self, member: Member, tick: int, refused: NDArray[np.int32]) -> None:
-        """Negative numbers name uploads (~UAV), which only a node that averages may refuse; the others name states."""
-        uavs = self._scenario.uavs
-        if len(np.unique(refused)) < len(refused) or not ((refused >= -uavs) & (refused < uavs)).all():
-            raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
-        uploads = ~refused[refused < 0]
-        states = refused[refused >= 0]
-        if member.role == LEADER and len(states):
+    def _check_refused_states(self, member: Member, uavs: NDArray[np.int32]) -> None:
+        self._check_named(uavs)
+        if member.role == LEADER:
             raise MessageRejected("wrong-shape", "a leader receives no states")
-        if len(uploads):
-            self._ledger.check_refused(member.role, tick, uploads, member.uavs)
-        if member.rows == 1 and contains(member.uavs, states).any():
+        if member.rows == 1 and contains(member.uavs, uavs).any():
             raise MessageRejected("wrong-shape", "refused names the node's own UAV")
+
+    def _check_named(self, uavs: NDArray[np.int32]) -> None:
+        if len(np.unique(uavs)) < len(uavs) or not ((uavs >= 0) & (uavs < self._scenario.uavs)).all():
+            raise MessageRejected("wrong-shape", "refused names UAVs that are not there, or one twice")
 
     def _check_outbox(self, member: Member, outbox: tuple[Frames, ...]) -> None:
         if len(outbox) > 1:

@@ -10,6 +10,7 @@ from meanflock.net.limits import Limits
 from meanflock.net.outbox import Outbox
 from meanflock.net.remote import RemoteCrew
 from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.events import FlightFailed, FlightFinished
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.clocks import Stopwatch, TickSchedule
@@ -123,7 +124,7 @@ class NetworkedRun:
             self.world.flight.books.settle()
         except RunFailed as error:
             self.world.learn(self.nodes.last_news())
-            self.world.note("failed", str(error))
+            self.world.note(FlightFailed(self.world.tick, str(error)))
             self._blocks.finish()
             self.nodes.leave(str(error), lambda: FAILED_S)
             raise
@@ -143,7 +144,7 @@ class NetworkedRun:
             can_be_steered=self._can_be_steered,
             blocks_dropped=self.outbox.dropped,
         )
-        self.world.note("finished", f"{record['arrived']} of {self.world.scenario.uavs} arrived")
+        self.world.note(FlightFinished(self.world.tick, record["arrived"], self.world.scenario.uavs))
         self.outbox.finish(self._blocks.finish(), record)
         self.nodes.leave("finished", linger_s)
         if self.outbox.waiting:

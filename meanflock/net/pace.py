@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from meanflock.net.barrier import Barrier
 from meanflock.net.members import LEADER, Member
+from meanflock.swarm.events import FlightEvent, NodeIsSlow
 from meanflock.swarm.scenario import tables
-from meanflock.worldsim.tick import News, Note
 
 log = logging.getLogger("meanflock.world")
 
@@ -68,7 +68,7 @@ class DelayRules:
     FORGIVEN_TICKS = 100
     ORDINARY = 2.0
 
-    def __init__(self, rules: tables.Pace, news: list[News], patience_s: float) -> None:
+    def __init__(self, rules: tables.Pace, news: list[FlightEvent], patience_s: float) -> None:
         """`news`: warnings are appended. `patience_s`: how long a tick waits for a node before it is lost."""
         self._rules = rules
         self._news = news
@@ -76,12 +76,11 @@ class DelayRules:
         self._accounts: dict[str, _SlowReplies] = {}
         self._waits: dict[str, _Waits] = {}
         self._warned: set[str] = set()
-        self._ticks = 0
-        self.begin()
+        self.begin(0)
 
-    def begin(self, training: Collection[str] = ()) -> None:
+    def begin(self, tick: int, training: Collection[str] = ()) -> None:
         """Begin a tick in which all nodes have been asked. `training`: nodes that may be slow, because a UAV trains."""
-        self._ticks += 1
+        self._tick = tick
         self._training = training
         self._half_s: float | None = None  # what half of the nodes took
         self._slow: list[str] = []
@@ -121,10 +120,10 @@ class DelayRules:
         """The nodes that must be lost, after the last reply of a tick."""
         for node in self._slow:
             name = _account(node)
-            before = self._accounts.get(name, _SlowReplies(0.0, self._ticks - 1))
-            prompt = self._ticks - before.tick - 1
+            before = self._accounts.get(name, _SlowReplies(0.0, self._tick - 1))
+            prompt = self._tick - before.tick - 1
             slow = max(0.0, before.slow - prompt / self.FORGIVEN_TICKS) + 1.0
-            self._accounts[name] = _SlowReplies(slow, self._ticks)
+            self._accounts[name] = _SlowReplies(slow, self._tick)
             text = f"{slow:.0f} replies took more than {self._rules.slow_s:g} s, and {self._rules.slow_factor:g} times "
             text += f"what half of the nodes took; `pace.slow_ticks` is {self._rules.slow_ticks}"
             if slow >= self._rules.slow_ticks:
@@ -149,7 +148,7 @@ class DelayRules:
         if (name := _account(node)) not in self._warned:
             self._warned.add(name)
             log.warning("%s is slow: %s", node, text, extra={"peer": node, "reason": "slow"})
-            self._news.append(Note("slow", f"{node}: {text}"))
+            self._news.append(NodeIsSlow(self._tick, node, text))
 
 
 def _agents(barrier: Barrier) -> list[Member]:

@@ -17,13 +17,14 @@ from meanflock.net.members import LEADER, Member, Members
 from meanflock.net.outbox import Outbox
 from meanflock.net.pace import DelayRules
 from meanflock.swarm.errors import MessageRejected, RunFailed
+from meanflock.swarm.events import FlightEvent, FlightResumed, LeaderTookOver, NodeLost, NodesJoined
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.wire.control import decode_record
 from meanflock.swarm.wire.messages import Act
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import Durations, TickSchedule
-from meanflock.worldsim.crew import inbox_of, joined, no_models
-from meanflock.worldsim.tick import Acts, News, Note, Senses
+from meanflock.worldsim.crew import inbox_of, no_models
+from meanflock.worldsim.tick import Acts, Senses
 from meanflock.worldsim.world import KILLED, World
 
 log = logging.getLogger("meanflock.world")
@@ -90,7 +91,7 @@ class RemoteCrew:
         self._cancelled = cancelled
         self._clock = clock
         self._is_resumed = resume is not None
-        self._news: list[News] = []
+        self._news: list[FlightEvent] = []
         self._no_states = np.zeros((0, world.scenario.state_numbers))  # the request of a leader has none
         self._barrier = Barrier(bus, run, Replies(plan, keys.fingerprint(run), world.ledger, limits.act), clock)
         self._admission = Admission(
@@ -131,7 +132,8 @@ class RemoteCrew:
             self._admission.expire(timeout_s / 2)  # leaves as much time for a node in the place of one that died
             self._receive(0.1)
         resumed_at = self._world.tick if self._is_resumed else None
-        self._news.append(joined(len(self.members.present), self._world.scenario.uavs, resumed_at))
+        begun = NodesJoined if resumed_at is None else FlightResumed
+        self._news.append(begun(self._world.tick, len(self.members.present), self._world.scenario.uavs))
         self._admission.flying = True
         self._leading = leader.name if (leader := self.members.lead()) is not None else None
 
@@ -155,7 +157,7 @@ class RemoteCrew:
         acts.news = self.last_news()
         return acts, absent
 
-    def last_news(self) -> list[News]:
+    def last_news(self) -> list[FlightEvent]:
         """What became of the nodes since the last answer."""
         news, self._news[:] = list(self._news), []
         return news
@@ -193,7 +195,7 @@ class RemoteCrew:
         for _ in range(senses.leaders_killed):
             if (leader := self.members.lead()) is not None:
                 self._admission.dismiss(leader, KILLED)
-                self._news.append(Note("lost", f"{leader.name}: {KILLED}"))
+                self._news.append(NodeLost(senses.tick, leader.name, KILLED))
 
     def _ask(self, senses: Senses) -> None:
         """Send each node what its UAVs are told."""
@@ -211,7 +213,7 @@ class RemoteCrew:
         """Ask the elected leader if a round needs it, and it was not asked yet; the next one if it is lost at once."""
         while senses.leads and (leader := self.members.lead()) is not None and leader.name not in self._barrier.asked:
             if self._leading not in (None, leader.name):
-                self._news.append(Note("leader", f"{leader.name} takes over from {self._leading}"))
+                self._news.append(LeaderTookOver(senses.tick, leader.name, self._leading))
             self._leading = leader.name
             record = b"" if leader.informed else senses.rule_record
             mail = mail_for(senses.letters, "leader", after=leader.read)
@@ -227,7 +229,7 @@ class RemoteCrew:
         waited_before = 0.0  # by nodes that are lost since
         repeated = 0.0  # value of `waited` when the requests were last repeated
         training = self._training()
-        self._pace.begin(training)
+        self._pace.begin(senses.tick, training)
         self._ask_leader(senses)  # another one, where the one that was asked is lost
         while self._barrier.silent:
             before = now
@@ -296,8 +298,7 @@ class RemoteCrew:
         acts.leader_failed, admission.leader_failed = admission.leader_failed, False
         found = [(member, reply) for name, member in barrier.asked.items() if (reply := barrier.acts.get(name))]
         for member, reply in found:
-            if len(reply.lost) or len(reply.refused):
-                acts.add(reply)
+            acts.add(reply)
             if member.role == LEADER and reply.memory:
                 acts.rule_record = reply.memory
         if senses.report:

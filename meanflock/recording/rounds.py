@@ -17,7 +17,7 @@ from meanflock.recording import blueprint, plots
 from meanflock.recording.drawing import Colors, Sent, Ticks, cut, scalars
 from meanflock.results.disk import LARGE_SWARM
 from meanflock.swarm import faults
-from meanflock.swarm.events import FlightEvent, RoundEnded
+from meanflock.swarm.events import FlightEvent, RoundEnded, UploadsRefused
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask
 from meanflock.swarm.wire.messages import FrameKind, Status
@@ -66,7 +66,7 @@ class RoundRows:
         self, links: Links, events: Sequence[FlightEvent], ended: list[RoundEnded], lost: NDArray[np.bool_]
     ) -> Iterator[Sent]:
         links = links[(links[:, 3] == FrameKind.UPLOAD) | (links[:, 3] == FrameKind.RELAY)]
-        refusals = [event for event in events if event.kind == "refused" and event.uavs]
+        refusals = [event for event in events if isinstance(event, UploadsRefused)]
         at = sorted({*links[:, 0].tolist(), *(each.tick for each in ended)})
         drawings: list[Drawing] = []
         for tick in at:

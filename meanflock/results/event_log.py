@@ -3,13 +3,13 @@
 import fcntl
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput, printable
-from meanflock.swarm.events import Event, FlightEvent, RoundEnded, fields_of, round_of, uavs_of
+from meanflock.swarm.events import LEVELS, FlightEvent, Level, Untyped, event_of, fields_of
 
 FIELDS = {  # of a line
     "tick": "number of the tick",
@@ -17,32 +17,9 @@ FIELDS = {  # of a line
     "kind": "one of the kinds below",
     "text": "what happened, in words",
     "uavs": "numbers of the UAVs concerned, if there are any",
-    "round": "of the end of a round: all that is in a row of rounds.parquet, and the UAVs by number",
+    "event": "type of the event, which says what its fields are",
+    "fields": "object with all fields of the event that the line does not have already",
 }
-KINDS = {  # of events
-    "joined": "all nodes have joined; the flight begins",
-    "resumed": "the flight continues from a checkpoint",
-    "round": "a round was averaged: how many participants sent, were silent or absent (lost or paused), how many "
-    "uploads were received, lost, late or refused, and how many UAVs received the average; `uavs`: those that sent",
-    "void": "a round, or a cluster's part of it, had nothing to average; the account of a round is as above",
-    "leader": "another leader takes over, or a leader reports a failure",
-    "agent": "an agent reports a failure",
-    "refused": "an upload or a received state was not used (all are counted), or a node may not rejoin",
-    "dropped": "a message was refused (the first one is named; the summary counts all, by reason)",
-    "slow": "a node makes the others wait tick after tick, and is lost if it continues",
-    "lost": "a node, or some of its UAVs, are lost",
-    "diverged": "UAVs are lost because their numbers are not finite or their controller failed",
-    "rejoined": "lost UAVs have an agent again, or a standby leader has joined",
-    "arrived": "UAVs arrived",
-    "steered": "a client of `--steer` commands a UAV in place of its controller",
-    "released": "the client was silent, and the UAV flies by its controller again",
-    "collision": "two UAVs came nearer than r_coll in this tick, and both were on the way at its start",
-    "hit": "a UAV entered a disc of `[[obstacles]]` for the first time, in this tick",
-    "fault": "a fault of the script begins or ends",
-    "failed": "every agent was lost and none came back; the flight ends",
-    "finished": "the flight is over",
-}
-LEVELS = {"dropped": "WARN", "slow": "WARN", "collision": "ERROR", "hit": "ERROR", "lost": "ERROR", "diverged": "ERROR"}
 
 
 class EventLog:
@@ -92,7 +69,15 @@ def row_of(event: FlightEvent, dt: float) -> dict[str, Any]:
     """An event as a row of the file; a tick takes `dt` seconds."""
     row = {"tick": event.tick, "sim_time_s": round(event.tick * dt, 6), "kind": event.kind}
     row |= {"text": event.text, "uavs": list(event.uavs)}
-    return row | {"round": fields_of(event)} if isinstance(event, RoundEnded) else row
+    fields = {name: value for name, value in fields_of(event).items() if name not in row}
+    return row | {"event": event.__struct_config__.tag, "fields": fields}
+
+
+def event_of_row(row: Mapping[str, Any]) -> FlightEvent:
+    """The event of a row. Raises ValueError, TypeError, KeyError or OverflowError if it is invalid."""
+    if "event" not in row:
+        return Untyped(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
+    return event_of(row["event"], {**row, **row["fields"]})
 
 
 def event_text(event: FlightEvent) -> str:
@@ -100,7 +85,7 @@ def event_text(event: FlightEvent) -> str:
     return printable(event.text if event.kind in event.text else f"{event.kind}: {event.text}")
 
 
-def event_level(event: FlightEvent) -> str:
+def event_level(event: FlightEvent) -> Level:
     """The severity of an event in a log."""
     return LEVELS.get(event.kind, "INFO")
 
@@ -140,12 +125,8 @@ def stored_lines(path: Path) -> list[bytes]:
 
 def _event(row: Any, uavs: int) -> FlightEvent:
     """Parse a row; raises ValueError, TypeError, KeyError or OverflowError if it is invalid."""
-    event: FlightEvent
-    if "round" in row:
-        event = round_of(row["round"])
-    else:
-        event = Event(int(row["tick"]), str(row["kind"]), str(row["text"]), tuple(map(int, row["uavs"])))
-    named = uavs_of(event)
+    event = event_of_row(row)
+    named = event.all_uavs
     if event.tick < 0 or any(not 0 <= uav < uavs for uav in named):
         raise ValueError(f"an event of tick {event.tick} and UAVs {named}")
     return event

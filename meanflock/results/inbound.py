@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from meanflock.results.quantities import RESERVED
 from meanflock.swarm import state
 from meanflock.swarm.declared import MAX_DIAGNOSTICS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import RoundEnded, uavs_of
+from meanflock.swarm.events import FlightEvent, fields_of
 from meanflock.swarm.wire.control import expect
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
 
@@ -53,14 +54,20 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     if ((ends < 0) | (ends >= n)).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
         raise MessageRejected("wrong-shape", "links of UAVs or frames that are not there")
     for event in block.events:
-        if isinstance(event, RoundEnded) and not all(
-            map(math.isfinite, (event.airtime_s, *event.diagnostics.values(), *event.metrics.values()))
-        ):
-            raise MessageRejected("non-finite", f"round {event.number}: a number that is not finite")
-        named = uavs_of(event)
+        if not all(map(math.isfinite, _floats(event))):
+            raise MessageRejected("non-finite", f"{event.kind}: a number that is not finite")
+        named = event.all_uavs
         if not 0 <= event.tick <= _LAST_TICK or any(not 0 <= uav < n for uav in named):
             raise MessageRejected("wrong-shape", f"an event of tick {event.tick} and UAVs {named}")
     return block
+
+
+def _floats(event: FlightEvent) -> Iterator[float]:
+    """All floats in the fields of an event."""
+    for value in fields_of(event).values():
+        for number in value.values() if isinstance(value, dict) else (value,):
+            if isinstance(number, float):
+                yield number
 
 
 def summary(message: Finished) -> dict[str, Any]:

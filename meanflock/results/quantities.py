@@ -335,6 +335,11 @@ DERIVED = (  # numbers that studies make of summaries and time series
     Field("phi_C_tavg", RISK_PRINTED, "collision risk φ_C as printed at T_avg", symbol="φ_C(T_avg)"),
     Field("payload_bits.total", PAYLOAD, "payload of all traffic, counted once per transmission"),
     Field("bits", PAYLOAD, "payload of all traffic so far"),
+    Field("last_round.round", "1", "number of the last averaged round; null if no round was averaged"),
+    Field("last_round.bits", PAYLOAD, "payload of all traffic from take-off to the end of that round"),
+    Field("last_round.airtime_s", "s", "time that all transmissions took from take-off to the end of that round"),
+    Field("last_round.mean_*", "", "mean of each diagnostic at the end of that round over the UAVs on the way"),
+    Field("last_round.metric_*", "", "what the learners reported at the end of that round"),
 )
 
 

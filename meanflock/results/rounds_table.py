@@ -8,12 +8,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.results.event_log import stored_lines
+from meanflock.results.event_log import event_of_row, stored_lines
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import RoundEnded, round_of
+from meanflock.swarm.events import RoundEnded
 
 ROUNDS = "rounds.parquet"
+_NAME = str(RoundEnded.__struct_config__.tag).encode()  # in every line about a round
 MEAN, METRIC = "mean_", "metric_"  # begin the names of columns
 
 COLUMNS: dict[str, tuple[pa.DataType, str]] = {  # type and description
@@ -68,8 +69,8 @@ def stored_rounds(events: Path) -> list[RoundEnded]:
         BadInput: the file cannot be read, or a round in it is damaged.
     """
     try:
-        rows = [json.loads(line) for line in stored_lines(events) if b'"round": {' in line]
-        return [round_of(row["round"]) for row in rows]
+        found = (event_of_row(json.loads(line)) for line in stored_lines(events) if _NAME in line)
+        return [event for event in found if isinstance(event, RoundEnded)]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise BadInput(f"{events}: damaged: {error}; fly the run again") from error
 

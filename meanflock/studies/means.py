@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results import quantities, statistics
+from meanflock.studies.last_round import LAST_ROUND
 from meanflock.swarm import durable
 
 Summaries = Sequence[Mapping[str, Any]]
@@ -16,6 +18,9 @@ Summaries = Sequence[Mapping[str, Any]]
 
 # Fields of a summary, in the order of the columns; arrivals come first.
 METRICS = sorted(quantities.COMPARED, key=lambda field: field != "arrived")
+
+
+ROUNDS = ("rounds", "rounds_void")
 
 
 @dataclass(frozen=True)
@@ -31,18 +36,26 @@ class Means:
     def rows(self) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
         """The values of each point, and by name `n` (flights), `uavs`, and of every metric the mean under the name of
         its column and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. The mean payload of
-        each kind of traffic follows under `uplink_bits`, `relay_bits`, `broadcast_bits` and `state_bits`.
+        each kind of traffic follows under `uplink_bits`, `relay_bits`, `broadcast_bits` and `state_bits`, then
+        `rounds` and `rounds_void`. If any flight averaged a round, the numbers of the last one follow under
+        `last_round_…`, as means over the `last_round_n` flights of the point that averaged one; a flight whose round
+        lacks a number does not count in its mean.
         """
+        numbers = dict.fromkeys(
+            name for summaries in self.points.values() for fields in _last_rounds(summaries) for name in fields
+        )
         for values, summaries in self.points.items():
             row: dict[str, Any] = {"n": len(summaries), "uavs": summaries[0]["uavs"]}
             for metric in METRICS:
-                found = statistics.mean([quantities.number(summary, metric) for summary in summaries])
-                column = quantities.table_column(metric)
-                low, high = (found.low, found.high) if found.bounded else (None, None)
-                row[column] = None if found.value != found.value else found.value
-                row |= {f"{column}_low": low, f"{column}_high": high}
+                row |= _mean(quantities.table_column(metric), [quantities.number(each, metric) for each in summaries])
             for kind in TRAFFIC.values():
                 row[f"{kind}_bits"] = sum(summary["payload_bits"][kind] for summary in summaries) / len(summaries)
+            for metric in ROUNDS:
+                row |= _mean(metric, [quantities.number(each, metric) for each in summaries])
+            found = _last_rounds(summaries)
+            row |= {f"{LAST_ROUND}_n": len(found)} if numbers else {}
+            for name in numbers:
+                row |= _mean(f"{LAST_ROUND}_{name}", [fields[name] for fields in found if name in fields])
             yield values, row
 
     def write_csv(self, path: Path) -> Path:
@@ -57,3 +70,15 @@ class Means:
         lines.writerow([*self.names, *rows[0][1]])
         lines.writerows([*values, *row.values()] for values, row in rows)
         return durable.put(path, text.getvalue().encode())
+
+
+def _last_rounds(summaries: Summaries) -> list[Mapping[str, float]]:
+    """The last round of each flight that averaged one."""
+    return [summary[LAST_ROUND] for summary in summaries if summary.get(LAST_ROUND)]
+
+
+def _mean(column: str, values: Sequence[float]) -> dict[str, float | None]:
+    """The mean and the ends of its 95 % interval; None if unknown."""
+    found = statistics.mean(values)
+    low, high = (found.low, found.high) if found.bounded else (None, None)
+    return {column: None if math.isnan(found.value) else found.value, f"{column}_low": low, f"{column}_high": high}

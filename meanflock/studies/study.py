@@ -19,6 +19,7 @@ from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.studies import runner
 from meanflock.studies.job_file import StoredRun, decode, encode
+from meanflock.studies.last_round import LAST_ROUND, LastRound
 from meanflock.studies.runner import Jobs, WorkerDied
 from meanflock.studies.store import Store
 from meanflock.swarm import durable, plugins
@@ -131,8 +132,10 @@ def _fly(flown: Scenario, study: str, fly: Fly) -> bytes:
 
 
 def summarised(flown: Scenario) -> dict[str, Any]:
-    """Fly a scenario in this process; returns the summary, see `of_all`."""
-    return of_all(flown, Engine(flown, f"{flown.method}-s{flown.seed}").complete())
+    """Fly a scenario in this process; returns the summary, see `of_all`, with its `last_round`, see `LastRound`."""
+    engine, last = Engine(flown, f"{flown.method}-s{flown.seed}"), LastRound()
+    engine.add_sink(last)
+    return {**of_all(flown, engine.complete()), LAST_ROUND: last.fields}
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:

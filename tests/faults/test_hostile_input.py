@@ -86,10 +86,11 @@ UPLOADS: Changes = [
     ("models that are infinite", {"models": np.full((1, 246), np.inf)}, "non-finite"),
     ("a loss of another node's UAV", {"lost": uavs(2)}, "wrong-shape"),
     ("a loss of a UAV that is not there", {"lost": uavs(2**31 - 1)}, "wrong-shape"),
-    ("a refused upload", {"refused": uavs(~3)}, "wrong-shape"),
-    ("its own state refused", {"refused": uavs(0)}, "wrong-shape"),
-    ("a state refused twice", {"refused": uavs(3, 3)}, "wrong-shape"),
-    ("a refused state of no UAV", {"refused": uavs(6)}, "wrong-shape"),
+    ("a refused upload", {"refused_uploads": uavs(3)}, "wrong-shape"),
+    ("its own state refused", {"refused_states": uavs(0)}, "wrong-shape"),
+    ("a state refused twice", {"refused_states": uavs(3, 3)}, "wrong-shape"),
+    ("a refused state of no UAV", {"refused_states": uavs(6)}, "wrong-shape"),
+    ("a refused state of a negative UAV", {"refused_states": uavs(-1)}, "wrong-shape"),
     ("two batches of one kind", sent(upload(0), upload(0)), "wrong-shape"),
     ("a global model", sent(batch(FrameKind.GLOBAL, 0, width=FLOATS)), "wrong-kind"),
     ("an upload too short", sent(upload(0, width=FLOATS - 1)), "wrong-shape"),
@@ -129,8 +130,12 @@ OF_HEADS: Changes = [
     ("a relay of a UAV that is no head", relay(5), "wrong-shape"),
     ("a relay with links", relay(links=LINKS), "wrong-shape"),
     *(
-        (f"a refusal of {who}", {"refused": uavs(*who)}, "wrong-shape")
-        for who in ((~0,), (~5, ~5), (~12,), (5, 5), (12,))
+        (f"{field} of {who}", {field: uavs(*who)}, "wrong-shape")
+        for field, whose in (
+            ("refused_uploads", ((0,), (5, 5), (12,), (-1,))),
+            ("refused_states", ((5, 5), (12,), (-1,))),
+        )
+        for who in whose
     ),
 ]
 # Acts of agent-0, which has UAV 0 alone of six that upload bytes, with a scale of four bytes for each of four blocks.
@@ -142,7 +147,7 @@ OF_BYTES: Changes = [
 ]
 OF_LEADERS: Changes = [
     ("a broadcast of states", sent(state(0)), "wrong-kind"),
-    ("a refused state", {"refused": uavs(3)}, "wrong-shape"),
+    ("a refused state", {"refused_states": uavs(3)}, "wrong-shape"),
 ]
 
 

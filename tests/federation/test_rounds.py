@@ -120,7 +120,7 @@ def test_an_absurd_relay_is_refused_by_the_name_of_its_head() -> None:
     links = np.array([[0, 3], [1, 3]], dtype=np.int32)
     batch = Frames(FrameKind.RELAY, 1, np.array([0, 6], np.int32), np.array(relayed, np.float32), links)
     act = Leader(welcome(case, ())).act(sense(closing(case, 1), batch, uavs=()))
-    assert act.refused.tolist() == [~0]
+    assert act.refused_uploads.tolist() == [0]
     np.testing.assert_array_equal(act.outbox[0].payload[0], model(6))
 
 

@@ -20,7 +20,7 @@ from meanflock.federation.topology.base import Hop, Topology
 from meanflock.launch.engine import Engine
 from meanflock.recording.plots import percentages
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import RoundEnded, fields_of, round_of
+from meanflock.swarm.events import RoundEnded, event_of, fields_of
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from meanflock.worldsim.checkpoint import EVERY_TICKS
@@ -315,10 +315,10 @@ def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
     )
     np.testing.assert_allclose(percentages([ended]), [[500 / 12, 100 / 6, 30.0]])
     fields = json.loads(json.dumps(fields_of(ended)))
-    assert fields_of(round_of(fields)) == fields
+    assert event_of("round-ended", fields) == ended
     for wrong in ({"number": -1}, {"outcome": "perhaps"}, {"sent": 3}, {"airtime_s": None}):
         with pytest.raises(ValueError, match=r"Expected|Invalid"):
-            round_of(fields | wrong)
+            event_of("round-ended", fields | wrong)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import meanflock as mf
 from meanflock import env, testing
 from meanflock.results import event_log, quantities
 from meanflock.swarm import errors, plugins, scenario
+from meanflock.swarm.events import KINDS
 from meanflock.swarm.toml import shipped
 from tests.pages import commands, script_of
 
@@ -78,7 +79,7 @@ def _results() -> Iterator[Name]:
     columns = (*quantities.COLUMNS_BEFORE, *quantities.COLUMNS_AFTER)
     yield from (("column", column.key) for column in columns)
     yield from (("event field", name) for name in event_log.FIELDS)
-    yield from (("event kind", name) for name in event_log.KINDS)
+    yield from (("event kind", name) for name in KINDS)
 
 
 def _python() -> Iterator[Name]:

@@ -12,8 +12,9 @@ from meanflock.recording import plots
 from meanflock.recording import recorder as recording
 from meanflock.recording.recorder import Recorder
 from meanflock.results.series import Reported
+from meanflock.swarm.events import Collided, FaultBegan, FlightEvent, Lost
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
 
 ROUND_TICKS = 100
 DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default
@@ -71,9 +72,9 @@ def _links(uavs: int, first: int, block: int) -> np.ndarray:
     return np.array(rows, dtype=np.int32).reshape(-1, 5)
 
 
-def _events(uavs: int, first: int, block: int) -> tuple[Event, ...]:
-    events = [Event(tick, "collision", "too near", pair) for tick, pair in COLLISIONS if uavs > max(pair)]
-    events += [Event(400, "lost", "UAV 7 is silent", (7,)), Event(100, "fault", "a gust")]
+def _events(uavs: int, first: int, block: int) -> tuple[FlightEvent, ...]:
+    events: list[FlightEvent] = [Collided(tick, *pair) for tick, pair in COLLISIONS if uavs > max(pair)]
+    events += [Lost(400, (7,), "silent"), FaultBegan(100, (), 0, "a gust")]
     return tuple(event for event in events if first <= event.tick < first + block)
 
 

@@ -35,6 +35,7 @@ from meanflock.results.series import Reported, block_of, diagnostics_in
 from meanflock.results.series import schema as schema_of
 from meanflock.results.timeseries_file import TIMESERIES
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import KINDS, LEVELS, TYPES, Untyped
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from research.reproduction.curves import CRITERIA
@@ -272,10 +273,21 @@ def test_the_mean_of_a_diagnostic_is_over_the_ticks_and_uavs_on_the_way(runs: di
 
 def test_every_kind_of_event_is_described(run: Path) -> None:
     told = [json.loads(line) for line in (run / EVENTS).read_text().splitlines()]
-    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(event_log.KINDS)
-    assert all(set(event) | {"round"} == set(event_log.FIELDS) for event in told)
-    assert all("round" in event for event in told if event["kind"] == "round")
-    assert set(event_log.LEVELS) <= set(event_log.KINDS)
+    assert {"joined", "fault", "lost", "finished"} <= {event["kind"] for event in told} <= set(KINDS)
+    assert all(set(event) == set(event_log.FIELDS) for event in told)
+    assert all(event_log.row_of(event_log.event_of_row(event), 0.1) == event for event in told)
+
+
+def test_a_kind_has_one_level_and_every_type_a_kind_but_those_of_earlier_runs() -> None:
+    assert all(each.meanings for each in TYPES.values() if each is not Untyped)
+    assert all(LEVELS[kind] == each.level for each in TYPES.values() for kind in each.meanings)
+
+
+def test_an_event_of_a_run_of_1_0_is_read_without_fields() -> None:
+    line = {"tick": 3, "sim_time_s": 0.3, "kind": "hit", "text": "UAV 2 hit obstacle 0", "uavs": [2]}
+    event = event_log.event_of_row(line)
+    assert (event.kind, event.text, event.uavs) == ("hit", "UAV 2 hit obstacle 0", (2,))
+    assert event_log.event_level(event) == "ERROR"
 
 
 def test_a_block_with_a_diagnostic_called_as_a_column_is_rejected() -> None:

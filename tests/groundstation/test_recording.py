@@ -19,11 +19,11 @@ from meanflock.results.plots.run import plot_run
 from meanflock.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.events import RoundEnded, UploadsRefused
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, Partition, Pause
 from meanflock.swarm.mission import goals, obstacles, starts
 from meanflock.swarm.scenario import Federation, Scenario, load
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Event, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
 from meanflock.worldsim.vehicles.base import MeanWind
 from tests.groundstation.recordings import (
     COLLISIONS,
@@ -116,11 +116,11 @@ def test_a_collision_is_a_star_a_mark_and_a_log_line(recorded) -> None:
     _, texts = column(path, look.EVENTS, "TextLog:text")
     _, levels = column(path, look.EVENTS, "TextLog:level")
     log = [(text[0], level[0]) for text, level in zip(texts, levels, strict=True)]
-    assert log.count(("collision: too near", "ERROR")) == len(COLLISIONS)
+    lines = [f"collision: UAV {first} and UAV {second} collided" for _, (first, second) in COLLISIONS]
+    assert [line for line, level in log if level == "ERROR"] == [*lines, "silent: UAV 7 lost"]
     _, colors = column(path, look.EVENTS, "TextLog:color")
     shades = {text[0]: color for text, color in zip(texts, colors, strict=True)}
-    assert shades["collision: too near"] == [drawing.COLLISION]
-    assert ("lost: UAV 7 is silent", "ERROR") in log
+    assert shades[lines[0]] == [drawing.COLLISION]
     assert ("fault: a gust", "INFO") in log
 
 
@@ -152,7 +152,7 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     sent = tuple(uav for uav in range(25) if uav not in (9, 17))
     received = tuple(uav for uav in sent if uav != 7)
     ended = RoundEnded(3, 1, 0, "averaged", participants=25, absent=1, sent=sent, received=received)
-    events = (Event(3, "refused", "upload of UAV 11", (11,)), ended)
+    events = (UploadsRefused(3, (11,)), ended)
     paused = Pause(tick=0, uavs=(17,), duration_s=1000.0)
     federation = Federation(clusters=5, fraction=1.0)
     record(path, [msgspec.structs.replace(block, links=links, events=events)], federation=federation, faults=(paused,))

@@ -1,14 +1,18 @@
 """Rounds as a result: one table in memory and in the run folder, in the terminal, and as learning curves."""
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 import meanflock as mf
 from meanflock.cli.command import main
+from meanflock.cli.tables import rounds_table
 from meanflock.results import inbound
 from meanflock.results.event_log import past_events, row_of
 from meanflock.results.rounds_table import COLUMNS, OVER, ROUNDS
@@ -104,3 +108,24 @@ def test_no_flight_continues_after_a_round_of_uavs_that_are_not_there(field: str
     assert [event.text for event in past_events(path, size, 6, "")] == [ended.text]
     with pytest.raises(BadInput, match=r"damaged .*UAVs \(0, 5\)"):
         past_events(path, size, 5, "")
+
+
+def test_a_comparison_has_the_rounds_and_what_was_learned_at_the_end_of_the_last(tmp_path: Path) -> None:
+    death = {"kind": "kill", "tick": 60, "uavs": [0]}
+    settings = {"uavs": 5, "duration": 9.0, "federation.period": 40, "faults": [death]}
+    compared = mf.compare(["mfgfl-h", "plan"], seeds=2, jobs=1, out=tmp_path, **settings)
+    flown, without = compared
+    last = [mf.fly(method="mfgfl-h", seed=seed, **settings).rounds().to_pylist() for seed in (1, 2)]
+    averaged = [[row for row in rows if row["outcome"] == "averaged"][-1] for rows in last]
+    assert (flown["rounds"], flown["rounds_void"], flown["last_round_n"]) == (1.0, 1.0, 2)
+    for name in ("round", "bits", "airtime_s", "mean_phi_G"):
+        assert flown[f"last_round_{name}"] == pytest.approx(np.mean([row[name] for row in averaged]))
+    assert flown["last_round_mean_phi_G_low"] < flown["last_round_mean_phi_G"] < flown["last_round_mean_phi_G_high"]
+    assert flown.keys() == without.keys()
+    assert (without["rounds"], without["last_round_n"], without["last_round_mean_phi_G"]) == (0.0, 0, None)
+    table = compared.frame()
+    assert table["last_round.mean_phi_G"].to_pylist() == [*(row["mean_phi_G"] for row in averaged), None, None]
+    text = StringIO()
+    Console(file=text, width=80).print(rounds_table(compared.means))
+    assert "mean_phi_G" in text.getvalue()
+    assert rounds_table(mf.compare("plan", seeds=1, jobs=1, uavs=2, duration=1.0).means) is None

@@ -150,7 +150,7 @@ class Soak:
         (folder,) = self._runs.iterdir()
         events = events_in(folder)
         kinds = self.report.events = Counter(event["kind"] for event in events)
-        voids = [event["text"] for event in events if " is void: " in event["text"]]
+        voids = [event for event in events if event["event"] == "round-ended" and event["kind"] == "void"]
         calendar = Schedule(plan_of(self._scenario))
         rounds = sum(calendar.closes(tick) > 0 for tick in range(summary["ticks"]))
         table = pq.read_table(folder / "timeseries.parquet")
@@ -165,7 +165,7 @@ class Soak:
                 f"{summary['nodes_lost']} nodes lost, not {self._mishaps.lost}",
             ),
             (counted == rounds, f"{counted} rounds averaged or void, of {rounds}"),
-            (not any("no leader" in text for text in voids), f"void rounds: {voids}"),
+            (not any("no leader" in event["fields"]["reason"] for event in voids), f"void rounds: {voids}"),
             (summary["telemetry_blocks_dropped"] == 0, "telemetry was dropped"),
             (table["tick"].to_pylist() == list(range(summary["ticks"] + 1)), "rows are missing or there twice"),
             (flown == summary["trajectory_sha256"], "the rows are not the trajectory"),

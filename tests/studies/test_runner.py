@@ -209,7 +209,8 @@ def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
         assert f"out/{name}" in out
 
 
-LARGE = {"uavs": 25, "arrived": 25, "t_avg_censored_s": 161.3456, "energy_mean_J": 148.2859, "collisions": 99.875}
+LARGE = {"uavs": 25, "arrived": 25, "rounds": 0, "rounds_void": 0}
+LARGE |= {"t_avg_censored_s": 161.3456, "energy_mean_J": 148.2859, "collisions": 99.875}
 LARGE |= {"phi_A": 1.23456, "phi_C_distinct": 1.234567e-5}
 LARGE["payload_bits"] = {"uplink": 9e8, "relay": 0, "broadcast": 0, "state": 87_654_321, "total": 987_654_321}
 DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"

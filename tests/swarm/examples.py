@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from meanflock.kernels.wire import SENSE
-from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.events import Collided, RoundEnded
 from meanflock.swarm.wire import control, messages, tick
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
@@ -72,7 +72,8 @@ EXAMPLES: dict[str, Any] = {
         tick=99,
         commands=numbers("<f8", 2, 5) / 7,
         lost=np.array([6], dtype="<i4"),
-        refused=np.array([1, 300], dtype="<i4"),
+        refused_uploads=np.array([5], dtype="<i4"),
+        refused_states=np.array([1, 300], dtype="<i4"),
         models=numbers("<f8", 2, 246) / 9,
         memory=control.encode_record({"weights": numbers("<f8", 2, 3)}),
         outbox=(FRAMES,),
@@ -94,7 +95,7 @@ EXAMPLES: dict[str, Any] = {
         reports=numbers("<f4", 1, 246),
         spread=numbers("<f8", 1) + 0.5,
         events=(
-            messages.Event(141, "collision", "UAV 1 and UAV 2 collided", (1, 2)),
+            Collided(141, 1, 2),
             RoundEnded(141, 1, 140, "averaged", sent=(0, 2), received=(2,), diagnostics={"error": 0.5}),
         ),
         checkpoint=b"\x93\x01\x02\x03",

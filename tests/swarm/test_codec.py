@@ -3,7 +3,7 @@
 import re
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgpack
 import msgspec
@@ -16,8 +16,8 @@ from hypothesis.extra import numpy as hnp
 from meanflock.kernels import wire
 from meanflock.kernels.wire import ACT, SENSE
 from meanflock.net import keys
+from meanflock.swarm import events
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.wire import control, tick
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
 from tests.swarm.conftest import Backend
@@ -32,19 +32,18 @@ arrays = st.sampled_from(DTYPES).flatmap(lambda name: finite(name, shapes))
 st.register_type_strategy(np.ndarray, arrays)
 st.register_type_strategy(int, st.integers(-(2**63), 2**64 - 1))
 counts = st.integers(0, 2**63 - 1)
-some_uavs = st.lists(counts, max_size=3).map(tuple)
-measured = st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False), max_size=3)
-OUTCOMES = st.sampled_from(("averaged", "waiting", "void"))
-st.register_type_strategy(
-    RoundEnded,
-    st.builds(
-        RoundEnded,
-        *(counts, counts, counts, OUTCOMES, st.text(max_size=5), counts, counts),
-        *(some_uavs, some_uavs, some_uavs, some_uavs),
-        *(st.none() | counts, counts, counts, st.text(max_size=5), counts, st.none() | counts, counts, counts),
-        *(st.none() | counts, counts, counts, st.floats(allow_nan=False), measured, measured),
-    ),
-)
+OF_EVENTS = {  # by the type of a field
+    int: counts,
+    float: st.floats(allow_nan=False),
+    str: st.text(max_size=5),
+    int | None: st.none() | counts,
+    tuple[int, ...]: st.lists(counts, max_size=3).map(tuple),
+    dict[str, float]: st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False), max_size=3),
+}
+for event in events.TYPES.values():
+    hints = {name: hint for name, hint in get_type_hints(event).items() if name in event.__struct_fields__}
+    made = {name: OF_EVENTS.get(hint, st.from_type(hint)) for name, hint in hints.items()}
+    st.register_type_strategy(event, st.builds(event, **made))
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
@@ -117,8 +116,8 @@ def test_numbers_of_any_memory_order_travel_as_their_values() -> None:
         raw = tick.write_sense(Sense(1, 2, view))
         np.testing.assert_array_equal(tick.read_sense(raw).states, view)
         assert raw[24 : 24 + 8 * view.size] == view.astype("<f8").tobytes()
-    got = tick.read_act(tick.write_act(Act(1, 2, grid, lost=np.array([4, 6]), refused=np.array([1], np.int16))))
-    assert (got.lost.tolist(), got.refused.tolist()) == ([4, 6], [1])  # numbers of UAVs travel as 32 bits
+    got = tick.read_act(tick.write_act(Act(1, 2, grid, lost=np.array([4, 6]), refused_states=np.array([1], np.int16))))
+    assert (got.lost.tolist(), got.refused_states.tolist()) == ([4, 6], [1])  # numbers of UAVs travel as 32 bits
 
 
 @pytest.mark.parametrize(
@@ -159,7 +158,7 @@ DUMPS = {
             RUN,
             41,
             np.array([[-2.55, -2.075, 0.5]]),
-            refused=np.array([2]),
+            refused_states=np.array([2]),
             models=np.array([[1.0, -1.0]]),
             outbox=(Frames(FrameKind.STATE, 0, np.array([1], "<i4"), STATE.astype("<f4")),),
         )

@@ -63,7 +63,8 @@ def acts(draw: st.DrawFn) -> Act:
         tick=draw(U32),
         commands=draw(table("<f8", st.just(rows), st.integers(0, 9))),
         lost=draw(uavs(st.integers(0, 4))),
-        refused=draw(uavs(st.integers(0, 4))),
+        refused_uploads=draw(uavs(st.integers(0, 4))),
+        refused_states=draw(uavs(st.integers(0, 4))),
         models=draw(st.none() | models),
         memory=draw(st.binary(max_size=40)),
         outbox=draw(few),
@@ -88,7 +89,8 @@ def as_documented(tree: list[Any]) -> Sense | Act:
         frames.append(Frames(FrameKind(label), round_, array_of("<i4", source), payload, pairs))
     if kind == SENSE:
         return Sense(run, number, table_, bool(flags & 1), bool(flags & 2), tuple(frames), *rest)
-    lost, refused, models, memory = rest
+    *named, models, memory = rest
+    lost, uploads, states = (array_of("<i4", uavs) for uavs in named)
     assert flags == 0
     learned = array_of("<f8", models, rows, len(models) // (8 * rows)) if models else None
-    return Act(run, number, table_, array_of("<i4", lost), array_of("<i4", refused), learned, memory, tuple(frames))
+    return Act(run, number, table_, lost, uploads, states, learned, memory, tuple(frames))

@@ -12,6 +12,7 @@ import pytest
 from meanflock import kernels
 from meanflock.launch.engine import Engine
 from meanflock.swarm import state
+from meanflock.swarm.events import Lost
 from meanflock.swarm.scenario import load
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import Status
@@ -70,7 +71,7 @@ def test_the_flight_is_over_when_everyone_arrived_or_is_lost_or_at_its_duration(
     put(flight, 0, position=(0.0, 0.0))
     idle(flight)
     assert not flight.over
-    flight.lose(np.array([1]), "lost", "a test")
+    flight.lose(np.array([1]), Lost, "a test")
     assert flight.over
     until_the_end = calm("duration=2", 'stop="duration"', uavs=1)
     put(until_the_end, 0, position=(0.0, 0.0))
@@ -82,8 +83,8 @@ def test_the_flight_is_over_when_everyone_arrived_or_is_lost_or_at_its_duration(
 def test_a_lost_uav_gets_no_command_and_never_arrives() -> None:
     flight = calm()
     put(flight, 0, position=(1.0, 0.5), velocity=(1.0, 2.0))
-    flight.lose(np.array([0]), "lost", "a test")
-    flight.lose(np.array([0]), "lost", "twice")
+    flight.lose(np.array([0]), Lost, "a test")
+    flight.lose(np.array([0]), Lost, "twice")
     for _ in range(5):
         flight.advance(np.ones((3, 2)))
     np.testing.assert_allclose(flight.states[0], [1.5, 1.5, 1.0, 2.0])
@@ -146,7 +147,7 @@ def test_encounters_are_the_closest_approaches_of_all_segments() -> None:
         if tick == 12:
             wanted[3, 0] = np.inf
         if tick == 20:
-            flight.lose(np.array([5, 6]), "lost", "a test")
+            flight.lose(np.array([5, 6]), Lost, "a test")
             flying[[5, 6]] = False
         flight.advance(wanted)
         history.append(flight.states)

@@ -1,5 +1,6 @@
 """Late nodes, on a clock of the test: held commands in real time; a node that is always late is warned of and lost."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -238,9 +239,9 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
 AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
-def slow_tick(pace: DelayRules, late: str) -> list[str]:
+def slow_tick(pace: DelayRules, tick: int, late: str) -> list[str]:
     """Verdicts after a tick in which one of three nodes has not answered in time."""
-    pace.begin()
+    pace.begin(tick)
     for waited_s in (0.1, 3.0):
         pace.look(waited_s, SimpleNamespace(asked=AGENTS, silent=1, missing=[late]))
     return [verdict.node for verdict in pace.overdrawn()]
@@ -248,9 +249,10 @@ def slow_tick(pace: DelayRules, late: str) -> list[str]:
 
 def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None:
     pace = DelayRules(load(None, SHORT).pace, [], 10.0)
-    assert [slow_tick(pace, "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
-    assert slow_tick(pace, "agent-1.2") == ["agent-1.2"]
+    ticks = itertools.count()
+    assert [slow_tick(pace, next(ticks), "agent-1") for _ in range(6)] == [[]] * 5 + [["agent-1"]]
+    assert slow_tick(pace, next(ticks), "agent-1.2") == ["agent-1.2"]
     for _ in range(3 * DelayRules.FORGIVEN_TICKS):
-        pace.begin()
+        pace.begin(next(ticks))
         assert pace.overdrawn() == []
-    assert [slow_tick(pace, "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]
+    assert [slow_tick(pace, next(ticks), "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]

@@ -12,6 +12,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.swarm import plugins, state
+from meanflock.swarm.events import Lost
 from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.stateful import restore, state_of
@@ -214,7 +215,7 @@ def test_who_leaves_every_bound_is_put_back_with_what_it_hides() -> None:
 def test_the_world_shortens_a_command_beyond_the_limit_keeps_its_direction_and_counts_it() -> None:
     flight = Flight(load(None, ["uavs=4", "vehicle.acceleration_max=2", "wind.sigma=0", "wind.drag=0"]))
     commands = np.array([[2.0, 0.0], [3.0, -4.0], [0.0, 2.0 + 1e-12], [0.0, 0.0]])
-    flight.lose(np.array([3]), "test", "by the test")
+    flight.lose(np.array([3]), Lost, "by the test")
     flight.advance(commands)
     np.testing.assert_allclose(flight.states[:, 2:], 0.1 * np.array([[2.0, 0.0], [1.2, -1.6], [0.0, 2.0], [0.0, 0.0]]))
     assert flight.clipped == 1

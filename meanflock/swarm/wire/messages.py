@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
-from meanflock.swarm.events import Event, FlightEvent
+from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.plugins import PluginKind
 
 
@@ -105,10 +105,20 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     tick: int
     commands: np.ndarray  # (M, 2 + K) f8: acceleration (m/s²), then K diagnostics
     lost: np.ndarray = NOBODY  # (D,) i4, UAVs whose controller has failed
-    refused: np.ndarray = NOBODY  # (R,) i4: k: UAV k's state is implausible; -1-k: its upload is not averaged
+    refused_uploads: np.ndarray = NOBODY  # (R,) i4, UAVs whose upload is not averaged
+    refused_states: np.ndarray = NOBODY  # (R,) i4, UAVs whose state is implausible
     models: np.ndarray | None = None  # (M, W) f8, the learned weights, if requested
     memory: bytes = b""  # a record, at a checkpoint and of a leader after a round
     outbox: tuple[Frames, ...] = ()
+
+
+class Event(_ControlMessage, frozen=True, tag="event"):
+    """Message of a node: something failed. The world makes an event of the text and reads nothing else of it."""
+
+    tick: int
+    kind: str
+    text: str
+    uavs: tuple[int, ...] = ()
 
 
 class Stop(_ControlMessage, frozen=True, tag="stop"):

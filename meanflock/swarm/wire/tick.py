@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.kernels.wire import ACT, DTYPES, SENSE, Batch, Message
@@ -53,7 +54,7 @@ def read_act(raw: bytes, commands: Floats | None = None) -> Act:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     _, run, tick, flags, rows, columns, table, others, batches = _read(raw, ACT, commands)
-    lost, refused, models, memory = others
+    lost, refused_uploads, refused_states, models, memory = others
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     if commands is None:
@@ -65,8 +66,9 @@ def read_act(raw: bytes, commands: Floats | None = None) -> Act:
         run,
         tick,
         commands,
-        np.frombuffer(lost, _INT) if lost else NOBODY,
-        np.frombuffer(refused, _INT) if refused else NOBODY,
+        _uavs_in(lost),
+        _uavs_in(refused_uploads),
+        _uavs_in(refused_states),
         np.ndarray((rows, width), _FLOAT, models) if models else None,
         memory,
         frames_in(batches) if batches else (),
@@ -93,9 +95,8 @@ def write_sense(sense: Sense) -> bytes:
 def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
-    lost = NOBODY if act.lost is NOBODY else _plain(act.lost, _INT)
-    refused = NOBODY if act.refused is NOBODY else _plain(act.refused, _INT)
-    tables = lost, refused, b"" if act.models is None else _plain(act.models), act.memory
+    named = (_uavs_out(uavs) for uavs in (act.lost, act.refused_uploads, act.refused_states))
+    tables = *named, b"" if act.models is None else _plain(act.models), act.memory
     outbox = frames_out(act.outbox) if act.outbox else ()
     return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, outbox)
 
@@ -131,6 +132,14 @@ def frames_out(frames: Iterable[Frames]) -> list[tuple[int, int, int, int, Any, 
         )
         for batch in frames
     ]
+
+
+def _uavs_in(raw: bytes) -> NDArray[np.int32]:
+    return np.frombuffer(raw, _INT) if raw else NOBODY
+
+
+def _uavs_out(uavs: NDArray[np.integer]) -> NDArray[np.integer]:
+    return uavs if uavs is NOBODY else _plain(uavs, _INT)
 
 
 def _read(raw: bytes, kind: int, into: Floats | None, uavs: int = 0) -> Message:

@@ -1,27 +1,11 @@
-"""Events of a flight, for log, recording and tables. Only a round has fields of its own; the others are words."""
+"""Events of the federation's rounds."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Literal
 
-import msgspec
-from msgspec import Meta
-
-_NAMED = 10  # UAVs that a text names, at most
-
-Count: TypeAlias = Annotated[int, Meta(ge=0)]
-Uavs: TypeAlias = tuple[Count, ...]
+from meanflock.swarm.events.base import BaseEvent, Count, Uavs, listed, named
 
 
-class Event(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False, tag="event"):
-    """An event of a flight in words; or the complaint of a node, which the world makes an event of."""
-
-    tick: int
-    kind: str
-    text: str
-    uavs: tuple[int, ...] = ()
-
-
-class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True, eq=False, tag="round"):
+class RoundEnded(BaseEvent, frozen=True):
     """A round of the federation, when its uploads were averaged or could not be.
 
     Attributes:
@@ -48,7 +32,11 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         delays_s: time after the opening at which its last part arrived, s; None if nothing did. Late ones count.
     """
 
-    tick: Count
+    meanings = {
+        "round": "a round was averaged: how many participants sent, were silent or absent (lost or paused), how many "
+        "uploads were received, lost, late or refused, and how many UAVs received the average; `uavs`: those that sent",
+        "void": "a round had nothing to average; its account is as above",
+    }
     number: Count
     opened: Count
     outcome: Literal["averaged", "waiting", "void"]
@@ -87,6 +75,10 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         return self.sent
 
     @property
+    def all_uavs(self) -> Uavs:
+        return (*self.sent, *self.received, *self.late, *self.refused)
+
+    @property
     def silent(self) -> int:
         """Number of participants that were there and did not send."""
         return self.participants - self.absent - len(self.sent)
@@ -120,8 +112,8 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
             _some(self.absent, "absent"),
             f"{len(self.received)} received{at}",
             _some(self.lost, "lost"),
-            _some(len(self.late), f"late ({_named(self.late)})"),
-            _some(len(self.refused), f"refused ({_named(self.refused)})"),
+            _some(len(self.late), f"late ({named(self.late)})"),
+            _some(len(self.refused), f"refused ({named(self.refused)})"),
             f"{self.arrived} of {self.copies} {self.copy} arrived" if self.copy and self.copies else "",
             _some(self.earlier, "late from the round before averaged, too"),
             _some(self.isolated, "isolated"),
@@ -129,35 +121,56 @@ class RoundEnded(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         return ", ".join(part for part in parts if part)
 
 
-FlightEvent: TypeAlias = Event | RoundEnded
+class FragmentsReceived(BaseEvent, frozen=True):
+    """The global model of a round was broadcast in fragments.
 
-
-def uavs_of(event: FlightEvent) -> tuple[int, ...]:
-    """All UAVs that an event names; some may be named twice."""
-    if isinstance(event, RoundEnded):
-        return (*event.sent, *event.received, *event.late, *event.refused)
-    return event.uavs
-
-
-def fields_of(ended: RoundEnded) -> dict[str, Any]:
-    """All fields of a round, by name, as JSON has them."""
-    fields = {name: getattr(ended, name) for name in RoundEnded.__struct_fields__}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
-
-
-def round_of(fields: Mapping[str, Any]) -> RoundEnded:
-    """The round with these fields.
-
-    Raises:
-        ValueError, KeyError: a field is missing or invalid.
+    Attributes:
+        number: of the round. fragments: number of fragments that were broadcast.
+        whole: UAVs that received all of them. partly: some of them. nothing: none.
     """
-    return msgspec.convert(["round", *(fields[name] for name in RoundEnded.__struct_fields__)], RoundEnded)
+
+    meanings = {"round": "how many UAVs received the fragments of a global model"}
+    number: Count
+    fragments: Count
+    whole: Count
+    partly: Count
+    nothing: Count
+
+    @property
+    def text(self) -> str:
+        return (
+            f"round {self.number}: {self.fragments} fragments of the global model were received whole by {self.whole} "
+            f"UAVs, in part by {self.partly}, not at all by {self.nothing}"
+        )
+
+
+class ClusterLeftOut(BaseEvent, frozen=True):
+    """A round goes on without a cluster. number: of the round. head: UAV that averages for the cluster."""
+
+    meanings = {"void": "a cluster's part of a round had nothing to average"}
+    number: Count
+    head: Count
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return f"round {self.number} goes on without the cluster of UAV {self.head}: {self.reason}"
+
+    @property
+    def all_uavs(self) -> Uavs:
+        return (self.head,)
+
+
+class UploadsRefused(BaseEvent, frozen=True):
+    """Uploads of UAVs were received and could not be averaged."""
+
+    meanings = {"refused": "uploads were not averaged (the summary counts all)"}
+    uavs: Uavs
+
+    @property
+    def text(self) -> str:
+        return f"uploads of {listed(self.uavs)} were not averaged"
 
 
 def _some(count: int, noun: str) -> str:
     return f"{count} {noun}" if count else ""
-
-
-def _named(uavs: Uavs) -> str:
-    named = ", ".join(map(str, uavs[:_NAMED]))
-    return f"UAV{'s' * (len(uavs) > 1)} {named}{', …' * (len(uavs) > _NAMED)}"

@@ -1,0 +1,148 @@
+"""Events of the nodes: they join, fail, are lost and return; and the end of a flight."""
+
+from meanflock.swarm.events.base import BaseEvent, Count
+
+
+class NodesJoined(BaseEvent, frozen=True):
+    """All nodes are there. swarm: number of UAVs."""
+
+    meanings = {"joined": "all nodes have joined; the flight begins"}
+    nodes: Count
+    swarm: Count
+
+    @property
+    def text(self) -> str:
+        return f"{self.nodes} nodes hold {self.swarm} UAVs"
+
+
+class FlightResumed(BaseEvent, frozen=True):
+    """All nodes are there, and the flight continues. swarm: number of UAVs."""
+
+    meanings = {"resumed": "the flight continues from a checkpoint"}
+    nodes: Count
+    swarm: Count
+
+    @property
+    def text(self) -> str:
+        return f"{self.nodes} nodes hold {self.swarm} UAVs and continue from tick {self.tick}"
+
+
+class FlightFailed(BaseEvent, frozen=True):
+    """The flight cannot go on."""
+
+    meanings = {"failed": "every agent was lost and none came back; the flight ends"}
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return self.reason
+
+
+class FlightFinished(BaseEvent, frozen=True):
+    """The flight is over. arrived: number of UAVs that arrived, of all in the `swarm`."""
+
+    meanings = {"finished": "the flight is over"}
+    arrived: Count
+    swarm: Count
+
+    @property
+    def text(self) -> str:
+        return f"{self.arrived} of {self.swarm} arrived"
+
+
+class NodeLost(BaseEvent, frozen=True):
+    """A node without UAVs in flight is lost: a leader, or an agent before take-off or of UAVs that are lost already."""
+
+    meanings = {"lost": "a leader is lost, or an agent whose UAVs are not flying"}
+    level = "ERROR"
+    node: str
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.reason}"
+
+
+class NodeIsSlow(BaseEvent, frozen=True):
+    """A node delays the others."""
+
+    meanings = {"slow": "a node makes the others wait tick after tick, and is lost if it continues"}
+    level = "WARN"
+    node: str
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.reason}"
+
+
+class LastReturn(BaseEvent, frozen=True):
+    """A node has rejoined as often as it may."""
+
+    meanings = {"refused": "a node has rejoined for the last time"}
+    node: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node} rejoined for the last time: its place stays closed after the next loss"
+
+
+class LeaderStandsBy(BaseEvent, frozen=True):
+    """A leader joined in flight."""
+
+    meanings = {"rejoined": "a standby leader has joined"}
+    node: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node} stands by"
+
+
+class LeaderTookOver(BaseEvent, frozen=True):
+    """A standby leads in place of a lost leader. before: name of the lost leader."""
+
+    meanings = {"leader": "another leader takes over"}
+    node: str
+    before: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node} takes over from {self.before}"
+
+
+class LeaderFailed(BaseEvent, frozen=True):
+    """A leader reports a failure."""
+
+    meanings = {"leader": "a leader reports a failure"}
+    node: str
+    failure: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.failure}"
+
+
+class AgentFailed(BaseEvent, frozen=True):
+    """An agent reports a failure."""
+
+    meanings = {"agent": "an agent reports a failure"}
+    node: str
+    failure: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.failure}"
+
+
+class Dropped(BaseEvent, frozen=True):
+    """A message was rejected. origin: its key or its sender. error: the reason under which it is counted, and more."""
+
+    meanings = {"dropped": "a message was refused (the first ones are named; the summary counts all, by reason)"}
+    level = "WARN"
+    origin: str
+    reason: str
+    error: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.origin}: {self.error}"
