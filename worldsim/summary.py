@@ -84,21 +84,6 @@ def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
     }
 
 
-def energy_summary(flight: Flight, airtime_s: float, busy_ticks: int) -> dict[str, Any]:
-    """Fields of the energy of all UAVs until the end of the flight, radio and computer included.
-
-    `busy_ticks`: ticks in which a UAV trained, of all UAVs.
-    """
-    constants = flight.scenario.energy
-    radio = constants.radio_W * airtime_s
-    compute = constants.step_J * flight.steps + flight.scenario.training.power_W * flight.scenario.dt * busy_ticks
-    return {
-        "energy_radio_J": radio,
-        "energy_compute_J": compute,
-        "energy_total_J": float(flight.energy.sum()) + radio + compute,
-    }
-
-
 def _kind(bill: Traffic) -> dict[str, Any]:
     return {
         "transmissions": bill.transmissions,
@@ -201,8 +186,9 @@ def summary(
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
         **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
-        **energy_summary(flight, meter.total("airtime_s"), world.commands.busy_ticks),
+        **world.energies(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
+        "until": world.target.summary(),
         "telemetry_blocks_dropped": blocks_dropped,
         "models_sha256": world.models.hexdigest,
     }

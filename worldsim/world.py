@@ -22,6 +22,7 @@ from meanflock.worldsim.counters import Counters, weight_spread
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
+from meanflock.worldsim.target import Target
 from meanflock.worldsim.tick import Acts, Row, Senses
 
 REPORT_EVERY_TICKS = 10
@@ -40,11 +41,12 @@ class World(Stateful):
         air: the radio.
         ledger: the rounds.
         models: the hash of the models that were shared.
+        target: the metric at which the flight ends.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
 
-    stored = ("flight", "air", "counters", "ledger", "models", "commands")
+    stored = ("flight", "air", "counters", "ledger", "models", "target", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -64,6 +66,7 @@ class World(Stateful):
         self.air = Medium(plan)
         self.ledger = Ledger(plan)
         self.models = ModelsHash(plan)
+        self.target = Target(scenario)
         self.counters = Counters()
         self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)
@@ -84,7 +87,18 @@ class World(Stateful):
     @property
     def over(self) -> bool:
         """Returns whether the mission has ended."""
-        return self.flight.over or (self.ledger.is_done and self.scenario.stop == "rounds")
+        if self.ledger.is_done and self.scenario.stop == "rounds":
+            return True
+        return self.flight.over or bool(self.target.reached)
+
+    def energies(self) -> dict[str, float]:
+        """Energy of all UAVs so far, by field of the summary, J: radio, computers, and all with that of motion."""
+        flight, constants = self.flight, self.scenario.energy
+        radio = constants.radio_W * self.air.meter.total("airtime_s")
+        training = self.scenario.training.power_W * self.scenario.dt * self.commands.busy_ticks
+        compute = constants.step_J * flight.steps + training
+        total = float(flight.energy.sum()) + radio + compute
+        return {"energy_radio_J": radio, "energy_compute_J": compute, "energy_total_J": total}
 
     def ask(self) -> Senses:
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
@@ -135,7 +149,10 @@ class World(Stateful):
         on_air = ledger.transmitted(tick, frames, awake, partial(self.air.acknowledge, tick, states, cut))
         links = self.air.send(tick, on_air, states, cut)
         for ended in ledger.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
-            flight.events.append(self._completed(ended, awake & ~absent))
+            completed = self._completed(ended, awake & ~absent)
+            flight.events.append(completed)
+            if self.target.is_met(completed):
+                self.target.reach(completed, self.energies()["energy_total_J"])
         flight.advance(self.commands.accelerations, self._script.gust(tick, states))
         if flight.last_arrival == flight.tick:
             self.air.meter.mark()

@@ -3,6 +3,7 @@
 Shell completion imports this module and those of the commands, so they import what flies only when they run.
 """
 
+import json
 import logging
 import math
 import os
@@ -76,11 +77,11 @@ def _register(context: click.Context, _parameter: click.Parameter, files: tuple[
         plugins.load_files(files)
 
 
-_LEARNER = "meanflock.learner"  # in the `meta` of a context
+_LEARNER, _UNTIL = "meanflock.learner", "meanflock.until"  # in the `meta` of a context
 
 
 def _take_learner(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
-    """Register the file of `--learner`, and keep the learner's name for `_with_learner`."""
+    """Register the file of `--learner`, and keep the learner's name for `_with_flags`."""
     if given is None or context.resilient_parsing:
         return
     from meanflock.settings import learner_named
@@ -89,10 +90,16 @@ def _take_learner(context: click.Context, _parameter: click.Parameter, given: st
         context.meta[_LEARNER] = learner_named(given)
 
 
-def _with_learner(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
-    """The settings, and that of `--learner`."""
-    learner = context.meta.get(_LEARNER)
-    return settings if learner is None else (*settings, f"training.learner={learner}")
+def _take_until(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
+    """Keep the bound of `--until` for `_with_flags`."""
+    if given is not None:
+        context.meta[_UNTIL] = given
+
+
+def _with_flags(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
+    """The settings, and those of `--learner` and `--until`."""
+    flags = {"training.learner": context.meta.get(_LEARNER), "until": context.meta.get(_UNTIL)}
+    return (*settings, *(f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None))
 
 
 class _MethodOption(click.Option):
@@ -122,7 +129,7 @@ _OF_A_SCENARIO = {
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=completion.keys,
-        callback=_with_learner,
+        callback=_with_flags,
         help="Set any key of the scenario, e.g. wind.sigma=0.2; repeatable.",
     ),
     "learner": click.option(
@@ -133,6 +140,14 @@ _OF_A_SCENARIO = {
         is_eager=True,  # before --set, which gets its key
         shell_complete=completion.learners,
         help="Train with a learner while UAVs fly; the --method must share no model.",
+    ),
+    "until": click.option(
+        "--until",
+        metavar="METRIC=VALUE",
+        callback=_take_until,
+        expose_value=False,
+        is_eager=True,  # before --set, which gets its key
+        help="End the flight with the round that reaches this mean over UAVs, e.g. accuracy=0.9 or loss<=0.3.",
     ),
     "plugin": click.option(
         "--plugin",

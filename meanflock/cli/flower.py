@@ -49,7 +49,7 @@ Client.app.half(Client.app.client)  # before processes are forked, which share i
 @click.argument("app", metavar="APP_DIR", type=PATH)
 @click.option("--mission", metavar="SCENARIO", help="Scenario that is flown.  [default: paper]")
 @click.option("--run-config", metavar="'KEY=VALUE …'", default="", help="Configuration over that of the app.")
-@scenario_arguments("method", "uavs", "seed", "duration", "settings", "plugin")
+@scenario_arguments("method", "uavs", "seed", "duration", "settings", "until", "plugin")
 @in_process_option
 @uavs_per_process_option
 @out_option("runs", "Where run folders are made.")

@@ -23,7 +23,7 @@ from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
 @click.command()
-@scenario_arguments("file", "method", "uavs", "settings", "learner", "plugin")
+@scenario_arguments("file", "method", "uavs", "settings", "learner", "until", "plugin")
 @uavs_per_process_option
 @out_option("runs", "Where run folders would be made.")
 @click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")

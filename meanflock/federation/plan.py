@@ -16,7 +16,7 @@ from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import LeaderLoss
 from meanflock.swarm.plugins import PluginKind
-from meanflock.swarm.scenario import Scenario, Sharing, with_payloads
+from meanflock.swarm.scenario import Scenario, Sharing, Until, with_payloads
 
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
@@ -64,6 +64,7 @@ class Plan:
             )
         self._check_codings()
         self._check_resumable()
+        self._check_until()
         self._check_silence()
         self.hops = self._hops()
         for one in (scenario, self.scenario):
@@ -120,6 +121,21 @@ class Plan:
             raise BadInput(
                 f"scenario: `faults` has a standby leader, which cannot go on with the rule "
                 f"{self.scenario.federation.aggregation}: its state is in one process; leave out `standby`"
+            )
+
+    def _check_until(self) -> None:
+        """Validates that something reports the metric of `until`."""
+        if self.scenario.until is None:
+            return
+        metric = Until.of_text(self.scenario.until).metric
+        rule = plugins.load("aggregator", self.scenario.federation.aggregation)
+        if not self.declared.is_federated or not (
+            metric in self.declared.diagnostics or getattr(rule, "reports_metrics", False)
+        ):
+            names = ", ".join(self.declared.diagnostics) if self.declared.is_federated else ""
+            raise BadInput(
+                f"scenario: `until` names {metric}, which {self.scenario.method} does not report at the end of a round"
+                + (f"; it reports {names}" if names else "; take a method or a learner that shares a model")
             )
 
     def _check_codings(self) -> None:

@@ -27,6 +27,7 @@ class FlowerServer(Aggregator):
 
     client: ClassVar[type[FlowerClient]]
     asked_void = True
+    reports_metrics = True
     resumable = False
 
     class Options(NoOptions, frozen=True):

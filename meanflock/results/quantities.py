@@ -283,6 +283,15 @@ SUMMARY = (
     Field("steered", "", "null if no client could steer"),
     Field("steered.uav_ticks", "1", "commands replaced by those of clients; one for each UAV and tick"),
     Field("steered.replayable", "", "false if a client steered: scenario and seed do not fly it again"),
+    Field("until", "", "null without the key `until`"),
+    Field("until.metric", "", "the metric of the key"),
+    Field("until.value", "", "its bound"),
+    Field("until.reached", "", "whether a round reached it"),
+    Field("until.round", "1", "the first round that did; null if none did, as the next ones"),
+    Field("until.time_s", "s", "simulated time at the end of that round"),
+    Field("until.bits", PAYLOAD, "payload of all traffic up to then"),
+    Field("until.airtime_s", "s", "airtime of all traffic up to then"),
+    Field("until.energy_J", ENERGY, "energy of all UAVs up to then: motion, radio and controllers"),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
 

@@ -162,6 +162,7 @@ class Aggregator:
     asked_void: ClassVar[bool] = False  # true: `step` is called in rounds in which no model arrived, too
     note_bytes: ClassVar[int] = 0  # most bytes of the note that is broadcast with a global model
     state_bytes: ClassVar[int] = 0  # most bytes of a state whose uint8 arrays change their lengths; 0: none does
+    reports_metrics: ClassVar[bool] = False  # whether an `Aggregate` of it has metrics
     resumable: ClassVar[bool] = True  # false: its state is not in `state`, so a flight cannot be resumed or taken over
 
     def __init_subclass__(cls, **more: Any) -> None:

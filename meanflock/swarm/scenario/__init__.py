@@ -24,4 +24,5 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     VehicleTable,
     Wind,
 )
+from meanflock.swarm.scenario.until import Until  # noqa: F401
 from meanflock.swarm.scenario.values import as_builtins, toml_text, validated  # noqa: F401

@@ -15,6 +15,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.faults import Fault
 from meanflock.swarm.scenario import mean_field, tables
 from meanflock.swarm.scenario.described import LATER, OURS, PRINTED, key, keys_of
+from meanflock.swarm.scenario.until import Until
 from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, with_keys
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -90,6 +91,19 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             "little of interest follows the last arrival; `duration` continues the flight",
         ),
     ] = "arrival"
+    until: (
+        Annotated[
+            str,
+            key(
+                "the flight also ends with the round in which the mean over UAVs of a diagnostic, or a metric of the "
+                "aggregation rule, reaches a bound, as in accuracy=0.9 (at least) or loss<=0.3; unset: no bound",
+                OURS,
+                "the paper flies to the destination",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
     start: tables.Start = field(default_factory=tables.Start)
     destination: tables.Destination = field(default_factory=tables.Destination)
     obstacles: Annotated[
@@ -168,6 +182,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             raise ValueError(
                 f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
             )
+        if self.until is not None:
+            Until.of_text(self.until)
         if self.duration < self.dt:
             raise ValueError(f"`duration` {self.duration} s is shorter than one tick, `dt` {self.dt} s")
         for name, drag in (("wind.drag", self.wind.drag), ("truth.drag", self.truth.drag)):
