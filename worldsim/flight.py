@@ -186,6 +186,8 @@ class Flight(Stateful):
         self.last_arrival = -1
         self.books = Books(scenario, self._physics, self.states)
         self.noise = Noise(scenario)
+        self._max_ticks = scenario.max_ticks
+        self._ends_with_arrivals = scenario.stop == "arrival"
         self._sort()
         self._observe(self.states, self.on_way)
 
@@ -263,9 +265,7 @@ class Flight(Stateful):
     @property
     def over(self) -> bool:
         """Returns whether the mission has ended."""
-        if self.tick >= self.scenario.max_ticks:
-            return True
-        return self.scenario.stop == "arrival" and not np.count_nonzero(self.status == FLYING)
+        return self.tick >= self._max_ticks or (self._ends_with_arrivals and not self._any_flying)
 
     @property
     def collisions(self) -> int:
@@ -348,6 +348,7 @@ class Flight(Stateful):
         waiting = self.launch_tick > self.tick
         lost = self.lost
         self.any_lost = bool(lost.any())
+        self._any_flying = bool(flying.any())
         is_waiting = bool(waiting.any())
         self.waiting: Mask | None = waiting if is_waiting else None
         self.idle: Mask | None = waiting | lost if is_waiting or self.any_lost else None

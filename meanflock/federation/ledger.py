@@ -40,19 +40,8 @@ class Ledger(Stateful):
     """
 
     stored = (
-        *(
-            "rounds",
-            "rounds_void",
-            "late",
-            "silent",
-            "isolated",
-            "retries",
-            "_averaged",
-            "newest",
-            "rule_record",
-            "is_done",
-        ),
-        *("transmissions", "_reception", "_mailboxes", "accounts"),
+        *("rounds", "rounds_void", "late", "silent", "isolated", "retries", "_averaged", "newest"),
+        *("rule_record", "is_done", "transmissions", "_reception", "_mailboxes", "accounts"),
     )
 
     def __init__(self, plan: Plan) -> None:

@@ -1,6 +1,7 @@
 """`export`: the file that Foxglove and ROS 2 open, alone and as a bag, judged by readers of both."""
 
 import errno
+import json
 from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -165,3 +166,25 @@ def test_of_an_unfinished_run_the_flown_part_is_written(run, tmp_path, flown) ->
     (tmp_path / "summary.json").rename(flown.folder / "summary.json")
     assert (code, out) == (EXIT_DONE, "bag\n")
     assert err == f"{flown.folder}: the run did not finish; this is the flight up to tick 200\n"
+
+
+def test_the_radio_of_a_flight_says_what_became_of_every_upload(run, tmp_path: Path) -> None:
+    keys = {"federation.fraction": 0.8, "federation.period": 50, "federation.fragment": 1, "federation.retries": 1}
+    flight = mf.fly("lossy", uavs=6, duration=30, seed=2, out=tmp_path, **keys)
+    code, printed, _ = run("export", str(flight.folder), "--radio", "out/radio.json", "--quiet")
+    assert (code, printed) == (EXIT_DONE, "out/radio.json\n")
+    table = json.loads(Path("out/radio.json").read_text())
+    assert (table["uavs"], table["round_s"]) == (6, 5.0)
+    by_round = Counter(one["round"] for one in table["uploads"])
+    rounds = flight.rounds().to_pylist()
+    assert by_round == {row["round"]: row["sent"] for row in rounds}
+    for row in rounds:
+        of_round = [one for one in table["uploads"] if one["round"] == row["round"]]
+        assert sum(one["arrived"] > 0 for one in of_round) == row["received"]
+        assert all((one["delay_s"] is None) == (one["arrived"] == 0) for one in of_round)
+    assert {one["arrived"] for one in table["uploads"]} - {0.0, 1.0}  # some in part
+    code, _, error = run(
+        "export", str(mf.fly(method="hjb", uavs=2, duration=2, out=tmp_path).folder), "--radio", "r.json"
+    )
+    assert code == EXIT_BAD_INPUT
+    assert "no model was uploaded in this run" in error
