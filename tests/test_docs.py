@@ -39,9 +39,7 @@ EXECUTED = [
     "containers",
 ]  # whole, each in a folder of its own
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PRIVATE = (
-    r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|hearsay|spoken|plain ticks?|by their bytes)\b"
-)
+PRIVATE = r"\b(doors?|house|tour|minds?|chorus|reflex(es)?|siblings?|hearsay|spoken|plain ticks?|by their bytes)\b"
 VERBS = {" ".join(path): command for path, command in commands().items() if not isinstance(command, click.Group)}
 
 

@@ -118,8 +118,8 @@ class Controller:
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
-    note_bytes: int = 0  # most bytes of a note that is sent with a model, 16 bits more
-    dated: bool = False  # whether each model is sent with the round that `based` returns, 48 bits more
+    note_bytes: int = 0  # most bytes of a note that is sent with a model, 48 bits more
+    dated: bool = False  # whether each model is sent with the round that `based` returns, in the same 48 bits
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""
