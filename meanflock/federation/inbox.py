@@ -87,7 +87,7 @@ class Round:
         self.weights[where] = pieces.weights[chosen]
         self.behind[where] = pieces.behind[chosen]
         if self._codec.form.head:
-            first = pieces.places == 0
+            first = new & (pieces.places == 0)
             self.heads[place[first]] = pieces.heads[first]
         self.arrived[target, place[row], pieces.places[row]] = True
 
