@@ -120,7 +120,7 @@ class Controller:
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
     note_bytes: int = 0  # most bytes of a note that is sent with a model, 48 bits more
-    dated: bool = False  # whether each model is sent with the round that `based` returns, 48 bits more
+    dated: bool = False  # whether each model is sent with the round that `based` returns, in the same 48 bits
     busy: str = ""  # diagnostic that is 1 while a row trains, else 0; empty if none does
 
     def __init__(self, options: Any, scenario: Scenario) -> None:

@@ -16,7 +16,7 @@ from meanflock.federation.rule import Rule, RuleFailed
 from meanflock.federation.rules.base import Aggregate, State
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop
-from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import decode_record, encode_record
 
@@ -69,6 +69,11 @@ class Averager:
         self._floats = plan.declared.parameters
         self._rule = Rule(plan) if hop.averages == "models" else None
         state = {} if self._rule is None else self._rule.begin()
+        if self._rule is not None and self._rule.state_bytes and hop.role != "leader":
+            raise BadInput(
+                f"`federation.aggregation` {plan.scenario.federation.aggregation} has a state whose length changes, "
+                "which a leader keeps, and no other UAV; set `federation.topology` to leader"
+            )
         self._places = node.searchsorted(uavs) if len(node) else np.zeros(len(uavs), dtype=np.intp)
         self._states: dict[str, Any] = {  # by place; only the leader's may change their lengths
             name: np.repeat(array[None], len(node), axis=0) if len(node) else [array] for name, array in state.items()
@@ -163,7 +168,7 @@ class Averager:
         after, aggregate = self._rule.step(before, round_.uploads(row))
         for name, array in after.items():
             self._states[name][place] = array
-        self._is_done, self._metrics = aggregate.done, aggregate.metrics
+        self._is_done, self._metrics = aggregate.done and self.hop.role == "leader", aggregate.metrics
         return aggregate
 
 

@@ -87,7 +87,7 @@ class Round:
         self.weights[where] = pieces.weights[chosen]
         self.behind[where] = pieces.behind[chosen]
         if self._codec.form.head:
-            first = pieces.places == 0
+            first = new & (pieces.places == 0)
             self.heads[place[first]] = pieces.heads[first]
         self.arrived[target, place[row], pieces.places[row]] = True
 
@@ -144,9 +144,9 @@ class Round:
     def all_uploads(self) -> Uploads:
         """All models, whoever received them; slots, which differ by receiver, are 0."""
         nowhere = np.zeros(len(self.senders), dtype=np.int64)
-        return _Lazy(
-            self, self.values, np.logical_or.reduce(self.arrived), self.senders, self.sent, nowhere, self.weights, None
-        )
+        arrived = np.logical_or.reduce(self.arrived)
+        headed = arrived[:, 0]
+        return _Lazy(self, self.values, arrived, self.senders, self.sent, nowhere, self.weights, self.heads, headed)
 
     @property
     def own_uploads(self) -> Uploads:
@@ -161,7 +161,8 @@ class Round:
         arrived = self.arrived[row, here]
         values = (self.values if len(here) == len(self.values) else self.values[here]).astype(np.float64)
         counts = self.weights[here] * arrived
-        sent, slots, heads = self.sent[here], self.slots[row, here], self.heads[here]
+        sent, slots, headed = self.sent[here], self.slots[row, here], arrived[:, 0]
+        heads = self.heads[here] * headed[:, None]
         if not arrived.all():  # fragments that only other UAVs received, or that came again later
             values[~arrived] = 0.0
         if len(uavs) < len(here):  # parts of earlier and of later models of the same UAVs
@@ -170,8 +171,7 @@ class Round:
             values = np.add.reduceat(values, first, axis=0)
             counts = np.add.reduceat(counts, first, axis=0)
             arrived = np.logical_or.reduceat(arrived, first, axis=0)
-            slots, sent, heads = np.add.reduceat(slots, first), sent[last], heads[last]
-        heads = heads * arrived[:, :1]
+            slots, sent, heads, headed = np.add.reduceat(slots, first), sent[last], heads[last], headed[last]
         if self.own is not None:
             uav = self.uavs[row]
             at = int(uavs.searchsorted(uav))
@@ -181,8 +181,8 @@ class Round:
             counts = np.insert(counts, at, self.own.samples[row], axis=0)
             values = np.insert(values, at, self._codec.fragments(self.own.models[row : row + 1])[0], axis=0)
             arrived = np.insert(arrived, at, True, axis=0)
-            heads = np.insert(heads, at, 0, axis=0)
-        return _Lazy(self, values, arrived, uavs.astype(np.intp), sent, slots, counts, heads)
+            heads, headed = np.insert(heads, at, 0, axis=0), np.insert(headed, at, False)
+        return _Lazy(self, values, arrived, uavs.astype(np.intp), sent, slots, counts, heads, headed)
 
     def means(self, rows: Indices, factors: Floats, own_factors: Floats | None = None) -> Floats:
         """Weighted means (R, L) of the models that the UAVs at places `rows` (R,) received, 0 where nothing arrived.
@@ -232,12 +232,13 @@ class _Lazy(Uploads):
         sent: NDArray[np.integer],
         slots: NDArray[np.integer],
         counts: Floats,
-        heads: NDArray[np.uint8] | None,
+        heads: NDArray[np.uint8],
+        headed: Mask,
     ) -> None:
-        """Values (S, F, n), what arrived (S, F) and counts (S, F), 0 where nothing did."""
+        """Values (S, F, n), what arrived (S, F) and counts (S, F), 0 where nothing did; `headed` (S,): heads that
+        arrived."""
         self._codec, self._values, self._arrived = round_._codec, values, arrived
-        heads = round_.heads if heads is None else heads
-        based = based_of(heads) if heads.shape[1] else None
+        based = np.where(headed, based_of(heads), sent - 1) if heads.shape[1] else None
         self._tell(uavs, sent, slots, counts.max(axis=1, initial=0.0), round_.number, based, notes_of(heads))
 
     @cached_property

@@ -215,7 +215,7 @@ class Ledger(Stateful):
                 self._again.append(id(cut))
                 if (account := self._accounts.get(one.frames.round)) is not None:
                     account.retries += one.again - before
-        self._transmissions = [one for one in self._transmissions if not one.is_over]
+        self._transmissions = [one for one in self._transmissions if not one.is_over(tick)]
         return on_air
 
     def _wanted(self, hop: Hop, frames: Frames) -> Mask:
@@ -263,6 +263,8 @@ class Ledger(Stateful):
             note(FragmentsReceived(tick, last, *end))
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
+                continue
+            if self.is_done and number not in self._accounts:  # it opened after the last one that the rule wanted
                 continue
             self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
@@ -329,7 +331,7 @@ class Ledger(Stateful):
     def _open_accounts(self, tick: int, frames: Iterable[Frames], awake: NDArray[np.bool_]) -> None:
         """Counts who sends in the rounds that open in this tick, and who is silent."""
         for hop in self._hops:
-            if hop.mail is None and (number := self._schedule.number(hop, tick)):
+            if hop.mail is None and not self.is_done and (number := self._schedule.number(hop, tick)):
                 sent = [uav for batch in frames if batch.kind == hop.label for uav in distinct(batch.source).tolist()]
                 participants = self._schedule.participants(number)
                 present = int(awake[participants].sum())

@@ -39,6 +39,7 @@ class Transmission:
         self.again = 0
         self._places = hop.codec.places(frames.payload)
         self._wanted = wanted
+        self._own = np.zeros(len(frames.source), dtype=bool)  # (R,) fragments that their senders have received
         self._turn = 0  # first place of the next turn
         self._left, self._due, self._attempt_ticks = retries, tick + attempt_ticks, attempt_ticks
         self._is_first = True  # attempt
@@ -47,9 +48,14 @@ class Transmission:
         self._known = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that were acknowledged
 
     @property
-    def is_over(self) -> bool:
-        """Returns whether nothing is transmitted any more."""
-        return self._turn >= self.hop.codec.count and not self._left
+    def _repeats(self) -> bool:
+        """Returns whether anything may be, or was, transmitted again."""
+        return self._left > 0 or not self._is_first
+
+    def is_over(self, tick: int) -> bool:
+        """Returns whether nothing is transmitted any more, and nothing that was transmitted again is on its way."""
+        is_sent = self._turn >= self.hop.codec.count and not self._left
+        return is_sent and (tick >= self._due or not self._repeats)
 
     def next(self, tick: int, awake: Mask, acknowledge: Acknowledge) -> Frames | None:
         """The fragments whose turn it is, of the UAVs that are awake (N,); None for none."""
@@ -75,8 +81,8 @@ class Transmission:
         return Frames(frames.kind, frames.round, frames.source[going], frames.payload[going])
 
     def follow(self, links: NDArray[np.int32]) -> None:
-        """Takes notice of the links (K, 5) over which it was transmitted in this tick; only if it may be again."""
-        if not self._left:
+        """Takes notice of the links (K, 5) over which it was transmitted in this tick; only if anything repeats."""
+        if not self._repeats:
             return
         used = links[links[:, 3] == self.hop.label, 1:3].astype(np.intp)
         pairs = np.unique(np.concatenate([self._pairs, used[np.isin(used[:, 0], self.frames.source)]]), axis=0)
@@ -97,10 +103,13 @@ class Transmission:
         source, fragment = frames.source[row], self.hop.codec.places(frames.payload)[row]
         by_radio = source != target
         pair = _places(self._pairs, np.stack([source, target], axis=-1)[by_radio].astype(np.intp))
+        own = self._rows(source[~by_radio], fragment[~by_radio])
         is_new = np.ones(len(links), dtype=bool)
         is_new[by_radio] = ~self._reached[pair, fragment[by_radio]]
+        is_new[~by_radio] = ~self._own[own]
         hears = awake[target[by_radio]]
         self._reached[pair[hears], fragment[by_radio][hears]] = True
+        self._own[own[awake[target[~by_radio]]]] = True
         if is_new.all():
             return frames
         return (
@@ -112,7 +121,7 @@ class Transmission:
     def fields(self) -> list[Any]:
         """All of it."""
         attempt = [self._turn, self._left, self._due, self._attempt_ticks, self._is_first, self.again]
-        return [self.frames, self._wanted, attempt, self._pairs, self._reached, self._known]
+        return [self.frames, self._wanted, attempt, self._pairs, self._own, self._reached, self._known]
 
     @classmethod
     def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
@@ -128,9 +137,15 @@ class Transmission:
             restored._is_first,
             restored.again,
         ) = attempt
-        restored._pairs = pairs
-        restored._reached, restored._known = (mask.astype(bool) for mask in masks)
+        restored._pairs = pairs.astype(np.intp)
+        restored._own, restored._reached, restored._known = (mask.astype(bool) for mask in masks)
         return restored
+
+    def _rows(self, source: NDArray[np.integer], fragment: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The rows of some fragments."""
+        count = self.hop.codec.count
+        every = self.frames.source.astype(np.intp) * count + self._places
+        return every.searchsorted(source.astype(np.intp) * count + fragment)
 
     def _acknowledge(self, awake: Mask, acknowledge: Acknowledge) -> None:
         """Lets every UAV that received something say what; fragments that a sender has no word of are wanted again."""

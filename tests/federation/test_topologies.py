@@ -77,6 +77,7 @@ CLUSTERS = ("federation.topology=clusters", "federation.clusters=2")
 # A tick transmits one of a dozen fragments and more.
 FRAGMENTS = ("radio.coherence_time_s=0.0125", "radio.bandwidth_hz=800", "radio.target_snr_db=109", "uavs=6")
 FRAGMENTS += ("federation.fragment=3", "federation.period=45", "federation.fraction=1.0", "controller.length=360")
+RETRIES, AGAIN = (("federation.retries=3", "federation.period=90"), ("federation.retries=1", "federation.period=90"))
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "a ring": ("mfgfl-h", (*SLOW, "federation.payload=int8")),
     "clusters": ("mfgfl-h", (*SLOW, *CLUSTERS, SILENT)),
@@ -88,6 +89,12 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "fragments to heads, weighted": ("long", (*FRAGMENTS, *CLUSTERS, "controller.by_samples=true")),
     "fragments to neighbours, some silent": ("long", (*FRAGMENTS, NEIGHBOURS, SILENT)),
     "fragments to neighbours with a median": ("long", (*FRAGMENTS, NEIGHBOURS, MEDIAN)),
+    "retries to a leader": ("mfgfl-h", (*SLOW, LEADER, *RETRIES)),
+    "retries to heads": ("mfgfl-h", (*SLOW, *CLUSTERS, *RETRIES)),
+    "retries to neighbours": ("mfgfl-h", (*SLOW, NEIGHBOURS, MEDIAN, *RETRIES)),
+    "fragments to a leader, again": ("long", (*FRAGMENTS, LEADER, "federation.payload=int8", *AGAIN)),
+    "fragments to heads, again": ("long", (*FRAGMENTS, *CLUSTERS, "controller.by_samples=true", *AGAIN)),
+    "fragments to neighbours, again, in part": ("long", (*FRAGMENTS, NEIGHBOURS, *AGAIN, "federation.share=0.5")),
 }
 STEADY = ("trajectory_sha256", "models_sha256", "payload_bits", "rounds", "rounds_void", "uploads_silent")
 STEADY += ("weight_spread_final", "dropped_messages")

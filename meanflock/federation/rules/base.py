@@ -31,7 +31,7 @@ class Uploads:
         arrived: (S, parameters) whether each number of a model arrived.
         round: the number of the round, from 1 on.
         based: (S,) the round of the global model that each training began with, 0 for that of take-off, as
-            `Controller.based` returns it; else `sent` − 1.
+            `Controller.based` returns it; else, or where that was lost, `sent` − 1.
         notes: bytes that came with each model, as `Controller.note` returns them; empty where they were lost.
     """
 
@@ -101,7 +101,8 @@ class Aggregate(NamedTuple):
     """What a rule makes of a round, if that is more than a model.
 
     model: (parameters,); None: nothing is broadcast. note: bytes that are broadcast with it, at most `note_bytes`.
-    done: no round follows: UAVs upload nothing any more. metrics: finite numbers by name, recorded with the round.
+    done: no round follows: UAVs upload nothing any more; only a leader can say so. metrics: finite numbers by name,
+        recorded with the round.
     """
 
     model: Floats | None
