@@ -21,10 +21,10 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
 from meanflock.launch.engine import Engine
+from meanflock.net import tick as wire
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.agent import nodes
 from tests.federation.plugins import Long
