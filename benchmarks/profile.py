@@ -40,7 +40,7 @@ LEARNER: list[Part] = [
     ("meanflock.net.client:NodeClient.handle", "agent: protocol"),
 ]
 CODEC: list[Part] = [
-    (f"meanflock.swarm.wire.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
+    (f"meanflock.net.tick:{name}", "codec") for name in ("read_sense", "read_act", "write_sense", "write_act")
 ]
 WORLD: list[Part] = [
     ("meanflock.worldsim.world:World.ask", "world, the rest of the tick"),

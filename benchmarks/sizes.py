@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 
 from meanflock.federation.plan import plan_of
+from meanflock.net import tick
 from meanflock.net.keys import fingerprint
 from meanflock.swarm import scenario, state
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.scenario import Radio
-from meanflock.swarm.wire import tick
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 

@@ -8,7 +8,7 @@ import msgpack
 
 from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms
-from meanflock.swarm.wire import tick
+from meanflock.net import tick
 from meanflock.swarm.wire.messages import Act, Frames, Sense
 
 TITLE = "Bytes and codec"

@@ -20,6 +20,7 @@ from meanflock.federation.rules.base import mean
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
 from meanflock.net import process
+from meanflock.net.tick import write_act
 from meanflock.results import statistics
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced, table
@@ -29,7 +30,6 @@ from meanflock.swarm.declared import controller
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
-from meanflock.swarm.wire.tick import write_act
 
 PAGE = published.DOCS / "communication.md"
 FIRST_SEED = 98101

@@ -9,7 +9,6 @@ from meanflock.channel.meter import Meter
 from meanflock.federation.ledger import Ledger
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Mask
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import FrameKind, Frames
 
 Rejected: TypeAlias = tuple[MessageRejected, str]  # why, and whose frames
@@ -50,7 +49,7 @@ class FrameMerger:
         if b"\0" in awake.tobytes():  # faster than awake.all()
             batches = [part for batch in batches if (part := _by_awake(batch, awake)) is not None]
         for batch in batches:
-            meter.wire(batch.kind, wire.bytes_of_batch(batch))
+            meter.wire(batch.kind, batch.wire_bytes)
         return _join(batches) if batches else None
 
     def _in_round(self, tick: int, batches: list[Frames], rejected: list[Rejected]) -> list[Frames]:

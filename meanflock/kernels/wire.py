@@ -36,6 +36,7 @@ _HEAD = struct.Struct(">BBBIBIBBIB")
 _BATCH = struct.Struct(">BBBIBBI")
 _COUNT = struct.Struct(">BH")
 _BYTES = struct.Struct(">BI")
+BATCH_BYTES = _BATCH.size + 3 * _BYTES.size  # of a batch around its sources, payload and links
 _Batches = Annotated[list[tuple[int, int, int, int, bytes, bytes, bytes]], msgspec.Meta(max_length=2**16 - 1)]
 _SENSE = msgspec.msgpack.Decoder(tuple[int, int, int, int, int, int, bytes, bytes, _Batches])
 _ACT = msgspec.msgpack.Decoder(tuple[int, int, int, int, int, int, bytes, bytes, bytes, bytes, bytes, bytes, _Batches])

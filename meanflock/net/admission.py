@@ -14,6 +14,7 @@ from meanflock.net.bus import Bus, Delivery
 from meanflock.net.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.net.members import LEADER, JoinRefused, Member, Members
 from meanflock.net.outbox import Outbox
+from meanflock.net.tick import TYPES
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.events import (
@@ -28,7 +29,6 @@ from meanflock.swarm.events import (
 )
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Acknowledgement, Event, Join, Message, Ready, Refusal, Stop, Welcome
-from meanflock.swarm.wire.tick import TYPES
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import MAX_DROP_EVENTS
 from meanflock.worldsim.world import World

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.plan import Plan
 from meanflock.net import keys
+from meanflock.net import tick as wire
 from meanflock.net.bus import Bus
 from meanflock.net.members import LEADER, Member
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import Floats, States, contains
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 

@@ -12,11 +12,11 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")

@@ -12,11 +12,11 @@ from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Rece
 from meanflock.agent.node import Agent
 from meanflock.launch import engine
 from meanflock.launch.engine import Engine
+from meanflock.net import tick as wire
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, Status
 from tests.agent import nodes
 from tests.telemetry import fly

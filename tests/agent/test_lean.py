@@ -16,7 +16,8 @@ import sys
 import meanflock.agent.__main__
 import numpy as np
 from meanflock.agent.node import Agent
-from meanflock.swarm.wire import control, tick
+from meanflock.net import tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import FrameKind, Frames, Sense, Welcome
 
 plan = np.arange(16, dtype="<f4").reshape(4, 4)

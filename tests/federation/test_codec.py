@@ -17,11 +17,11 @@ from meanflock.federation.codings.int8 import STEPS
 from meanflock.federation.cut import coding_of
 from meanflock.federation.memory import Feedback
 from meanflock.federation.plan import plan_of
+from meanflock.net import tick as wire
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.agent import nodes
 from tests.federation.plugins import Nibbles, Signs

@@ -19,9 +19,9 @@ from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.clusters import Division
 from meanflock.launch.engine import Engine
 from meanflock.leader.node import Leader
+from meanflock.net import tick as wire
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.agent.nodes import flown, sense, welcome
 from tests.faults.clusters import CLEAR, FLOATS, PERIOD, ROUGH

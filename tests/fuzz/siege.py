@@ -12,14 +12,14 @@ import psutil
 
 from meanflock.launch.station import Station
 from meanflock.leader.node import Leader
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.net.bus import Delivery, MemoryNetwork
 from meanflock.net.client import NodeClient
 from meanflock.recording.recorder import Recorder
 from meanflock.results.run_folder import RunFolder
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
     Acknowledgement,
     Act,

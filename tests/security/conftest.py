@@ -18,13 +18,13 @@ from meanflock.launch.certs import HOSTS, Authority, names
 from meanflock.launch.engine import Engine
 from meanflock.launch.processes import free_endpoint
 from meanflock.leader.node import Leader
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.net.access import LEADER, OBSERVER, WORLD, Identity
 from meanflock.net.bus import Bus
 from meanflock.net.client import NodeClient
 from meanflock.net.session import ZenohBus
 from meanflock.swarm import scenario
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Join
 from tests.polling import DEADLINE_S, until
 

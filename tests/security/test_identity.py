@@ -14,13 +14,13 @@ from meanflock.bridge.observer import Observer
 from meanflock.federation.plan import plan_of
 from meanflock.launch.processes import free_endpoint
 from meanflock.launch.station import StoredTelemetry
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.net.access import LEADER, OBSERVER, STATION, Identity, secured
 from meanflock.net.limits import Limits, Quotas
 from meanflock.net.session import _COMMON, ZenohBus, _config, _tls
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BusError
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Acknowledgement, Act, FrameKind, Frames, Join, Welcome
 from tests.polling import DEADLINE_S, until
 from tests.security.conftest import (

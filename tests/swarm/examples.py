@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 
 from meanflock.kernels.wire import SENSE
+from meanflock.net import tick
 from meanflock.swarm.events import Collided, RoundEnded
-from meanflock.swarm.wire import control, messages, tick
+from meanflock.swarm.wire import control, messages
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
 GOLDEN = Path(__file__).parents[1] / "golden"

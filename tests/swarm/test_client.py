@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from meanflock.agent.node import Agent
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery, MemoryNetwork
 from meanflock.net.client import NodeClient, take_part
 from meanflock.swarm.errors import BusError, Refused, WorldGone
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Join, Message, Refusal, Sense, Stop, Welcome
 from tests.polling import DEADLINE_S
 

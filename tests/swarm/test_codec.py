@@ -15,10 +15,10 @@ from hypothesis.extra import numpy as hnp
 
 from meanflock.kernels import wire
 from meanflock.kernels.wire import ACT, SENSE
-from meanflock.net import keys
+from meanflock.net import keys, tick
 from meanflock.swarm import events
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, FrameKind, Frames, Join, Ready, Refusal, Sense, Stop, Welcome
 from tests.swarm.conftest import Backend
 from tests.swarm.examples import DTYPES, EXAMPLES, GOLDEN, TYPES, arrays_in, read, same, written
@@ -106,7 +106,7 @@ def test_a_message_is_read_as_it_was_written_by_us_and_by_other_libraries(messag
 def test_the_size_of_a_batch_in_a_message_is_known_beforehand(batch: Frames) -> None:
     silent = Frames(batch.kind, batch.round, batch.source, batch.payload)
     without, with_it = (tick.write_sense(Sense(1, 2, np.zeros((1, 4)), inbox=inbox)) for inbox in ((), (silent,)))
-    assert tick.bytes_of_batch(silent) == len(with_it) - len(without)
+    assert silent.wire_bytes == len(with_it) - len(without)
 
 
 @each_form

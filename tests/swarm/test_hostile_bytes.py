@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meanflock.kernels.wire import ACT, SENSE
+from meanflock.net import tick
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.wire import control, tick
+from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Ready, Sense, Welcome
 from tests.fuzz.mutation import Mutator
 from tests.swarm.conftest import REFERENCE, Backend, outcome

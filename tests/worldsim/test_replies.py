@@ -11,6 +11,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.net import keys
+from meanflock.net import tick as wire
 from meanflock.net.barrier import Barrier, Replies
 from meanflock.net.bus import MemoryNetwork
 from meanflock.net.members import Member
@@ -20,7 +21,6 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire import tick as wire
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from meanflock.worldsim import checkpoint
 from meanflock.worldsim.checkpoint import Assembly, Memories, split
@@ -91,7 +91,7 @@ def test_uploads_of_a_round_are_one_batch_billed_by_its_bytes_without_other_roun
     assert merged.source.tolist() == [0, 2]
     np.testing.assert_array_equal(merged.payload, np.concatenate([each.payload[:1] for each in kept]))
     assert [where for _, where in rejected] == ["frames of UAV 1", "frames of UAV 5"]
-    assert meter.traffic[FrameKind.UPLOAD].wire_bytes == 2 * wire.bytes_of_batch(upload(ALL, 0))
+    assert meter.traffic[FrameKind.UPLOAD].wire_bytes == 2 * upload(ALL, 0).wire_bytes
     assert merger.merged(TICK, batches[:1], np.ones(8, dtype=bool), meter)[0] == []
 
 

@@ -1,5 +1,5 @@
 """Control messages and records ⇄ MessagePack. Bytes from the network are not trusted: `decode` and `expect` check them.
-The messages of a tick have a layout of their own, see `wire/tick.py`.
+The messages of a tick have a layout of their own, see `net/tick.py`.
 
 An array travels as a msgpack extension: dtype code, number of axes, axes as 32-bit counts, then its little-endian
 buffer. Nothing is ever unpickled; a decoded array is a read-only view of the received bytes.

@@ -2,7 +2,7 @@
 
 Arrays are little-endian; the receiver checks their shapes with `control.expect`. N: number of UAVs of the swarm. M:
 number of UAVs of a node. K: number of diagnostics. W: number of weights that the controller reports. Sense and Act are
-sent in every tick, in a layout of their own (`wire/tick.py`); all others are control messages.
+sent in every tick, in a layout of their own (`net/tick.py`); all others are control messages.
 """
 
 import enum
@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
+from meanflock.kernels.wire import BATCH_BYTES
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.plugins import PluginKind
 
@@ -42,6 +43,11 @@ class Frames(msgspec.Struct, frozen=True, eq=False):
     payload: np.ndarray  # (S, L) numbers or (S, B) bytes, a row for each sender, see federation/coding.py
     links: np.ndarray | None = None  # (K, 2) i4, of received frames: [row of payload, receiving UAV]
     slots: np.ndarray | None = None  # (K,) i4, of models within the world: slots that each link took, 0 without radio
+
+    @property
+    def wire_bytes(self) -> int:
+        """Bytes of the batch without links in a message of a tick."""
+        return BATCH_BYTES + 4 * self.source.size + self.payload.nbytes
 
 
 def frames_of(fields: Sequence[Any]) -> Frames:

@@ -151,15 +151,5 @@ def _read(raw: bytes, kind: int, into: Floats | None, uavs: int = 0) -> Message:
         raise MessageRejected(reason, detail) from error
 
 
-def bytes_of_batch(frames: Frames) -> int:
-    """Bytes of a batch without links in a message."""
-    return _BATCH_BYTES + frames.source.size * _INT.itemsize + frames.payload.nbytes
-
-
 def _plain(array: np.ndarray, dtype: np.dtype = _FLOAT) -> np.ndarray:
     return np.ascontiguousarray(array, dtype=dtype)
-
-
-_BATCH_BYTES = len(kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",), [(0, 0, 0, 0, b"", b"", b"")])) - len(
-    kernels.write(SENSE, 0, 0, 0, 0, 0, b"", (b"",))
-)
