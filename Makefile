@@ -3,6 +3,7 @@
 
 .DEFAULT_GOAL := help
 VENV := .venv
+LEARNERS := .venv-learners
 BIN := $(VENV)/bin
 PYTHON ?=
 ARGS ?=
@@ -20,7 +21,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench peers fuzz soak robustness picture docs images up test-compose judges wheels constraints clean stale
+.PHONY: help run test check format bench learners peers fuzz soak robustness picture docs images up test-compose judges wheels constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -37,6 +38,9 @@ test: $(VENV)/.dev ## Run all tests but those of containers, judges and wheels (
 
 judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy needs Python 3.11)
 	@$(PYTEST) tests/judges $(ARGS)
+
+learners: $(LEARNERS)/.ready ## Fly models of PyTorch, in an environment of its own (PIP_EXTRA_INDEX_URL: for a torch without CUDA)
+	@$(LEARNERS)/bin/python -m pytest tests/judges/learners tests/agent/learning $(ARGS)
 
 wheels: $(VENV)/.dev ## Build the wheel, audit it, and fly with it on each Python that is here, in environments of its own
 	@$(PYTEST) tests/wheels $(ARGS)
@@ -97,7 +101,7 @@ constraints: ## Pin the newest versions within the ranges of pyproject.toml in c
 	cp "$$tmp/constraints.txt" constraints.txt; echo "constraints.txt: $$(grep -c == constraints.txt) packages"
 
 clean: ## Remove the environment, caches and build leftovers; runs/ stays
-	rm -rf $(VENV) .bench .docs site build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(LEARNERS) .bench .docs site build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # ---- set-up -----------------------------------------------------------------------------------------------------------
@@ -147,6 +151,13 @@ echo "$$(pwd -P)/$(VENV)/checkout" > "$$($(BIN)/python -c 'import sysconfig; pri
 $(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlink -f {} +); \
 pwd -P > $(VENV)/.home
 endef
+
+# Torch and Flower need other versions of some libraries than the rest: constraints-learners.txt.
+$(LEARNERS)/.ready: pyproject.toml setup.py constraints-learners.txt $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])
+	@set -eu; $(find_python); $(call make_venv,$(LEARNERS)); \
+	$(LEARNERS)/bin/python -m pip install -qq -c constraints-learners.txt -e '.[torch]' $$($(LEARNERS)/bin/python -c \
+	'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["learners"])')
+	@touch $@
 
 # What builds the site, at the version that the dependency group `docs` pins.
 .docs/.ready: pyproject.toml

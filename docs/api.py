@@ -31,7 +31,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "A learner": (
         "Trains a model while UAVs fly; see [train your PyTorch model](train-in-flight.md).",
-        ("Learner", "Fit", "Trained"),
+        ("Learner", "Fit", "Trained", "Tree"),
     ),
     "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),
@@ -46,6 +46,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Randomness": ("Random generators for your controller, drawn from the scenario's seed.", ("seeds",)),
     "Errors": ("", ("MeanflockError", "BadInput", "RunFailed")),
 }
+ALIASES = {"mf.Tree": "A dict or list of arrays, or of further dicts and lists. An array is NumPy's or torch's."}
 MEMBERS = {  # classes of which only these members are shown
     "Scenario": ("load", "replace", "save", "period_ticks", "participants", "max_ticks", "sha256"),
     "Plugin": (),
@@ -77,7 +78,9 @@ def page() -> str:
 
 def _entry(name: str, member: Any, members: tuple[str, ...] | None) -> Iterator[str]:
     yield from ("", f"### {name}", "")
-    if isinstance(member, ModuleType):
+    if name in ALIASES:
+        yield from ("```python", f"{name} = {member}".replace("typing.", ""), "```", "", ALIASES[name])
+    elif isinstance(member, ModuleType):
         yield from _prose(inspect.getdoc(member) or "")
         for one, function in inspect.getmembers(member, inspect.isfunction):
             if function.__module__ == member.__name__ and not one.startswith("_"):

@@ -6,12 +6,10 @@ meanflock run --method plan --learner examples/digits.py --uavs 10 --set federat
 import torch
 from sklearn.datasets import load_digits
 
-from meanflock.torch import TorchLearner  # first: it pins the kernels of torch
+from meanflock.torch import TorchLearner
 
 
 class Digits(TorchLearner):
-    """A network of 2,410 weights."""
-
     name = "digits"
     metrics = ("loss", "accuracy")
 
@@ -22,9 +20,9 @@ class Digits(TorchLearner):
         return torch.optim.SGD(parameters, lr=0.3)
 
     def data(self):
-        images, digits = (torch.as_tensor(array) for array in load_digits(return_X_y=True))
+        images, digits = self.tests().tensors
         mine = (digits == self.uav % 10) | (digits == (self.uav + 1) % 10)
-        return torch.utils.data.TensorDataset(images[mine].float() / 16, digits[mine])
+        return torch.utils.data.TensorDataset(images[mine], digits[mine])
 
     def tests(self):
         images, digits = (torch.as_tensor(array) for array in load_digits(return_X_y=True))

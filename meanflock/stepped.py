@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.controllers.filtered import Filter, of_inner
 from meanflock.agent.guarded import check_broadcasts
+from meanflock.agent.learning.controller import Learning
 from meanflock.agent.stepped import Command, External
 from meanflock.federation.plan import plan_of
 from meanflock.flying import Progress, prepared
@@ -128,7 +129,9 @@ class Stepped:
         (agent,) = self._engine.crew.agents
         controller = agent.controller
         self._is_filtered = isinstance(controller, Filter)
-        self._external = controller.inner if isinstance(controller, Filter) else controller
+        while isinstance(controller, Filter | Learning):
+            controller = controller.inner
+        self._external = controller
         self._ask()
 
     @threads.limited()

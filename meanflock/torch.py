@@ -23,8 +23,7 @@ from meanflock.swarm import threads
 from meanflock.swarm.errors import available
 from meanflock.swarm.scenario import Scenario
 
-threads.pin_torch()  # torch reads the variable when it computes for the first time
-with available("meanflock.torch", "torch"):
+with available("meanflock.torch", "torch"), threads.pinned_torch():
     import torch
     from torch.utils.data import DataLoader
 

@@ -34,6 +34,7 @@ EXECUTED = [
     "your-channel",
     "your-vehicle",
     "your-study",
+    "train-in-flight",
     "train-a-policy",
     "flower",
     "containers",

@@ -3,13 +3,17 @@
 import random
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
-from meanflock.swarm import threads
-from meanflock.swarm.errors import BadInput
+from meanflock.federation.rules.base import Uploads
+from meanflock.swarm import plugins, threads
+from meanflock.swarm.errors import FAILURES, BadInput
+from meanflock.swarm.scenario import Scenario
+
+_UPLOADS = 5  # of the round in which a rule is tried
 
 
 @contextmanager
@@ -93,3 +97,25 @@ class Generators:
         np.random.set_state(numpy)  # noqa: NPY002
         if torch is not None and outer is not None:
             torch.set_rng_state(outer)
+
+
+def check_rule(scenario: Scenario, parameters: int) -> None:
+    """Check that the aggregation rule draws from no global generator, which trainings in the same process seed.
+
+    Raises:
+        BadInput: it does.
+    """
+    federation = scenario.federation
+    if not getattr(plugins.load("aggregator", federation.aggregation), "resumable", True):
+        return  # it runs at intervals, with generators of its own
+    uavs = np.arange(min(scenario.uavs, _UPLOADS))
+    models = np.linspace(-1.0, 1.0, len(uavs))[:, None] * np.ones(parameters)
+    before = global_state()
+    with suppress(*FAILURES):  # the round reports it
+        rule = plugins.create("aggregator", federation.aggregation, federation.options, scenario)
+        rule.step(rule.init(parameters), Uploads.complete(models, 1, uavs))
+    if global_state() != before:
+        raise BadInput(
+            f"rule {federation.aggregation!r} draws from a global random generator, which trainings seed; draw from "
+            "mf.seeds.generator instead"
+        )

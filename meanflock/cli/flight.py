@@ -13,7 +13,7 @@ import click
 from meanflock.cli import display
 from meanflock.cli.arguments import load_scenario, warn_before_take_off
 from meanflock.launch import doctor as checks
-from meanflock.launch.memory import pair_bytes
+from meanflock.launch.memory import learner_memory, pair_bytes
 from meanflock.launch.options import Options, records
 from meanflock.launch.run import EndedRun, fly
 from meanflock.net.access import Address
@@ -156,7 +156,7 @@ def _records(wanted: bool | None, option: str, *, quiet: bool, log_format: str |
 def _refuse_if_too_large(flown: scenario.Scenario, in_process: bool, uavs_per_process: int) -> None:
     """Refuse a swarm that does not fit into memory."""
     processes = 0 if in_process else -(-flown.uavs // uavs_per_process)
-    needs = [checks.memory(flown.uavs, processes, pair_bytes(flown))]
+    needs = [checks.memory(flown.uavs, processes, pair_bytes(flown), learner_memory(flown))]
     needs += [checks.open_files(flown.uavs, uavs_per_process)] if processes else []
     for finding in needs:
         if finding.verdict == "fails":

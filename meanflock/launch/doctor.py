@@ -17,7 +17,7 @@ import psutil
 from meanflock import kernels
 from meanflock.channel.outlook import outlooks, remedies
 from meanflock.kernels import sources
-from meanflock.launch.memory import pair_bytes, shortage
+from meanflock.launch.memory import LearnerMemory, learner_memory, pair_bytes, shortage
 from meanflock.net.access import DEFAULT_ENDPOINT
 from meanflock.results.disk import OF_RUN, room
 from meanflock.swarm import logs
@@ -55,7 +55,7 @@ class Finding:
 def examine(scenario: Scenario, uavs_per_process: int, out: Path, tls: Path | None = None) -> list[Finding]:
     """Check everything that a run of a scenario needs."""
     uavs = scenario.uavs
-    needed_memory = memory(uavs, -(-uavs // uavs_per_process), pair_bytes(scenario))
+    needed_memory = memory(uavs, -(-uavs // uavs_per_process), pair_bytes(scenario), learner_memory(scenario))
     return [
         _python(),
         *map(_package, (*PACKAGES, *USES)),
@@ -124,9 +124,9 @@ def models(scenario: Scenario) -> list[Finding]:
     ]
 
 
-def memory(uavs: int, processes: int, pair_bytes: int = 0) -> Finding:
+def memory(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMemory | None = None) -> Finding:
     """Check whether a run fits into memory; arguments as of `needed_mb`."""
-    found, remedy = shortage(uavs, processes, pair_bytes)
+    found, remedy = shortage(uavs, processes, pair_bytes, learner)
     return Finding("memory", "fails" if remedy else "ok", found, remedy)
 
 

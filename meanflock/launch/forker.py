@@ -4,6 +4,7 @@ The launcher starts it with a socket, whose number is its first argument. When t
 it ends all that it has forked; when it dies itself, they end as if the launcher had died.
 """
 
+import importlib
 import os
 import socket
 import sys
@@ -25,6 +26,7 @@ with needed("a swarm", "world"):
     from meanflock.leader import __main__ as leader
     from meanflock.net.process import READY, Interrupted, main
     from meanflock.swarm import mission, plugins, scenario
+    from meanflock.swarm.declared import NO_LEARNER
     from meanflock.swarm.ending import end
     from meanflock.swarm.errors import EXIT_DONE, FAILURES, BadInput
     from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -78,7 +80,8 @@ class Server:
             if isinstance(order, Signal):
                 self._forks.signal(order.number, order.signal)
             elif isinstance(order, Prepare):
-                prepare(Path(order.scenario))
+                if prepare(Path(order.scenario)):
+                    self._reports.append(Loaded(forks.is_alone()))
             elif self._forks.fork(order.number):
                 self._channel.close()
                 _become(order, given)
@@ -86,17 +89,24 @@ class Server:
                 os.close(descriptor)
 
 
-def prepare(path: Path) -> None:
+def prepare(path: Path) -> bool:
     """Make an agent of a flight, so that the forks find the plug-ins loaded, and what all agents compute computed.
 
-    Only with built-in plug-ins: others are loaded by the agents that fly them, because they may start threads.
+    Plug-ins must be built in, because others may start threads when they are made; they are made by the agents that fly
+    them. A learner is made in any case: its libraries are large and slow to import. Returns whether there is one, so
+    that this process must be looked at for threads again.
     """
+    has_learner = False
     with suppress(BadInput, *FAILURES):  # the room that needs it says so
         flown = scenario.load(path)
+        has_learner = flown.training.learner != NO_LEARNER
         needed_plugins = [plugins.find(door, name) for door, name, _ in plugins_of(flown)]
-        if all(plugin.reference.startswith("meanflock.") for plugin in needed_plugins):
+        if all(plugin.reference.startswith("meanflock.") or plugin.kind == "learner" for plugin in needed_plugins):
             plan = mission.starts(flown).astype(FLOAT_OF_BITS[flown.radio.bits_per_float])
             Agent(Welcome(0, "agent-0", (0,), 0, scenario.encode(plan_of(flown).node_scenario), plan))
+        if has_learner and "torch" in sys.modules:
+            importlib.import_module("torch._dynamo")  # the first optimiser imports it, which takes seconds
+    return has_learner
 
 
 def _become(order: StartOrder, given: list[int]) -> None:

@@ -48,8 +48,14 @@ class Forker(Family):
         self._forked[number] = Forked(self, number)
         return self._forked[number]
 
-    def prepare(self, scenario: str) -> None:
-        """Compute what every agent of a flight would compute at its start. `scenario`: its file."""
+    def prepare(self, scenario: str, *, has_learner: bool) -> None:
+        """Compute what every agent of a flight would compute at its start.
+
+        scenario: its file. has_learner: whether a learner is loaded, which may start threads; it then says again
+        whether it may fork.
+        """
+        if has_learner:
+            self._loaded = None
         self._send(Prepare(scenario))
 
     def signal(self, number: int, which: int) -> None:

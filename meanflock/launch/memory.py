@@ -3,6 +3,7 @@
 from bisect import bisect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import psutil
@@ -10,6 +11,7 @@ import psutil
 from meanflock.federation.plan import plan_of
 from meanflock.launch import forks
 from meanflock.swarm import state
+from meanflock.swarm.declared import NO_LEARNER
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
@@ -22,6 +24,10 @@ NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry tha
 UAV_KB = 50
 PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick; or models: the mail
 FAR_PAIR_BYTES = 60  # if the UAVs do not reach all others
+
+_BARE_MB = 110  # this process without the libraries of a learner
+_COPIED = 0.2  # share of a learner's libraries that a fork writes to, so that it has a copy
+_FLOAT_BYTES = 130  # of a learner's model, for each UAV: the model itself, of rounds and of trainings
 
 _SMALL_MB = 500  # a flight in this process that is never refused
 _ROWS = 25  # UAVs in a process, as advice for too many processes
@@ -42,28 +48,50 @@ def pair_bytes(scenario: Scenario) -> int:
     return PAIR_BYTES if all(largest <= (hop.range_m or largest) for hop in to_all) else FAR_PAIR_BYTES
 
 
-def needed_mb(uavs: int, processes: int, pair_bytes: int = 0) -> int:
+class LearnerMemory(NamedTuple):
+    """Memory of a learner. imported_mb: of its libraries. uav_bytes: of the model of a UAV."""
+
+    imported_mb: int = 0
+    uav_bytes: int = 0
+
+
+def learner_memory(scenario: Scenario) -> LearnerMemory:
+    """Memory of the learner of a scenario, measured in this process, which has imported its libraries."""
+    if scenario.training.learner == NO_LEARNER:
+        return LearnerMemory()
+    imported_mb = max(0, psutil.Process().memory_info().rss // MEGABYTE - _BARE_MB)
+    return LearnerMemory(imported_mb, _FLOAT_BYTES * plan_of(scenario).declared.parameters)
+
+
+def needed_mb(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMemory | None = None) -> int:
     """Estimate of the resident memory of a run, MB, rather too high.
 
     Args:
-        processes: number of agents' processes; 0: all in one process. pair_bytes: of each pair of UAVs.
+        processes: number of agents' processes; 0: all in one process. pair_bytes: of each pair of UAVs. learner: None:
+            there is none.
     """
+    learner = learner or LearnerMemory()
     fixed = NETWORKED_MB + AGENT_MB * processes if processes else IN_PROCESS_MB
-    return fixed + UAV_KB * uavs // 1024 + pair_bytes * uavs * uavs // MEGABYTE
+    if processes:
+        copies = 1 + _COPIED * processes if forks.SAFE else processes
+        fixed += int(learner.imported_mb * copies)
+    return fixed + (UAV_KB * 1024 * uavs + (pair_bytes * uavs + learner.uav_bytes) * uavs) // MEGABYTE
 
 
-def shortage(uavs: int, processes: int, pair_bytes: int = 0) -> tuple[str, str]:
+def shortage(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMemory | None = None) -> tuple[str, str]:
     """Needed and available memory in words, and what to do if it is too little; empty if it is enough."""
-    needed, (available, limit) = needed_mb(uavs, processes, pair_bytes), available_mb()
+    needed, (available, limit) = needed_mb(uavs, processes, pair_bytes, learner), available_mb()
     where = f"{processes} processes" if processes else "one process"
     found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {limit}"
     if needed <= available:
         return found, ""
-    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), pair_bytes) <= available
+    crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), pair_bytes, learner) <= available
     remedy = f"more UAVs in a process: --uavs-per-process {_ROWS}" if crowded else "fewer UAVs: --uavs N"
     if pair_bytes and not crowded:
         each = uavs // processes if processes else uavs
-        most = bisect(range(uavs), available, key=lambda n: needed_mb(n, -(-n // each) if processes else 0, pair_bytes))
+        most = bisect(
+            range(uavs), available, key=lambda n: needed_mb(n, -(-n // each) if processes else 0, pair_bytes, learner)
+        )
         pairs = "each UAV stores the states of all others, or sends its model to all, so memory grows with N²"
         remedy = f"{pairs}: --uavs {most - 1}, or a --method without it" if most > 1 else f"{pairs}: another --method"
     return found, remedy
@@ -76,10 +104,10 @@ def check(flown: Iterable[Scenario]) -> None:
         BadInput: one does not; the text has the memory that it needs.
     """
     for scenario in flown:
-        uavs, pairs = scenario.uavs, pair_bytes(scenario)
-        if needed_mb(uavs, 0, pairs) < _SMALL_MB:
+        uavs, pairs, learner = scenario.uavs, pair_bytes(scenario), learner_memory(scenario)
+        if needed_mb(uavs, 0, pairs, learner) < _SMALL_MB:
             continue
-        found, remedy = shortage(uavs, 0, pairs)
+        found, remedy = shortage(uavs, 0, pairs, learner)
         if remedy:
             raise BadInput(f"memory: {found}; {remedy}")
 

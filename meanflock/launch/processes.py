@@ -72,9 +72,10 @@ class Swarm(Family):
         resume: bytes | None = None,
         metrics: Address | None = None,
         steer: Address | None = None,
+        has_learner: bool = False,
     ) -> None:
         """Start the world with a scenario as TOML. `resume`: encoded Resumption. `metrics`: address for Prometheus.
-        `steer`: address for MAVLink clients.
+        `steer`: address for MAVLink clients. `has_learner`: whether the scenario has a learner.
         """
         path = self.folder / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
@@ -87,7 +88,7 @@ class Swarm(Family):
         flags = ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra]
         if self.forks:
             assert self._forker is not None
-            self._forker.prepare(str(path))
+            self._forker.prepare(str(path), has_learner=has_learner)
         self._ready, says = os.pipe()
         try:
             self._start("worldsim", "world", flags, ready=says)

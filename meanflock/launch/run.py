@@ -15,6 +15,7 @@ from meanflock.net.access import STATION, Address, Identity, free, secured
 from meanflock.net.process import Interrupted
 from meanflock.swarm import durable, logs
 from meanflock.swarm import scenario as scenarios
+from meanflock.swarm.declared import NO_LEARNER
 from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed, needed
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
@@ -180,6 +181,7 @@ def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption 
             resume=None if start is None else start.encode(),
             metrics=options.metrics,
             steer=options.steer,
+            has_learner=scenario.training.learner != NO_LEARNER,
         )
     except BaseException:
         swarm.close()

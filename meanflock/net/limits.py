@@ -4,13 +4,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from meanflock.agent.learning.surroundings import check_rule
 from meanflock.federation.plan import Plan
 from meanflock.federation.rule import Rule
 from meanflock.net import keys
 from meanflock.net.bus import Quota
 from meanflock.net.members import LEADER
 from meanflock.swarm import mission
-from meanflock.swarm.declared import MAX_BROADCASTS, controller
+from meanflock.swarm.declared import MAX_BROADCASTS, NO_LEARNER, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
 from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.scenario import Scenario
@@ -31,11 +32,13 @@ class Limits:
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
-        whole models for the rule."""
+        whole models for the rule, or the rule may not fly beside a learner."""
         declared, uavs = plan.declared, plan.scenario.uavs
         memory = _initial_memory(plan)
         rule = Rule(plan)
         rule.check_radio(plan)
+        if plan.scenario.training.learner != NO_LEARNER:
+            check_rule(plan.scenario, declared.parameters)
         state_of_rule = control.encode_record(rule.begin())
         numbers = plan.scenario.dimensions + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
         numbers += declared.parameters + MAX_BROADCASTS  # residuals of the coding; names

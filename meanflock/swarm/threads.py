@@ -10,8 +10,8 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import ContextDecorator
+from collections.abc import Callable, Iterator
+from contextlib import ContextDecorator, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -103,10 +103,22 @@ class limited(ContextDecorator):
                 scope.leave(self)
 
 
-def pin_torch() -> None:
-    """Let torch compute with the kernels of every processor, unless its variable is set. Torch reads it when it first
-    computes."""
+@contextmanager
+def pinned_torch() -> Iterator[None]:
+    """Context that imports plug-ins: torch takes the kernels of every processor for good, unless its variable is set.
+
+    Torch reads the variable when it first computes.
+    """
+    is_given = TORCH_ISA in os.environ
     os.environ.setdefault(TORCH_ISA, "default")
+    try:
+        yield
+    finally:
+        torch = sys.modules.get("torch")
+        if torch is not None and hasattr(torch, "backends"):
+            torch.backends.cpu.get_cpu_capability()
+        if not is_given:
+            del os.environ[TORCH_ISA]
 
 
 def renew_if_loaded() -> None:

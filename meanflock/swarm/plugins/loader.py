@@ -46,12 +46,12 @@ def load_file(path: Path | str) -> list[Plugin]:
         raise BadInput(f"{where}: {error.strerror}; name a readable Python file") from error
     if path.suffix != ".py":
         raise BadInput(f"{where}: not a Python file; its name must end in .py")
-    threads.pin_torch()
     name = f"{PLUGIN_MODULE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     module = sys.modules[name] = ModuleType(name)
     module.__file__ = str(path)
     try:
-        SourceRead(name, path, source).exec_module(module)
+        with threads.pinned_torch():
+            SourceRead(name, path, source).exec_module(module)
     except FAILURES as error:
         del sys.modules[name]
         raise BadInput(f"{where}: {last_line(error)}{_missing_neighbour(path, error)}") from error

@@ -114,10 +114,10 @@ def load(kind: PluginKind, name: str) -> type:
     plugin = find(kind, name)
     if (kind, name) in registered:
         return registered[kind, name][1]
-    threads.pin_torch()
     module, _, attribute = plugin.reference.partition(":")
     try:
-        found: Any = importlib.import_module(module)
+        with threads.pinned_torch():
+            found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:

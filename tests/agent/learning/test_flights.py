@@ -1,0 +1,245 @@
+"""Flights with a learner: time and energy of training, stragglers, refusals, and what a learner may do wrong."""
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.agent.learning import worker
+from meanflock.launch.engine import Engine
+from meanflock.launch.resume import back
+from meanflock.swarm import plugins
+from meanflock.swarm.plugins import registry
+from meanflock.testing import check_learner
+from tests.agent.learning.lines import Line, fly, scenario
+from tests.faults.dying import dead, flight, steady
+
+
+@pytest.fixture(autouse=True)
+def _unregistered() -> Iterator[None]:
+    before = dict(registry.registered)
+    yield
+    registry.registered.clear()
+    registry.registered.update(before)
+
+
+def uploads(run: mf.Run) -> int:
+    """Uploads by radio; that of the leader's UAV, 0, needs none."""
+    return int(run.summary["radio"]["traffic"]["uplink"]["transmissions"])
+
+
+def test_a_line_is_learned_in_flight() -> None:
+    run = fly(duration=30)
+    assert run.summary["rounds"] == 14
+    assert uploads(run) == 14 * 3
+    means = [np.mean(row) for row in run.frame()["loss"].to_pylist()]
+    assert means[-1] < 0.1 < means[15]
+
+
+BUSY = {"training.fit_s": 1.3, "training.spread": 0.5, "filter.kind": "ecbf", "method": "orca"}
+
+
+def test_one_agent_with_all_rows_and_agents_of_one_row_have_the_same_bits() -> None:
+    flown = scenario(**BUSY)
+    summaries = [Engine(flown, "test", uavs_per_node=rows).complete() for rows in (None, 1, 3)]
+    for key in ("trajectory_sha256", "models_sha256", "payload_bits", "diagnostics", "energy_compute_J"):
+        assert summaries[0][key] == summaries[1][key] == summaries[2][key], key
+
+
+def test_a_flight_that_died_in_a_training_goes_on_as_the_undisturbed_one(tmp_path: Path) -> None:
+    """Checkpoints are of ticks 101 and later; the slowest UAV trains for all of these ticks."""
+    flown = scenario(**BUSY, duration=30.0)
+    whole = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 155, rows=1)
+    again = flight(tmp_path / "dead", flown, kept=back(folder))
+    assert steady(again, "dropped_messages") == steady(whole, "dropped_messages")
+
+
+def test_a_slow_trainer_is_silent_and_uploads_in_the_next_round() -> None:
+    """Of 1.5 s at a period of 2 s all are in time; of 2.5 s every other round."""
+    assert uploads(fly(duration=20.5, **{"training.fit_s": 1.5})) == 10 * 3
+    slow = fly(duration=20.5, **{"training.fit_s": 2.5})
+    assert 0 < uploads(slow) < 10 * 3
+
+
+def test_training_costs_simulated_time_and_energy() -> None:
+    """Trainings take 0.5 s + 20 · 0.01 s; there is one at take-off and one after each of four rounds."""
+    keys = {"training.fit_s": 0.5, "training.example_s": 0.01, "training.power_W": 3.0}
+    run = fly(duration=9.9, **keys)
+    assert run.summary["rounds"] == 4
+    assert run.summary["energy_compute_J"] == pytest.approx(3.0 * 0.7 * 4 * 5)
+
+
+def test_what_a_learner_remembers_is_in_the_checkpoint() -> None:
+
+    class Remembers(Line):
+        name = "remembers"
+        state_bytes = 16
+        count = 0
+
+        def fit(self, model: Any, config: mf.Fit) -> mf.Trained | None:
+            self.count += 1
+            model["weights"] += np.float32(self.count)
+            return super().fit(model, config)
+
+        def state(self) -> bytes:
+            return b"%d" % self.count
+
+        def load(self, raw: bytes) -> None:
+            self.count = int(raw or b"0")
+
+    check_learner(Remembers)
+    forgets = type(
+        "Forgets", (Remembers,), {"name": "forgets", "state_bytes": 0, "state": Line.state, "load": Line.load}
+    )
+    with pytest.raises(AssertionError, match="differ after a checkpoint"):
+        check_learner(forgets)
+
+
+# -- refusals before take-off -------------------------------------------------------------------------------------
+
+
+def test_a_controller_with_a_model_is_refused_with_those_that_can_fly() -> None:
+    with pytest.raises(mf.BadInput, match=r"'mfgfl-hf' shares a model of its own.*bvc, cruise.*orca"):
+        fly(method="mfgfl-hf")
+
+
+@pytest.mark.parametrize("draw", [lambda: np.random.normal(), lambda: __import__("random").random()])  # noqa: NPY002
+def test_a_controller_that_draws_from_a_global_generator_is_refused(draw: Any) -> None:
+    class Draws(mf.Controller):
+        name = "draws"
+
+        def step(self, memory: Any, tick: int, own: Any, received: Any) -> mf.Step:
+            return mf.Step(memory, np.full((len(own), 2), draw()))
+
+    with pytest.raises(mf.BadInput, match=r"'draws' draws from a global random generator.*mf\.seeds\.generator"):
+        fly(method=Draws)
+
+
+def test_a_rule_that_draws_from_a_global_generator_is_refused() -> None:
+    class Shuffles(mf.Aggregator):
+        name = "shuffles"
+
+        def step(self, state: Any, uploads: Any) -> Any:
+            return state, uploads.models[np.random.permutation(len(uploads.models))[0]]  # noqa: NPY002
+
+    plugins.register(Shuffles)
+    with pytest.raises(mf.BadInput, match="rule 'shuffles' draws from a global random generator"):
+        fly(**{"federation.aggregation": "shuffles"})
+
+
+@pytest.mark.parametrize(
+    ("initial", "message"),
+    [
+        ({"w": np.array([np.nan])}, "`initial` has a number that is not finite"),
+        ({"w": np.array([1e39])}, "`initial` has a number that is not finite, or"),
+        ({"w": np.array(["a"])}, "'w' is of <U1"),
+    ],
+)
+def test_a_first_model_that_cannot_be_sent_is_refused(initial: Any, message: str) -> None:
+    wrong = type("Wrong", (Line,), {"name": "wrong", "initial": classmethod(lambda *_: initial)})
+    with pytest.raises(mf.BadInput, match=f"learner 'wrong': .*{message}|{message}"):
+        fly(wrong)
+
+
+def test_keys_of_a_training_have_no_effect_without_a_learner() -> None:
+    with pytest.raises(mf.BadInput, match=r"`training.fit_s` has no effect without `training.learner`"):
+        mf.Scenario(**{"training.fit_s": 1.0})
+
+
+# -- what a learner may do wrong ------------------------------------------------------------------------------------
+
+
+def wrong(**methods: Any) -> type[mf.Learner]:
+    return type("Wrong", (Line,), {"name": "wrong"} | methods)
+
+
+def told(run: mf.Run) -> str:
+    return "\n".join(event["text"] for event in run.events if event["kind"] == "agent")
+
+
+def of_uav_1(change: Any) -> Any:
+    """The method `fit` of a line, which UAV 1 changes."""
+
+    def fit(self: Any, model: Any, config: mf.Fit) -> Any:
+        trained = Line.fit(self, model, config)
+        return change(trained) if self.uav == 1 else trained
+
+    return fit
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda t: mf.Trained(t.model | {"weights": np.zeros((3, 1), np.float32)}, 1.0), "'weights' has shape (3, 1)"),
+        (lambda t: mf.Trained(t.model, 0.0), "`examples` has 0"),
+        (lambda t: mf.Trained(t.model, float("nan")), "`examples` has nan"),
+        (lambda t: mf.Trained(t.model, 1.0, note=b"too long"), "its note is 8 bytes; `note_bytes` declares 0 bytes"),
+        (lambda t: t.model, "`fit` returns a dict; expected mf.Trained(model, examples) or None"),
+        (lambda t: 1 / 0, "ZeroDivisionError"),
+        (lambda t: exec("raise SystemExit(3)"), "SystemExit: 3"),
+        (lambda t: __import__("os").fork(), "a learner may start no process"),
+        (lambda t: __import__("subprocess").run(["true"]), "a learner may start no process"),
+    ],
+)
+def test_a_learner_that_fails_loses_its_uav_and_no_other(change: Any, text: str) -> None:
+    run = fly(wrong(fit=of_uav_1(change)), duration=4)
+    assert run.summary["lost"] == 1
+    assert text in told(run)
+    assert "learner 'wrong'" in told(run)
+    assert "UAV 1" in told(run)
+
+
+BEYOND = "has 1e+38, beyond what the radio's floats can say"
+
+
+@pytest.mark.parametrize(("number", "text"), [(np.nan, "is not finite"), (np.inf, "is not finite"), (1e38, BEYOND)])
+def test_a_model_that_cannot_be_sent_is_silent_and_told(number: float, text: str) -> None:
+    spoil = of_uav_1(lambda t: mf.Trained(t.model | {"weights": np.full(3, number, np.float32)}, 1.0))
+    run = fly(wrong(fit=spoil), duration=5)
+    assert run.summary["lost"] == 0
+    assert uploads(run) == 2 * 2
+    assert f"learner 'wrong' of UAV 1: its trained model {text}; it uploads no model" in told(run)
+
+
+def test_a_learner_may_take_no_part() -> None:
+    run = fly(wrong(fit=of_uav_1(lambda t: None)), duration=5)
+    assert (run.summary["lost"], uploads(run)) == (0, 2 * 2)
+
+
+def test_threads_that_a_learner_leaves_are_told() -> None:
+    stop = threading.Event()
+
+    def leave(trained: mf.Trained) -> mf.Trained:
+        threading.Thread(target=stop.wait, daemon=True).start()
+        return trained
+
+    try:
+        assert "learner 'wrong' of UAV 1 left 1 thread running" in told(fly(wrong(fit=of_uav_1(leave)), duration=1))
+    finally:
+        stop.set()
+
+
+def test_a_learner_that_hangs_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker, "FIT_S", 0.2)
+
+    def hang(_: Any) -> None:
+        while True:
+            time.sleep(0.01)
+
+    run = fly(wrong(fit=of_uav_1(hang)), duration=4)
+    assert run.summary["lost"] == 1
+    assert "it has trained for 0.2 s of wall time" in told(run)
+    assert uploads(run) == 1 * 2
+
+
+def test_the_users_generators_are_untouched() -> None:
+    np.random.seed(5)  # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # type: ignore[index,union-attr]  # noqa: NPY002
+    fly(duration=3)
+    assert (np.random.get_state()[1] == before).all()  # type: ignore[index]  # noqa: NPY002
