@@ -27,8 +27,8 @@ class Account(msgspec.Struct, array_like=True):
         refused: UAVs whose upload was received and could not be averaged.
         earlier: late uploads of the round before, which count in this one.
         retries: fragments of uploads that were transmitted again.
-        ticks: after the opening, at which the last part of an upload arrived or will, by UAV.
-        parts: fragments of an upload that were there when the round was averaged, by UAV.
+        ticks: of each upload of `sent`, ticks from the opening until its last part arrived or will; -1: nothing did.
+        parts: of each upload of `sent`, fragments that were there when the round was averaged.
     """
 
     participants: int
@@ -38,8 +38,13 @@ class Account(msgspec.Struct, array_like=True):
     arrived: int = 0
     earlier: int = 0
     retries: int = 0
-    ticks: dict[int, int] = {}
-    parts: dict[int, int] = {}
+    ticks: list[int] = []
+    parts: list[int] = []
+
+    def __post_init__(self) -> None:
+        """Begin with nothing of each upload."""
+        self.ticks = self.ticks or [-1] * len(self.sent)
+        self.parts = self.parts or [0] * len(self.sent)
     received: set[int] = set()
     late: set[int] = set()
     refused: set[int] = set()
@@ -51,13 +56,15 @@ class Account(msgspec.Struct, array_like=True):
         in which they arrive, and which of them are late."""
         self.copies += int(rows.sum())
         self.late.update(links[is_late, 1].tolist())
-        for uav, tick, slots in zip(links[:, 1].tolist(), ticks.tolist(), links[:, 4].tolist(), strict=True):
-            if slots >= 0:
-                self.ticks[uav] = max(tick, self.ticks.get(uav, 0))
+        arrive = links[:, 4] >= 0
+        place = np.searchsorted(self.sent, links[arrive, 1])
+        latest = np.array(self.ticks)
+        np.maximum.at(latest, place, ticks[arrive])
+        self.ticks = latest.tolist()
 
     def receive(self, parts: Mapping[int, int], copies: int) -> None:
         """Counts the mail of this round that is there when it is averaged: fragments by UAV, and messages."""
-        self.parts = dict(parts)
+        self.parts = [parts.get(uav, 0) for uav in self.sent]
         self.received.update(parts)
         self.arrived += copies
 

@@ -412,17 +412,17 @@ class Ledger(Stateful):
             copy=copy,
             earlier=account.earlier,
             retries=account.retries,
-            shares=tuple(account.parts.get(uav, 0) / self._hops[0].codec.count for uav in account.sent),
-            delays_s=tuple(self._delay_s(account, uav) for uav in account.sent),
+            shares=tuple(parts / self._hops[0].codec.count for parts in account.parts),
+            delays_s=tuple(self._delay_s(*upload) for upload in zip(account.ticks, account.parts, strict=True)),
             metrics=self._verdict.metrics if leads else {},
             **found,
         )
 
-    def _delay_s(self, account: Account, uav: int) -> float | None:
+    def _delay_s(self, ticks: int, parts: int) -> float | None:
         """Time after the opening at which the last part of an upload arrived, s; None if nothing did."""
-        if uav not in account.ticks:
-            return 0.0 if uav in account.parts else None  # it went by no radio
-        return account.ticks[uav] * self._scenario.dt
+        if ticks < 0:
+            return 0.0 if parts else None  # by no radio
+        return ticks * self._scenario.dt
 
     @cached_property
     def _terms(self) -> tuple[int | None, str]:

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 
 import meanflock as mf
-from meanflock.federation.codings.base import COARSEST, Coding, Models, scales_of
 from meanflock.swarm.scenario import Scenario
 from tests.agent.large_model import Large
 from tests.pages import script_of
 
 Momentum = script_of("momentum", "examples").Momentum  # a rule with a state
+QSGD = script_of("qsgd", "examples").QSGD  # a coding of four bits, rounded at random
+SignSGD = script_of("signsgd", "examples").SignSGD  # a coding of one bit
 
 
 class Long(Large):
@@ -41,35 +42,3 @@ class Long(Large):
 
     def samples(self, memory: dict[str, Any]) -> np.ndarray:
         return memory["samples"]
-
-
-class Nibbles(Coding):
-    """A number is −7 … 7 steps of its piece's scale, in four bits."""
-
-    name = "test-nibbles"
-    bits = 4
-    largest = 7 * COARSEST
-
-    def encode(self, models: Models) -> tuple[np.ndarray, np.ndarray]:
-        scales = scales_of(np.maximum.reduceat(np.abs(models.numbers), models.starts, axis=-1) / 7)
-        return (np.rint(models.numbers / models.spread(scales)) + 7).astype(np.uint8), scales
-
-    def decode(self, numbers: np.ndarray, scales: np.ndarray) -> np.ndarray:
-        return (numbers - 7.0) * scales
-
-    def valid(self, numbers: np.ndarray) -> np.ndarray:
-        return numbers <= 14
-
-
-class Signs(Coding):
-    """A number is its sign, in one bit, times the largest of its piece."""
-
-    name = "test-signs"
-    bits = 1
-
-    def encode(self, models: Models) -> tuple[np.ndarray, np.ndarray]:
-        scales = scales_of(np.maximum.reduceat(np.abs(models.numbers), models.starts, axis=-1))
-        return (models.numbers > 0).astype(np.uint8), scales
-
-    def decode(self, numbers: np.ndarray, scales: np.ndarray) -> np.ndarray:
-        return (2.0 * numbers - 1.0) * scales

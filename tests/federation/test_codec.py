@@ -24,17 +24,17 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 from tests.agent import nodes
-from tests.federation.plugins import Nibbles, Signs
+from tests.federation.plugins import QSGD, SignSGD
 from tests.methods import FEDERATED, PARTS
 
 QUICK = settings(max_examples=100, deadline=None, database=None)
 H, HF = PARTS["mfgfl-h"], PARTS["mfgfl-hf"]
-CODINGS = (*plugins.names("coding"), Nibbles.name, Signs.name)
+CODINGS = (*plugins.names("coding"), QSGD.name, SignSGD.name)
 
 
 @pytest.fixture(autouse=True)
 def _registered() -> None:
-    for coding in (Nibbles, Signs):
+    for coding in (QSGD, SignSGD):
         mf.register(coding)
 
 
