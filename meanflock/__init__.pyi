@@ -11,6 +11,7 @@ from meanflock.channel.base import Message as Message
 from meanflock.comparing import compare as compare
 from meanflock.comparing import sweep as sweep
 from meanflock.comparison import Comparison as Comparison
+from meanflock.federation.rules.base import Aggregate as Aggregate
 from meanflock.federation.rules.base import Aggregator as Aggregator
 from meanflock.federation.rules.base import Uploads as Uploads
 from meanflock.flying import fly as fly
