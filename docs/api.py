@@ -29,7 +29,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "See [your controller](your-controller.md).",
         ("Controller", "Options", "Received", "Broadcast", "Step"),
     ),
-    "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads", "Aggregate")),
+    "An aggregation rule": (
+        "See [your aggregation rule](your-aggregation.md).",
+        ("Aggregator", "Uploads", "Aggregate"),
+    ),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),
     "A filter": (
         "May change the accelerations of any controller; "
