@@ -33,7 +33,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "Trains a model while UAVs fly; see [train your PyTorch model](train-in-flight.md).",
         ("Learner", "Fit", "Trained", "Tree"),
     ),
-    "An aggregation rule": ("See [your aggregation rule](your-aggregation.md).", ("Aggregator", "Uploads")),
+    "An aggregation rule": (
+        "See [your aggregation rule](your-aggregation.md).",
+        ("Aggregator", "Uploads", "Aggregate"),
+    ),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),
     "A filter": (
         "May change the accelerations of any controller; "

@@ -45,6 +45,7 @@ class Account(msgspec.Struct, array_like=True):
         """Begin with nothing of each upload."""
         self.ticks = self.ticks or [-1] * len(self.sent)
         self.parts = self.parts or [0] * len(self.sent)
+
     received: set[int] = set()
     late: set[int] = set()
     refused: set[int] = set()

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from meanflock.agent.controllers.base import Arrival
 from meanflock.agent.learning.surroundings import check_rule
 from meanflock.federation.plan import Plan
 from meanflock.federation.rule import Rule
@@ -82,7 +83,8 @@ def _initial_memory(plan: Plan) -> bytes:
             model = flyer.get(memory)
             if (shape := np.shape(model)) != wanted:
                 raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
-            flyer.set(memory, np.arange(1), np.array(model, dtype=np.float64))  # fails if it cannot take a model
+            first = Arrival(1, np.array(model, dtype=np.float64), np.ones(1, dtype=bool), [b""])
+            flyer.arrived(memory, np.arange(1), first)  # fails if it cannot take a model
         check_memory("memory", memory)
         return control.encode_record(memory)
     except BadInput:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Arrival, Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
 from meanflock.federation.cut import bound_of_models
 from meanflock.swarm.declared import declarations_of
@@ -126,7 +126,8 @@ class PointSwarm:
     ) -> Memory:
         """The memory after models (R, parameters) were set in some rows (R,)."""
         before = copies((rows, models))
-        after = asked(self.controller, instance.set, memory, rows, models, remedy=remedy)
+        arrival = Arrival(1, models, np.ones(len(rows), dtype=bool), [b""] * len(rows))
+        after = asked(self.controller, instance.arrived, memory, rows, arrival, remedy=remedy)
         if not all(same(one, other) for one, other in zip(before, (rows, models), strict=True)):
             fail(self.controller, "`set` writes to an array it was given", PURE)
         try:
