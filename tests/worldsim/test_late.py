@@ -238,9 +238,9 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
 AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
-def slow_tick(pace: DelayRules, late: str) -> list[str]:
+def slow_tick(pace: DelayRules, late: str, *training: str) -> list[str]:
     """Verdicts after a tick in which one of three nodes has not answered in time."""
-    pace.begin()
+    pace.begin(training)
     for waited_s in (0.1, 3.0):
         pace.look(waited_s, SimpleNamespace(asked=AGENTS, silent=1, missing=[late]))
     return [verdict.node for verdict in pace.overdrawn()]
@@ -254,3 +254,9 @@ def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None
         pace.begin()
         assert pace.overdrawn() == []
     assert [slow_tick(pace, "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]
+
+
+def test_a_node_with_a_uav_that_trains_is_not_slow() -> None:
+    pace = DelayRules(load(None, SHORT).pace, [], 10.0)
+    assert [slow_tick(pace, "agent-1", "agent-1") for _ in range(20)] == [[]] * 20
+    assert [slow_tick(pace, "agent-2", "agent-1") for _ in range(6)][-1] == ["agent-2"]
