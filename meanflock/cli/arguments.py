@@ -92,7 +92,12 @@ def _take_learner(context: click.Context, _parameter: click.Parameter, given: st
 def _with_learner(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
     """The settings, and that of `--learner`."""
     learner = context.meta.get(_LEARNER)
-    return settings if learner is None else (*settings, f"training.learner={learner}")
+    if learner is None:
+        return settings
+    from meanflock.studies.swept import refuse_setting
+
+    refuse_setting("training.learner", settings, "is what --learner says")
+    return (*settings, f"training.learner={learner}")
 
 
 class _MethodOption(click.Option):
