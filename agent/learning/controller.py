@@ -32,6 +32,7 @@ from meanflock.agent.learning.worker import TRAININGS, Job
 from meanflock.federation.codec import check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.swarm import seeds
+from meanflock.swarm.declared import MAX_PARAMETERS
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States
@@ -76,6 +77,11 @@ class Learning:
         self._limit = bound_of_models(scenario)
         if not np.abs(self._first[0]).max() < self._limit:
             raise BadInput(f"{self._name}: `initial` has a number that is not finite, or {self._limit:g} or more")
+        if self._form.parameters > MAX_PARAMETERS:
+            raise BadInput(
+                f"{self._name}: its model has {self._form.parameters} numbers, and at most {MAX_PARAMETERS} are sent; "
+                "let some stay with the UAV: training.keeps"
+            )
         self.parameters, self.parts = self._form.parameters, self._form.parts
         self.weights = None if self.parameters <= RECORDED else 0
         self._metrics, self._state_bytes, self.period_ticks, self.note_bytes = (
@@ -117,13 +123,15 @@ class Learning:
             "round": np.zeros(rows, dtype=np.int64),
             "whole": np.ones(rows, dtype=bool),
             "heard": _packed([b""] * rows, self.note_bytes),
-            # The training that goes on: from which model, in which tick and place; `ends` is -1 until it is known.
+            # The training that goes on, if one does: from which model, in which tick and place; `ends` is 0 until it is
+            # known. All zero, as in a lost UAV, is no training.
+            "trains": np.zeros(rows, dtype=bool),
             "base": models.copy(),
             "base_round": np.zeros(rows, dtype=np.int64),
             "base_whole": np.ones(rows, dtype=bool),
             "base_heard": _packed([b""] * rows, self.note_bytes),
-            "began": np.full(rows, -1, dtype=np.int64),
-            "ends": np.full(rows, -1, dtype=np.int64),
+            "began": np.zeros(rows, dtype=np.int64),
+            "ends": np.zeros(rows, dtype=np.int64),
             "place": np.zeros((rows, 2)),
             # The trained model, and all that is left of trainings.
             "model": models.copy(),
@@ -147,7 +155,7 @@ class Learning:
             mine["ready"][:] = False
         self._finish(mine, tick, news)
         self._begin(mine, tick, own)
-        columns = [mine["metrics"], mine["examples"][:, None], mine["began"][:, None] >= 0]
+        columns = [mine["metrics"], mine["examples"][:, None], mine["trains"][:, None]]
         reported = [] if flown.diagnostics is None else [flown.diagnostics]
         return msgspec.structs.replace(
             flown,
@@ -217,16 +225,15 @@ class Learning:
 
     def _is_event(self, mine: Memory, tick: int) -> bool:
         """Returns whether something of the memory of a learner changes in a tick."""
-        began, ends = mine["began"], mine["ends"]
-        due = (began >= 0) & (self._earliest(mine) <= tick)
+        due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
         opens = tick % self.scenario.period_ticks == 0 and mine["ready"].any()
-        return bool(opens or (due & ((ends < 0) | (ends <= tick))).any() or (mine["fresh"] & (began < 0)).any())
+        return bool(opens or due.any() or (mine["fresh"] & ~mine["trains"]).any())
 
     def _begin(self, mine: Memory, tick: int, own: States) -> None:
         """Begin the trainings of rows that are free and have a new global model."""
-        for row in np.flatnonzero(mine["fresh"] & (mine["began"] < 0)).tolist():
-            mine["fresh"][row] = False
-            mine["began"][row], mine["ends"][row], mine["place"][row] = tick, -1, own[row, :2]
+        for row in np.flatnonzero(mine["fresh"] & ~mine["trains"]).tolist():
+            mine["fresh"][row], mine["trains"][row] = False, True
+            mine["began"][row], mine["ends"][row], mine["place"][row] = tick, 0, own[row, :2]
             for name in ("round", "whole", "heard"):
                 mine[f"base_{name}"][row] = mine[name][row]
             mine["base"][row] = mine["global"][row]
@@ -234,7 +241,7 @@ class Learning:
 
     def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
-        due = (mine["began"] >= 0) & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
+        due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
         for row in np.flatnonzero(due).tolist():
             uav = int(mine["uav"][row])
             try:
@@ -242,9 +249,9 @@ class Learning:
             except FAILURES as error:
                 raise RuntimeError(f"{self._name}: {last_line(error)}") from error
             if outcome is None:  # no part in this round
-                mine["began"][row] = -1
+                mine["trains"][row] = False
                 continue
-            if mine["ends"][row] < 0:
+            if not mine["ends"][row]:
                 ticks = self._ticks(mine["slowness"][row], outcome.examples)
                 mine["ends"][row] = mine["began"][row] + int(ticks)
                 if outcome.threads:
@@ -255,7 +262,7 @@ class Learning:
 
     def _take(self, mine: Memory, row: int, outcome: TrainingResult, news: list[str]) -> None:
         """End the training of a row with its outcome."""
-        mine["began"][row] = mine["ends"][row] = -1
+        mine["trains"][row] = False
         if outcome.problem:
             news.append(f"{self._name} of UAV {mine['uav'][row]}: {outcome.problem}; it uploads no model")
             return

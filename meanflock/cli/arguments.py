@@ -98,8 +98,16 @@ def _take_until(context: click.Context, _parameter: click.Parameter, given: str 
 
 def _with_flags(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
     """The settings, and those of `--learner` and `--until`."""
-    flags = {"training.learner": context.meta.get(_LEARNER), "until": context.meta.get(_UNTIL)}
-    return (*settings, *(f"{key}={json.dumps(value)}" for key, value in flags.items() if value is not None))
+    for flag, key, value in (
+        ("--learner", "training.learner", context.meta.get(_LEARNER)),
+        ("--until", "until", context.meta.get(_UNTIL)),
+    ):
+        if value is not None:
+            from meanflock.studies.swept import refuse_setting
+
+            refuse_setting(key, settings, f"is what {flag} says")
+            settings = (*settings, f"{key}={json.dumps(value)}")
+    return settings
 
 
 class _MethodOption(click.Option):

@@ -20,7 +20,8 @@ from meanflock.swarm.state import States
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
-TICKS = 205  # at least; two rounds of a controller that declares no period
+TICKS = 40  # of a controller without rounds
+LONG = 205  # ticks of two rounds of a controller that declares no period
 ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the last of them
 LOST = 0.2  # share of the frames that the radio loses in the trial
 
@@ -79,10 +80,11 @@ class PointSwarm:
         period = scenario.federation.period or self.declared.period_ticks
         self._period = period if self.declared.is_federated else 0
         self._ticks = max(TICKS, ROUNDS * self._period + AFTER)
+        self.long = max(LONG, self._ticks)
         draw = np.random.default_rng(0)
         self._axes = scenario.dimensions
-        self._shake = draw.standard_normal((self._ticks, scenario.uavs, self._axes))
-        self._arrives = draw.random((self._ticks, scenario.uavs, scenario.uavs)) > LOST
+        self._shake = draw.standard_normal((self.long, scenario.uavs, self._axes))
+        self._arrives = draw.random((self.long, scenario.uavs, scenario.uavs)) > LOST
 
     def init(self, instance: Controller, uavs: NDArray[np.intp]) -> Memory:
         """Initial memory of UAVs with numbers (M,)."""
@@ -180,16 +182,18 @@ class PointSwarm:
             fail(self.controller, str(error), FINITE)
         return commands
 
-    def trial(self, alone: bool = False, afresh: bool = False, seed: int = 1, number: int = 1) -> Trial:
+    def trial(
+        self, alone: bool = False, afresh: bool = False, seed: int = 1, number: int = 1, ticks: int | None = None
+    ) -> Trial:
         """Fly all UAVs.
 
         Args:
             alone: an instance for each UAV, else one for all. afresh: a new instance in every tick, which gets only the
                 memory, encoded and decoded. seed: of the global generators of Python and NumPy. number: of threads of
-                the numeric libraries.
+                the numeric libraries. ticks: None: two rounds, and 40 ticks at least.
         """
         groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
-        return with_surroundings(lambda: self._fly(groups, afresh), seed, number)
+        return with_surroundings(lambda: self._fly(groups, afresh, ticks or self._ticks), seed, number)
 
     def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
         """Broadcasts of UAVs (M,) as all others receive them; arrives: (N, N), from source to target."""
@@ -199,7 +203,7 @@ class PointSwarm:
         ]
         return [frames for frames in sent if frames is not None]
 
-    def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool) -> Trial:
+    def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool, ticks: int) -> Trial:
         """Fly with one instance for each group of UAVs. In the tick after a round the mean of all models arrives at the
         UAVs that the radio of the first one reaches.
         """
@@ -210,7 +214,7 @@ class PointSwarm:
         frames: list[Received] = []
         commands, broadcasts = [], []
         mean: NDArray[np.float64] | None = None
-        for tick in range(self._ticks):
+        for tick in range(ticks):
             sent: dict[int, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {}
             now = np.zeros((len(own), columns))
             for k, group in enumerate(groups):

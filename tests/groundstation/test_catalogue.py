@@ -67,7 +67,9 @@ def test_the_catalogue_lists_every_plugin_by_kind_in_80_columns_and_as_json(run:
     assert record["options"][0] == {**option, "about": "of the battery, 1"}
     assert max(map(len, out.splitlines())) <= max(80, len(str(mine)) + 20)  # a path is not broken
     kinds = [line.partition(":")[0] for line in out.splitlines() if line and not line.startswith(" ")]
-    assert kinds == ["controllers", "aggregators", "channels", "vehicles", "filters", "topologies", "codings"]
+    assert kinds == [
+        *("controllers", "aggregators", "channels", "vehicles", "learners", "filters", "topologies", "codings"),
+    ]
     for plugin in plugins.installed():
         assert f"  {plugin.name}  (" in out
     assert f"    {HOVERS}\n" in out

@@ -239,9 +239,9 @@ def test_an_agent_for_which_alone_the_others_wait_a_fifth_of_the_time_is_lost(na
 AGENTS = {f"agent-{uav}": Member(f"agent-{uav}", "agent", np.array([uav])) for uav in range(3)}
 
 
-def slow_tick(pace: DelayRules, tick: int, late: str) -> list[str]:
+def slow_tick(pace: DelayRules, tick: int, late: str, *training: str) -> list[str]:
     """Verdicts after a tick in which one of three nodes has not answered in time."""
-    pace.begin(tick)
+    pace.begin(tick, training)
     for waited_s in (0.1, 3.0):
         pace.look(waited_s, SimpleNamespace(asked=AGENTS, silent=1, missing=[late]))
     return [verdict.node for verdict in pace.overdrawn()]
@@ -256,3 +256,9 @@ def test_a_rejoined_node_has_the_same_account_which_is_forgiven_slowly() -> None
         pace.begin(next(ticks))
         assert pace.overdrawn() == []
     assert [slow_tick(pace, next(ticks), "agent-1.3") for _ in range(2)] == [[], ["agent-1.3"]]
+
+
+def test_a_node_with_a_uav_that_trains_is_not_slow() -> None:
+    pace = DelayRules(load(None, SHORT).pace, [], 10.0)
+    assert [slow_tick(pace, tick, "agent-1", "agent-1") for tick in range(20)] == [[]] * 20
+    assert [slow_tick(pace, tick, "agent-2", "agent-1") for tick in range(20, 26)][-1] == ["agent-2"]

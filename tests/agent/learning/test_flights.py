@@ -139,12 +139,20 @@ def test_a_rule_that_draws_from_a_global_generator_is_refused() -> None:
         ({"w": np.array([np.nan])}, "`initial` has a number that is not finite"),
         ({"w": np.array([1e39])}, "`initial` has a number that is not finite, or"),
         ({"w": np.array(["a"])}, "'w' is of <U1"),
+        ({"w": np.zeros(1_000_001, np.float32)}, "its model has 1000001 numbers, and at most 1000000 are sent"),
     ],
 )
 def test_a_first_model_that_cannot_be_sent_is_refused(initial: Any, message: str) -> None:
     wrong = type("Wrong", (Line,), {"name": "wrong", "initial": classmethod(lambda *_: initial)})
     with pytest.raises(mf.BadInput, match=f"learner 'wrong': .*{message}|{message}"):
         fly(wrong)
+
+
+def test_models_beyond_memory_are_refused() -> None:
+    large = {"w": np.zeros(1_000_000, np.float32)}
+    big = type("Big", (Line,), {"name": "big", "initial": classmethod(lambda *_: large)})
+    with pytest.raises(mf.BadInput, match=r"memory: \d+ MB for 2000 UAVs.*fewer UAVs"):
+        fly(big, uavs=2000, **{"federation.fragment": 0, "radio.model": "ideal"})
 
 
 def test_keys_of_a_training_have_no_effect_without_a_learner() -> None:
@@ -205,6 +213,17 @@ def test_a_model_that_cannot_be_sent_is_silent_and_told(number: float, text: str
     assert run.summary["lost"] == 0
     assert uploads(run) == 2 * 2
     assert f"learner 'wrong' of UAV 1: its trained model {text}; it uploads no model" in told(run)
+
+
+def test_a_lost_uav_trains_no_more() -> None:
+    calls: list[int] = []
+
+    def fit(self: Any, model: Any, config: mf.Fit) -> Any:
+        calls.append(self.uav)
+        return 1 / 0 if self.uav == 1 else Line.fit(self, model, config)
+
+    assert fly(wrong(fit=fit), duration=4.5).summary["rounds"] == 2
+    assert sorted(calls) == [0, 0, 0, 1, 2, 2, 2, 3, 3, 3]
 
 
 def test_a_learner_may_take_no_part() -> None:

@@ -1,0 +1,51 @@
+"""The option `--learner`: a file or a name, and what is refused."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import meanflock as mf
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
+from meanflock.swarm.plugins import registry
+from tests.sources import ROOT
+
+LINES = ROOT / "tests" / "agent" / "learning" / "lines.py"
+FLOWN = ("--method", "plan", "--uavs", "3", "--duration", "5", "--in-process", "--no-record", "--quiet")
+
+
+@pytest.fixture(autouse=True)
+def _unregistered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("MEANFLOCK_PLUGINS", "")
+    before = dict(registry.registered)
+    yield
+    registry.registered.clear()
+    registry.registered.update(before)
+
+
+def test_a_file_or_a_name(run: Any, tmp_path: Path) -> None:
+    assert run("run", "--learner", str(LINES), *FLOWN, "--out", str(tmp_path))[0] == EXIT_DONE
+    assert run("run", "--learner", "line", *FLOWN, "--out", str(tmp_path))[0] == EXIT_DONE
+    assert {mf.open(folder).scenario.training.learner for folder in tmp_path.iterdir()} == {"line"}
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--learner", "lines"), "learner 'lines' is not installed here"),
+        (("--learner", "nowhere.py"), "nowhere.py: No such file"),
+        (
+            ("--learner", str(ROOT / "examples" / "spring.py")),
+            "no learner in it; derive a class",
+        ),
+        (("--learner", str(LINES), "--set", "training.learner=none"), "training.learner"),
+        (("--learner", str(LINES), "--set", "training.options.rate='a'"), "training.options.rate"),
+        (("--learner", str(LINES), "--set", "training.torch_isa=sse"), "training.torch_isa"),
+        (("--learner", str(LINES), "--method", "rls"), "controller 'rls' shares a model of its own"),
+    ],
+)
+def test_what_cannot_be_flown(run: Any, tmp_path: Path, flags: tuple[str, ...], message: str) -> None:
+    code, _, err = run("run", *FLOWN, *flags, "--out", str(tmp_path))
+    assert code == EXIT_BAD_INPUT
+    assert message in err
