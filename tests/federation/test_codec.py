@@ -105,7 +105,7 @@ def test_fragments_of_a_model_are_the_model_with_all_that_it_carries(name: str, 
         alone = codec.read(rows[row : row + 1])
         for one, every in zip(alone, pieces, strict=True):
             np.testing.assert_array_equal(one[0], every[row])
-    single = encoded(codec, models[1:2])
+    single = codec.encode(models[1:2], np.array([1]), 1)
     np.testing.assert_array_equal(codec.decode(single)[0], meant[1])
 
 
