@@ -1,4 +1,4 @@
-"""Models that are transmitted again where no acknowledgement came, and uploads of only what moved most."""
+"""Models that are transmitted again where no acknowledgement came, and uploads of only what moved."""
 
 from collections import Counter
 from typing import Any
@@ -136,7 +136,17 @@ def test_a_round_has_room_for_its_retries_or_is_refused_with_the_least_period(to
     assert Flight(scenario(*settings, f"federation.period={least}", "duration=5")).summary["rounds"] > 0
 
 
-# -- uploads in part ----------------------------------------------------------------------------------------------
+# -- uploads of what moved -----------------------------------------------------------------------------------------
+
+
+def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
+    """By hand: the norm of the change over that of the model sent last."""
+    sent, rows = Sent(Codec(coding_of(Scenario(), "float64"), (2,)), 3, 0.1), np.arange(3)
+    assert sent.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
+    moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
+    assert sent.due(rows, moved).tolist() == [[True], [False], [True]]
+    again = np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])
+    assert sent.due(rows, again).tolist() == [[False], [True], [False]]
 
 
 def test_the_fragments_that_moved_most_since_they_were_sent_go() -> None:

@@ -10,10 +10,7 @@ import pytest
 import meanflock as mf
 from meanflock.federation.account import Account, ModelsHash
 from meanflock.federation.averager import Averager
-from meanflock.federation.codec import Codec
-from meanflock.federation.cut import coding_of
 from meanflock.federation.inbox import OwnModels
-from meanflock.federation.memory import Sent
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
@@ -221,16 +218,6 @@ def test_a_round_whose_participants_are_all_paused_is_void_and_the_flight_goes_o
     summary, _ = fly(scenario("uavs=3", NEIGHBOURS, pause, "duration=10"))
     assert summary["rounds_void"] >= 2
     assert summary["lost"] == 0
-
-
-def test_the_first_model_always_goes_and_then_only_one_that_has_moved() -> None:
-    """By hand: the norm of the change over that of the model sent last."""
-    sent, rows = Sent(Codec(coding_of(Scenario(), "float64"), (2,)), 3, 0.1), np.arange(3)
-    assert sent.due(rows, np.array([[3.0, 4.0], [1.0, 0.0], [0.0, 0.0]])).all()
-    moved = np.array([[3.0, 4.6], [1.05, 0.0], [1e-9, 0.0]])
-    assert sent.due(rows, moved).tolist() == [[True], [False], [True]]
-    again = np.array([[3.0, 4.6], [1.101, 0.0], [1e-9, 0.0]])
-    assert sent.due(rows, again).tolist() == [[False], [True], [False]]
 
 
 # -- ticks, participants and accounts ----------------------------------------------------------------------------------
