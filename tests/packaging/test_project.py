@@ -35,13 +35,24 @@ def closure(requirements: list[Requirement]) -> set[str]:
     return {name for name, _ in seen}
 
 
-EVERYTHING = direct(PROJECT["dependencies"], *EXTRAS.values())
+# Torch clashes with some of them: `make learners`.
+EVERYTHING = direct(PROJECT["dependencies"], *(lines for extra, lines in EXTRAS.items() if extra != "torch"))
 
 
 @pytest.mark.parametrize("requirement", EVERYTHING, ids=lambda requirement: requirement.name)
 def test_a_direct_dependency_has_a_range_and_its_constraint_lies_inside(requirement: Requirement) -> None:
     assert sorted(bound.operator for bound in requirement.specifier) == ["<", ">="]
     assert CONSTRAINTS[canonicalize_name(requirement.name)] in requirement.specifier
+
+
+def test_learners_have_constraints_of_their_own() -> None:
+    text = (ROOT / "constraints-learners.txt").read_text()
+    pins = dict(re.findall(r"^([a-z0-9-]+)==([0-9][0-9a-z.]*)$", text, flags=re.MULTILINE))
+    assert len(pins) == len(text.splitlines()) - 1
+    for requirement in direct(PROJECT["dependencies"], EXTRAS["torch"]):
+        assert requirement.name == "meanflock" or pins[canonicalize_name(requirement.name)] in requirement.specifier
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
+    assert {f"{name}=={pin}" for name, pin in pins.items()} >= {one for one in groups["learners"] if "==" in one}
 
 
 def test_constraints_cover_every_transitive_dependency() -> None:
