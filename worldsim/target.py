@@ -7,7 +7,7 @@ from meanflock.swarm.scenario import Scenario, Until
 from meanflock.swarm.stateful import Stateful
 
 
-class Target(Stateful):
+class MetricTarget(Stateful):
     """The key `until` of a scenario. Without the key nothing is ever reached.
 
     Attributes:

@@ -22,7 +22,7 @@ from meanflock.worldsim.counters import Counters, weight_spread
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
-from meanflock.worldsim.target import Target
+from meanflock.worldsim.target import MetricTarget
 from meanflock.worldsim.tick import Acts, Row, Senses
 
 REPORT_EVERY_TICKS = 10
@@ -66,7 +66,7 @@ class World(Stateful):
         self.air = Medium(plan)
         self.ledger = Ledger(plan)
         self.models = ModelsHash(plan)
-        self.target = Target(scenario)
+        self.target = MetricTarget(scenario)
         self.counters = Counters()
         self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)

@@ -37,7 +37,6 @@ class _Listed(NamedTuple):
 
 _COMMANDS = {  # in the order of their use
     "run": _Listed("fly", "run", "Fly a scenario once, by default the paper's."),
-    "flower": _Listed("flower", "flower", "Fly a Flower app unmodified: the radio carries its models."),
     "resume": _Listed("fly", "resume", "Resume a run that did not finish, from its last checkpoint."),
     "view": _Listed("look", "view", "Open a finished run in the Rerun viewer."),
     "picture": _Listed("look", "picture", "Save the Rerun view of a finished run as a PNG file."),
@@ -47,6 +46,7 @@ _COMMANDS = {  # in the order of their use
     "diff": _Listed("runs", "diff", "Compare two runs: which keys and which figures differ."),
     "export": _Listed("export", "export", "Write a run as a file or a bag for Foxglove and ROS 2."),
     "bridge": _Listed("bridge", "bridge", "Show a flight to other software, live or from a run folder."),
+    "flower": _Listed("flower", "flower", "Fly a Flower app unmodified: the radio carries its models."),
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
     "sweep": _Listed("study", "sweep", "Compare several values of one scenario key, or of several."),
     "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),

@@ -74,7 +74,8 @@ def flower(
     OUT/<id>/result.json, with bits, airtime and failures of every round.
 
     \b
-    Example: meanflock flower examples/flower_app --mission lossy --uavs 10 --set federation.retries=1
+    Example:
+      meanflock flower app --mission lossy --uavs 10 --set federation.retries=1
     """
     with available("the command `flower`", "flower"):
         from meanflock.flower.app import App

@@ -25,7 +25,7 @@ VERDICT = "meanflock.verdict"  # in the record of a rule
 _RULE = "meanflock.rule."  # in a checkpoint
 
 
-class Verdict(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class RuleVerdict(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """What an aggregation rule said of a round beside its model; see `rules.base.Aggregate`."""
 
     is_done: bool = False
@@ -86,7 +86,7 @@ class Averager:
         """The state of the aggregation rule in the leader, a record; empty where it has none."""
         state = {name: arrays[0] for name, arrays in self._states.items()}
         if self._is_done or self._metrics:
-            verdict = msgspec.msgpack.encode(Verdict(self._is_done, dict(self._metrics)))
+            verdict = msgspec.msgpack.encode(RuleVerdict(self._is_done, dict(self._metrics)))
             state[VERDICT] = np.frombuffer(verdict, dtype=np.uint8)
         return encode_record(state) if state else b""
 
@@ -172,7 +172,7 @@ class Averager:
         return aggregate
 
 
-def verdict_of(record: bytes) -> Verdict:
+def verdict_of(record: bytes) -> RuleVerdict:
     """What a rule said of a round, in the record that it left.
 
     Raises:
@@ -180,8 +180,8 @@ def verdict_of(record: bytes) -> Verdict:
     """
     raw = decode_record(record).get(VERDICT) if record else None
     if raw is None:
-        return Verdict()
+        return RuleVerdict()
     try:
-        return msgspec.msgpack.decode(raw.tobytes(), type=Verdict)
+        return msgspec.msgpack.decode(raw.tobytes(), type=RuleVerdict)
     except msgspec.MsgspecError as error:
         raise MessageRejected("malformed", f"verdict of the aggregation rule: {error}") from error

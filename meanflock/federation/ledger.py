@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.account import Account
-from meanflock.federation.averager import Verdict, verdict_of
+from meanflock.federation.averager import RuleVerdict, verdict_of
 from meanflock.federation.mailbox import Letter, Mailbox, links_of
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
@@ -61,7 +61,7 @@ class Ledger(Stateful):
         self._refused: set[int] = set()  # UAVs whose models nodes refused to average in this tick
         self.rule_record = b""
         self.is_done = False
-        self._verdict = Verdict()  # of this tick
+        self._verdict = RuleVerdict()  # of this tick
         rule = plugins.load("aggregator", scenario.federation.aggregation) if self._hops else None
         self._is_asked_void = getattr(rule, "asked_void", False)
         self._attempts = scenario.federation.retries
@@ -288,7 +288,7 @@ class Ledger(Stateful):
             self._list_open()
         self._refused.clear()
         self._has_failed = False
-        self._verdict = Verdict()
+        self._verdict = RuleVerdict()
         return ended
 
     @property

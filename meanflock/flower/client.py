@@ -17,7 +17,7 @@ from meanflock.swarm.scenario import Scenario
 _EXAMPLES = ("num-examples", "num_examples")
 
 
-class Request(NamedTuple):
+class TrainingRequest(NamedTuple):
     """What the ServerApp asks, as it travels in a note: number of the exchange, mask (N,) of the UAVs that are asked,
     and all of the message but its arrays."""
 
@@ -31,7 +31,7 @@ class Request(NamedTuple):
         return self.number.to_bytes(2, "little") + np.packbits(self.asked).tobytes() + self.rest
 
     @classmethod
-    def of_note(cls, note: bytes, uavs: int) -> "Request":
+    def of_note(cls, note: bytes, uavs: int) -> "TrainingRequest":
         """The request in the bytes of a note, of a swarm of so many UAVs."""
         end = 2 + -(-uavs // 8)
         asked = np.unpackbits(np.frombuffer(note[2:end], np.uint8), count=uavs).astype(bool)
@@ -82,10 +82,10 @@ class FlowerClient(Learner):
         if config.based:
             if not config.note:
                 return None
-            request = Request.of_note(config.note, self.scenario.uavs)
+            request = TrainingRequest.of_note(config.note, self.scenario.uavs)
         else:
             first = self.first(self.options, self.scenario)
-            request = Request(1, np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, first.nodes), first.rest)
+            request = TrainingRequest(1, np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, first.nodes), first.rest)
         if not request.asked[self.uav]:
             return None
         from flwr.app import Message

@@ -16,7 +16,7 @@ from meanflock.federation.plan import topology_of
 from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.federation.rules.base import Options as NoOptions
 from meanflock.flower.app import FIRST_NODE, joined
-from meanflock.flower.client import FlowerClient, Request
+from meanflock.flower.client import FlowerClient, TrainingRequest
 from meanflock.flower.grid import RunningServer
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -80,7 +80,7 @@ class FlowerServer(Aggregator):
             return Aggregate(None, done=True, metrics=metrics)
         asked = server.grid.asked
         nodes = np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, asked.nodes)
-        note = Request(server.grid.number, nodes, asked.rest).note
+        note = TrainingRequest(server.grid.number, nodes, asked.rest).note
         if len(note) > self.note_bytes:
             raise ValueError(f"configuration of {len(note)} bytes; set training.options.note_bytes={len(note)} or more")
         vector, _ = self._form.split(self._cast(asked.arrays))
