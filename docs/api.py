@@ -37,7 +37,10 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "See [your aggregation rule](your-aggregation.md).",
         ("Aggregator", "Uploads", "Aggregate"),
     ),
-    "A coding": ("How numbers are written on the radio; `examples/qsgd.py` and `examples/signsgd.py` are two.", ("Coding",)),
+    "A coding": (
+        "How the numbers of models are written on the radio; `examples/qsgd.py` and `examples/signsgd.py` are two.",
+        ("Coding",),
+    ),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),
     "A filter": (
         "May change the accelerations of any controller; "

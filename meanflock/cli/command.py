@@ -44,7 +44,7 @@ _COMMANDS = {  # in the order of their use
     "list": _Listed("runs", "list_runs", "List the runs in a folder, the latest first."),
     "show": _Listed("runs", "show", "Show a run: what was flown, what came of it, and its files."),
     "diff": _Listed("runs", "diff", "Compare two runs: which keys and which figures differ."),
-    "export": _Listed("export", "export", "Write a run as a file or a bag for Foxglove and ROS 2."),
+    "export": _Listed("export", "export", "Write a run for Foxglove and ROS 2, or its radio as a table."),
     "bridge": _Listed("bridge", "bridge", "Show a flight to other software, live or from a run folder."),
     "flower": _Listed("flower", "flower", "Fly a Flower app unmodified: the radio carries its models."),
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),

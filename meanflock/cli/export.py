@@ -25,7 +25,7 @@ from meanflock.swarm.errors import BadInput, needed
 def export(
     folder: Path, mcap: Path | None, rosbag: Path | None, radio: Path | None, take_off: str | None, quiet: bool
 ) -> None:
-    """Write a run for other tools: as a file or a bag for Foxglove and ROS 2, or its radio as a table.
+    """Write a run for Foxglove and ROS 2, or its radio as a table.
 
     RUN is its folder, or `latest`. Foxglove and ROS 2 need the extra `export`. The table of `--radio` has a row for
     each upload: round, UAV, share that arrived, delay and bits; examples/flower_radio.py replays it in Flower.
