@@ -48,6 +48,10 @@ class Trained(msgspec.Struct, frozen=True, eq=False):
     note: bytes = b""
 
 
+class TrainingFailed(Exception):
+    """Raised by `fit`: this training gives no model. The UAV is silent in the round, and an event has the text."""
+
+
 class Learner:
     """Base class of learners: override `initial` and `fit`; declare what differs from these.
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Prediction, Received, Rows, Step
-from meanflock.agent.learning.base import Fit, Learner, Trained, Tree
+from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
 from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
 from meanflock.agent.learning.trees import ModelForm
 from meanflock.agent.learning.worker import TRAININGS, Job
@@ -309,7 +309,10 @@ class Learning:
             learner.load(state)
             measured = dict(learner.evaluate(self._form.join(base, kept), config))
         with seeded(config.seed, self._table.threads):
-            trained = learner.fit(self._form.join(base, kept), config)
+            try:
+                trained = learner.fit(self._form.join(base, kept), config)
+            except TrainingFailed as error:
+                return TrainingResult(base, kept, 1.0, {}, b"", b"", str(error), 0)
             state = learner.state()
         if trained is None:
             return None
