@@ -77,6 +77,14 @@ class Learner:
         """Returns the model at take-off, the same for all UAVs. The global random generators are seeded before."""
         raise NotImplementedError
 
+    @classmethod
+    def takes_part(cls, options: Any, scenario: Scenario, uav: int, config: Fit) -> bool:
+        """Returns whether a UAV trains the global model that it received; it is free for the next one if not.
+
+        It must be cheap, because the flight waits for it. `fit` returns None if only the training shows it.
+        """
+        return True
+
     @abstractmethod
     def fit(self, model: Tree, config: Fit) -> Trained | None:
         """Trains a copy of the global model; returns None to take no part in this round.

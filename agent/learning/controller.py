@@ -230,7 +230,11 @@ class Learning:
             for name in ("round", "whole", "heard"):
                 mine[f"base_{name}"][row] = mine[name][row]
             mine["base"][row] = mine["global"][row]
-            self._job(mine, row)
+            uav = int(mine["uav"][row])
+            if self.learner.takes_part(self.options, self.scenario, uav, self._config(mine, row)):
+                self._job(mine, row)
+            else:
+                mine["began"][row] = -1
 
     def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
@@ -286,9 +290,15 @@ class Learning:
         return job
 
     def _call(self, mine: Memory, row: int) -> Callable[[], TrainingResult | None]:
+        config = self._config(mine, row)
+        base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
+        return partial(self._trained, int(mine["uav"][row]), base, kept, _unpacked(state), config)
+
+    def _config(self, mine: Memory, row: int) -> Fit:
+        """What the learner of a row knows when its training begins."""
         uav, began = int(mine["uav"][row]), int(mine["began"][row])
         number = began // self.scenario.period_ticks + 1
-        config = Fit(
+        return Fit(
             number=number,
             based=int(mine["base_round"][row]),
             seed=self._seed(number, uav),
@@ -297,8 +307,6 @@ class Learning:
             whole=bool(mine["base_whole"][row]),
             note=_unpacked(mine["base_heard"][row]),
         )
-        base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
-        return partial(self._trained, uav, base, kept, _unpacked(state), config)
 
     def _trained(
         self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit

@@ -85,16 +85,23 @@ class FlowerClient(Learner):
         check_note("configuration", TrainingRequest.of_asked(1, first, scenario.uavs).note, options.note_bytes)
         return dict(first.arrays)
 
+    @classmethod
+    def takes_part(cls, options: Any, scenario: Scenario, uav: int, config: Fit) -> bool:
+        """See `Learner.takes_part`: whether the ServerApp asks the node on this UAV, and the request arrived."""
+        request = cls._request(options, scenario, config)
+        return request is not None and bool(request.asked[uav])
+
+    @classmethod
+    def _request(cls, options: Any, scenario: Scenario, config: Fit) -> TrainingRequest | None:
+        """The request beside a global model; None if it was lost. The first one is on board at take-off."""
+        if not config.based:
+            return TrainingRequest.of_asked(1, cls.first(options, scenario), scenario.uavs)
+        return TrainingRequest.of_note(config.note, scenario.uavs) if config.note else None
+
     def fit(self, model: Tree, config: Fit) -> Trained | None:
-        """See `Learner.fit`. A UAV that did not receive what it is asked for is silent."""
-        if config.based:
-            if not config.note:
-                return None
-            request = TrainingRequest.of_note(config.note, self.scenario.uavs)
-        else:
-            request = TrainingRequest.of_asked(1, self.first(self.options, self.scenario), self.scenario.uavs)
-        if not request.asked[self.uav]:
-            return None
+        """See `Learner.fit`."""
+        request = self._request(self.options, self.scenario, config)
+        assert request is not None
         from flwr.app import Message
 
         assert isinstance(model, dict)
