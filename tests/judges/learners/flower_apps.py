@@ -104,7 +104,7 @@ def in_engine(app: Path, configs: list[dict[str, Any]], folder: Path) -> list[di
     wanted = [config | {"save-to": str(folder / f"{number}.npz")} for number, config in enumerate(configs)]
     script = Path(__file__).with_name("flower_engine.py")
     done = subprocess.run(
-        [sys.executable, script, app, json.dumps(wanted)], capture_output=True, text=True, timeout=280, check=False
+        [sys.executable, script, app, json.dumps(wanted)], capture_output=True, text=True, timeout=900, check=False
     )
     assert done.returncode == 0, done.stderr[-3000:]
     return [_arrays(Path(config["save-to"])) for config in wanted]

@@ -46,7 +46,7 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return request.param, app, in_engine(app, configs, folder)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_the_model_is_that_of_flowers_engine(engine: tuple[str, Path, list[Any]], strategy: str) -> None:
     variant, app, expected = engine
