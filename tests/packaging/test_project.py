@@ -101,6 +101,7 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
         ("meanflock", ["export", "run", "--rosbag=r"], "rosbags", "'meanflock[export]'"),
         ("meanflock", ["bridge", "mavlink", "run"], "pymavlink", "'meanflock[mavlink]'"),
         ("meanflock", ["run", "--realtime", "--steer=0"], "pymavlink", "'meanflock[mavlink]'"),
+        ("meanflock", ["flower", "app"], "flwr", "'meanflock[flower]'"),
         ("meanflock.agent", ["--run", "bare"], "numpy", "meanflock"),
         ("meanflock.leader", ["--run", "bare"], "msgspec", "meanflock"),
         ("meanflock.worldsim", ["--run", "bare"], "msgpack", "'meanflock[world]'"),

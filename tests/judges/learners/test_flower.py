@@ -15,7 +15,7 @@ from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engin
 ROUNDS = 10
 STRATEGIES: dict[str, dict[str, Any]] = {
     "FedAvg": {},
-    "FedAdam": {"eta": 0.03},
+    "FedAdam": {"eta": 0.03, "tau": 0.01},  # it multiplies differences by η/τ; those of the order of sums are 3e-8
     "FedProx": {"proximal_mu": 0.1},
     "Krum": {"num_malicious_nodes": 1},
     "FedMedian": {},
