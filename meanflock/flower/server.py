@@ -74,7 +74,7 @@ class FlowerServer(Aggregator):
         server.go_on(self.options.wait_s)
         if server.error is not None:
             raise server.error
-        metrics = outcome | server.grid.metrics
+        metrics = server.grid.metrics | outcome
         if server.is_over:
             return Aggregate(None, done=True, metrics=metrics)
         asked = server.grid.asked
