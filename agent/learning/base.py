@@ -48,6 +48,10 @@ class Trained(msgspec.Struct, frozen=True, eq=False):
     note: bytes = b""
 
 
+class TrainingFailed(Exception):
+    """Raised by `fit`: this training gives no model. The UAV is silent in the round, and an event has the text."""
+
+
 class Learner:
     """Base class of learners: override `initial` and `fit`; declare what differs from these.
 
@@ -72,6 +76,14 @@ class Learner:
     def initial(cls, options: Any, scenario: Scenario) -> Tree:
         """Returns the model at take-off, the same for all UAVs. The global random generators are seeded before."""
         raise NotImplementedError
+
+    @classmethod
+    def takes_part(cls, options: Any, scenario: Scenario, uav: int, config: Fit) -> bool:
+        """Returns whether a UAV trains the global model that it received; it is free for the next one if not.
+
+        It must be cheap, because the flight waits for it. `fit` returns None if only the training shows it.
+        """
+        return True
 
     @abstractmethod
     def fit(self, model: Tree, config: Fit) -> Trained | None:

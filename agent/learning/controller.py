@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Prediction, Received, Rows, Step
-from meanflock.agent.learning.base import Fit, Learner, Trained, Tree
+from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
 from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
 from meanflock.agent.learning.trees import ModelForm
 from meanflock.agent.learning.worker import TRAININGS, Job
@@ -237,7 +237,11 @@ class Learning:
             for name in ("round", "whole", "heard"):
                 mine[f"base_{name}"][row] = mine[name][row]
             mine["base"][row] = mine["global"][row]
-            self._job(mine, row)
+            uav = int(mine["uav"][row])
+            if self.learner.takes_part(self.options, self.scenario, uav, self._config(mine, row)):
+                self._job(mine, row)
+            else:
+                mine["began"][row] = -1
 
     def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
@@ -293,9 +297,15 @@ class Learning:
         return job
 
     def _call(self, mine: Memory, row: int) -> Callable[[], TrainingResult | None]:
+        config = self._config(mine, row)
+        base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
+        return partial(self._trained, int(mine["uav"][row]), base, kept, _unpacked(state), config)
+
+    def _config(self, mine: Memory, row: int) -> Fit:
+        """What the learner of a row knows when its training begins."""
         uav, began = int(mine["uav"][row]), int(mine["began"][row])
         number = began // self.scenario.period_ticks + 1
-        config = Fit(
+        return Fit(
             number=number,
             based=int(mine["base_round"][row]),
             seed=self._seed(number, uav),
@@ -304,8 +314,6 @@ class Learning:
             whole=bool(mine["base_whole"][row]),
             note=_unpacked(mine["base_heard"][row]),
         )
-        base, kept, state = (mine[name][row].copy() for name in ("base", "kept", "state"))
-        return partial(self._trained, uav, base, kept, _unpacked(state), config)
 
     def _trained(
         self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit
@@ -316,7 +324,10 @@ class Learning:
             learner.load(state)
             measured = dict(learner.evaluate(self._form.join(base, kept), config))
         with seeded(config.seed, self._table.threads):
-            trained = learner.fit(self._form.join(base, kept), config)
+            try:
+                trained = learner.fit(self._form.join(base, kept), config)
+            except TrainingFailed as error:
+                return TrainingResult(base, kept, 1.0, {}, b"", b"", str(error), 0)
             state = learner.state()
         if trained is None:
             return None

@@ -1,6 +1,7 @@
 """Command `flower`: flies a Flower app as its author wrote it."""
 
 import json
+import logging
 import re
 import tomllib
 from pathlib import Path
@@ -17,12 +18,16 @@ from meanflock.cli.arguments import (
     uavs_per_process_option,
 )
 from meanflock.cli.fly import _forker
-from meanflock.swarm.errors import BadInput, RunFailed, available
+from meanflock.results.run_folder import EVENTS
+from meanflock.swarm import logs
+from meanflock.swarm.errors import BadInput, RunFailed, available, meant
 
 if TYPE_CHECKING:
     from meanflock.flower.app import App
+    from meanflock.launch.run import EndedRun
 
 RESULT = "result.json"
+CLIENT_FAILED = "the ClientApp failed"  # in the events of trainings
 _PAIR = re.compile(r"""(?:[^\s"']|"(?:\\.|[^"\\])*"|'[^']*')+""")  # signs up to a space that is not quoted
 _PLUGIN = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
 
@@ -41,7 +46,7 @@ class Server(FlowerServer):
     client = Client
 
 
-Client.app.half(Client.app.client)  # before processes are forked, which share it
+_ = Client.app.client_app  # imported before processes are forked, which share it
 '''
 
 
@@ -82,7 +87,10 @@ def flower(
     from meanflock.swarm import plugins
 
     described = App.read(app)
-    described.config.update(_pairs(run_config))
+    for key, value in _pairs(run_config).items():
+        if key not in described.config:
+            raise BadInput(f"--run-config {key}: the app has no such key{meant(key, described.config)}")
+        described.config[key] = value
     folder = Path(out) / ".flower"
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{described.name}.py"
@@ -90,13 +98,14 @@ def flower(
     plugins.load_files([path])
     name = described.name
     fixed = (f"training.learner={name}", f"federation.aggregation={name}", "federation.fraction=1.0", "stop=rounds")
+    file = None if mission is None else Path(mission)
+    keys: dict[str, Any] = {"method": method or "orca", "uavs": uavs, "seed": seed, "duration": duration}
+    rounds = described.rounds
     with _forker(in_process) as forker:
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
 
-        file = None if mission is None else Path(mission)
-        keys: dict[str, Any] = {"method": method or "orca", "uavs": uavs, "seed": seed, "duration": duration}
-        if duration is None and (rounds := described.config.get("num-server-rounds")):
+        if duration is None and rounds:
             planned = load_scenario(file, (*fixed, *settings), **keys)
             keys["duration"] = (rounds + 2) * planned.period_ticks * planned.dt
         done = flight.run(
@@ -116,9 +125,9 @@ def flower(
             tls=None,
             **given,
         )
-    failure = _write_result(done.folder, described, done.summary)
-    if failure:
-        raise RunFailed(failure)
+        flown = load_scenario(file, (*fixed, *settings), **keys)
+    ended = _write_result(done.folder, described, done.summary)
+    _judge(done, ended, rounds, is_over=done.summary["ticks"] < flown.max_ticks)
 
 
 def _pairs(text: str) -> dict[str, Any]:
@@ -135,23 +144,47 @@ def _pairs(text: str) -> dict[str, Any]:
     return pairs
 
 
-def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> str:
-    """Write what came of an app into the folder of its run; returns why it failed, empty if it did not."""
+def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """Write what came of an app into the folder of its run; returns its rounds."""
     import pyarrow.parquet as pq
 
     from meanflock.results.rounds_table import METRIC, ROUNDS
 
     path = folder / ROUNDS
-    ended = pq.read_table(path).to_pylist() if path.exists() else []
+    ended: list[dict[str, Any]] = pq.read_table(path).to_pylist() if path.exists() else []
     same = ("round", "sim_time_s", "bits", "airtime_s", "sent", "received", "retries")
     table = [
         {name: one[name] for name in same}
-        | {"failures": one["participants"] - one["received"]}
         | {name.removeprefix(METRIC): value for name, value in one.items() if name.startswith(METRIC)}
         for one in ended
     ]
     result = {"app": described.name, "config": described.config, "rounds": table, "summary": summary}
     (folder / RESULT).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return ended
+
+
+def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int, is_over: bool) -> None:
+    """Say what went wrong in a flight. `rounds`: that the app was to have; `is_over`: whether the ServerApp ended.
+
+    Raises:
+        RunFailed: the ServerApp failed, or never got a reply.
+    """
+    texts = [json.loads(line)["text"] for line in (done.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
+    failed = [text for text in texts if CLIENT_FAILED in text]
     if ended and ended[-1]["reason"] == "the aggregation rule failed":
-        return f"the ServerApp failed in round {ended[-1]['round']}; {folder / 'events.jsonl'} says why"
-    return ""
+        raise RunFailed([text for text in texts if " failed in round " in text][-1])
+    if ended and not any(one["received"] for one in ended):
+        why = failed[0] if failed else "the radio lost all of them"
+        raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
+    if failed:
+        logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0]}", logging.WARNING)
+    if not is_over:
+        logs.show(
+            f"warning: the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "
+            "with --duration, or open rounds more often with --set federation.period=TICKS",
+            logging.WARNING,
+        )
+    elif len(ended) < rounds:
+        logs.show(
+            f"warning: the ServerApp ended after {len(ended)} rounds; num-server-rounds is {rounds}", logging.WARNING
+        )

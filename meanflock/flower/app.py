@@ -17,15 +17,17 @@ os.environ["FLWR_TELEMETRY_ENABLED"] = "0"  # Flower reads it when it is importe
 
 import numpy as np
 from flwr.app import Array, ArrayRecord, Context, RecordDict
+from flwr.clientapp import ClientApp
 from flwr.common.serde import recorddict_from_proto, recorddict_to_proto
 from flwr.proto.recorddict_pb2 import RecordDict as Proto
+from flwr.serverapp import ServerApp
 from flwr.supercore.task_identity import TaskIdentity
 from numpy.typing import NDArray
 
 FIRST_NODE = 1000  # number of the node on UAV 0
 SUFFIXES = (".py", ".toml")  # of files whose change makes another app
 
-logging.getLogger("flwr").setLevel(logging.WARNING)
+logging.getLogger("flwr").setLevel(logging.ERROR)
 TaskIdentity.task_id = TaskIdentity.run_id = TaskIdentity.node_id = 1
 
 
@@ -63,6 +65,12 @@ class App(NamedTuple):
         return cls(str(folder.resolve()), client, server, f"flower-{name}", dict(_flat(table.get("config", {}))))
 
     @property
+    def rounds(self) -> int:
+        """`num-server-rounds` of its configuration; 0 if it has none."""
+        rounds = self.config.get("num-server-rounds")
+        return rounds if isinstance(rounds, int) else 0
+
+    @property
     def fingerprint(self) -> str:
         """Hash of the files of the app."""
         digest = hashlib.sha256()
@@ -71,19 +79,37 @@ class App(NamedTuple):
                 digest.update(path.relative_to(self.folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
         return digest.hexdigest()
 
-    def half(self, component: str) -> Any:
-        """One half of the app, imported from its folder.
+    @property
+    def client_app(self) -> ClientApp:
+        """Its ClientApp, imported from its folder."""
+        return self._component("clientapp", self.client, ClientApp)
 
-        Raises:
-            BadInput: it cannot be imported.
-        """
+    @property
+    def server_app(self) -> ServerApp:
+        """Its ServerApp, imported from its folder."""
+        return self._component("serverapp", self.server, ServerApp)
+
+    def _component(self, key: str, component: str, kind: type[Any]) -> Any:
+        place = f"Flower app {self.folder}: `{key}` {component}"
         module, _, attribute = component.partition(":")
         if self.folder not in sys.path:
             sys.path.insert(0, self.folder)
         try:
-            return getattr(importlib.import_module(module), attribute)
+            found = getattr(importlib.import_module(module), attribute)
         except FAILURES as error:
-            raise BadInput(f"Flower app {self.folder}: {component}: {last_line(error)}") from error
+            raise BadInput(
+                f"{place}: {last_line(error)}; install what the app needs, or correct its pyproject.toml"
+            ) from error
+        if not isinstance(found, kind):
+            raise BadInput(f"{place}: is a {type(found).__name__}; expected a {kind.__name__}")
+        return found
+
+    def at_fault(self, error: BaseException) -> BaseException:
+        """The error with a traceback that begins in the files of the app, so that messages name their lines."""
+        place = error.__traceback__
+        while place is not None and not place.tb_frame.f_code.co_filename.startswith(self.folder + os.sep):
+            place = place.tb_next
+        return error.with_traceback(place or error.__traceback__)
 
 
 def context(node: int, run_config: dict[str, Any], uav: int | None = None, uavs: int = 0) -> Context:
@@ -100,7 +126,10 @@ def split(content: RecordDict) -> tuple[dict[str, NDArray[Any]], bytes]:
     """
     records = list(content.array_records.items())
     if len(records) != 1:
-        raise ValueError(f"a message has {len(records)} ArrayRecords; a model on the radio is one")
+        raise ValueError(
+            f"a message of a training has {len(records)} ArrayRecords; a round carries one model, so secure "
+            "aggregation, which exchanges keys, cannot fly"
+        )
     name, record = records[0]
     rest = recorddict_to_proto(RecordDict({key: value for key, value in content.items() if key != name}))
     arrays = {key: array.numpy() for key, array in record.items()}

@@ -9,9 +9,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Options as NoOptions
-from meanflock.agent.learning.base import Fit, Learner, Trained, Tree
+from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
 from meanflock.flower.app import FIRST_NODE, App, context, joined, numbers_in, split, state_bytes, state_of
 from meanflock.flower.grid import Asked, asked_first
+from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 
 _EXAMPLES = ("num-examples", "num_examples")
@@ -24,6 +25,11 @@ class TrainingRequest(NamedTuple):
     number: int
     asked: NDArray[np.bool_]
     rest: bytes
+
+    @classmethod
+    def of_asked(cls, number: int, asked: Asked, uavs: int) -> "TrainingRequest":
+        """The request of an exchange with a swarm of so many UAVs."""
+        return cls(number, np.isin(np.arange(uavs) + FIRST_NODE, asked.nodes), asked.rest)
 
     @property
     def note(self) -> bytes:
@@ -57,7 +63,7 @@ class FlowerClient(Learner):
 
     def __init__(self, options: Any, scenario: Scenario, uav: int) -> None:
         super().__init__(options, scenario, uav)
-        self._client = self.app.half(self.app.client)
+        self._client = self.app.client_app
         self._node = FIRST_NODE + uav
         self._context = context(self._node, self.run_config(options), uav, scenario.uavs)
 
@@ -75,29 +81,40 @@ class FlowerClient(Learner):
     @classmethod
     def initial(cls, options: Any, scenario: Scenario) -> Tree:
         """See `Learner.initial`: what the ServerApp sends first, which every UAV has on board at take-off."""
-        return dict(cls.first(options, scenario).arrays)
+        first = cls.first(options, scenario)
+        check_note("configuration", TrainingRequest.of_asked(1, first, scenario.uavs).note, options.note_bytes)
+        return dict(first.arrays)
+
+    @classmethod
+    def takes_part(cls, options: Any, scenario: Scenario, uav: int, config: Fit) -> bool:
+        """See `Learner.takes_part`: whether the ServerApp asks the node on this UAV, and the request arrived."""
+        request = cls._request(options, scenario, config)
+        return request is not None and bool(request.asked[uav])
+
+    @classmethod
+    def _request(cls, options: Any, scenario: Scenario, config: Fit) -> TrainingRequest | None:
+        """The request beside a global model; None if it was lost. The first one is on board at take-off."""
+        if not config.based:
+            return TrainingRequest.of_asked(1, cls.first(options, scenario), scenario.uavs)
+        return TrainingRequest.of_note(config.note, scenario.uavs) if config.note else None
 
     def fit(self, model: Tree, config: Fit) -> Trained | None:
-        """See `Learner.fit`. A UAV that did not receive what it is asked for is silent."""
-        if config.based:
-            if not config.note:
-                return None
-            request = TrainingRequest.of_note(config.note, self.scenario.uavs)
-        else:
-            first = self.first(self.options, self.scenario)
-            request = TrainingRequest(1, np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, first.nodes), first.rest)
-        if not request.asked[self.uav]:
-            return None
+        """See `Learner.fit`."""
+        request = self._request(self.options, self.scenario, config)
+        assert request is not None
         from flwr.app import Message
 
         assert isinstance(model, dict)
-        reply = self._client(Message(joined(model, request.rest), self._node, "train"), self._context)
-        if reply.has_error():
-            raise RuntimeError(reply.error.reason)
-        arrays, rest = split(reply.content)
+        try:
+            reply = self._client(Message(joined(model, request.rest), self._node, "train"), self._context)
+            arrays, rest = split(reply.content)
+        except FAILURES as error:
+            raise TrainingFailed(f"the ClientApp failed: {last_line(self.app.at_fault(error))}") from error
+        note = request.number.to_bytes(2, "little") + rest
+        check_note("metrics", note, self.options.note_bytes)
         metrics = numbers_in(reply.content)
         examples = next((metrics[name] for name in _EXAMPLES if name in metrics), 1.0)
-        return Trained(arrays, examples, metrics, request.number.to_bytes(2, "little") + rest)
+        return Trained(arrays, examples, metrics, note)
 
     def state(self) -> bytes:
         """See `Learner.state`."""
@@ -106,6 +123,18 @@ class FlowerClient(Learner):
     def load(self, raw: bytes) -> None:
         """See `Learner.load`."""
         self._context.state = state_of(raw)
+
+
+def check_note(content: str, note: bytes, most: int) -> None:
+    """Check that all of a message but its arrays fits into a note.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if len(note) > most:
+        raise ValueError(
+            f"{content} of {len(note)} bytes; set training.options.note_bytes={len(note)}, or more if it grows"
+        )
 
 
 @cache

@@ -3,6 +3,7 @@
 The ServerApp runs in a thread of its own. Each time that it waits for replies of a training, a round flies.
 """
 
+import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from flwr.app import Error, Message, MetricRecord, RecordDict
+from flwr.common.constant import ErrorCode
 from flwr.compat.common import recorddict_compat as compat
 from flwr.server import server as classic
 from flwr.serverapp import Grid
@@ -20,6 +22,9 @@ from numpy.typing import NDArray
 
 from meanflock.agent.learning.surroundings import Generators
 from meanflock.flower.app import FIRST_NODE, App, context, split
+from meanflock.swarm.errors import FAILURES, last_line
+
+log = logging.getLogger("meanflock.flower")
 
 LOST = 900  # code of the error of a reply that the radio lost
 ASKED_TOO_OFTEN = 5  # times that a ServerApp asks for the nodes without sending anything
@@ -107,8 +112,15 @@ class RadioGrid(Grid):
                 self._replies[number] = self._answer(message)
                 continue
             node, waiting = message.metadata.dst_node_id, next(iter(self._queue.values()), message)
-            if message.content is not waiting.content and not _alike(message.content, waiting.content):
-                raise ValueError("the ServerApp sends different contents to nodes at once; a broadcast carries one")
+            if not FIRST_NODE <= node < FIRST_NODE + self._uavs:
+                raise ValueError(f"the ServerApp sends to node {node}; ask grid.get_node_ids() for the nodes")
+            if message is waiting:
+                split(message.content)  # it must have one model
+            elif message.content is not waiting.content and not _alike(message.content, waiting.content):
+                raise ValueError(
+                    "the ServerApp sends different contents to nodes at once; a broadcast carries one content, so "
+                    "models or configurations of single nodes cannot fly"
+                )
             if node in self._queue:
                 raise ValueError(f"the ServerApp sends two models to node {node} at once; a round carries one")
             self._queue[node] = message
@@ -136,12 +148,14 @@ class RadioGrid(Grid):
         if (message := self._sent.pop((number, node), None)) is not None:
             self._replies[message.metadata.message_id] = Message(content, reply_to=message)
 
-    def expire(self) -> None:
-        """Give the ServerApp an error in place of every reply that it has waited for too long."""
-        for number, node in [key for key in self._sent if key[0] <= self.number + 1 - self._expires]:
-            message = self._sent.pop((number, node))
+    def expire(self) -> int:
+        """Give the ServerApp an error in place of every reply that it has waited for too long; returns their number."""
+        expired = [key for key in self._sent if key[0] <= self.number + 1 - self._expires]
+        for key in expired:
+            message = self._sent.pop(key)
             error = Error(LOST, "the radio lost it, or it came too late")
             self._replies[message.metadata.message_id] = Message(error, reply_to=message)
+        return len(expired)
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -169,11 +183,16 @@ class RunningServer:
     """
 
     def __init__(self, app: App, config: dict[str, Any], uavs: int, seed: int, expires: int = 1) -> None:
-        client = app.half(app.client)
+        client = app.client_app
 
         def answer(message: Message) -> Message:
             node = message.metadata.dst_node_id
-            reply: Message = client(message, context(node, config, node - FIRST_NODE, uavs))
+            try:
+                reply = client(message, context(node, config, node - FIRST_NODE, uavs))
+            except FAILURES as error:
+                why = last_line(app.at_fault(error))
+                log.warning("the ClientApp of UAV %d failed to answer: %s", node - FIRST_NODE, why)
+                return Message(Error(ErrorCode.CLIENT_APP_RAISED_EXCEPTION, why), reply_to=message)
             reply.metadata.__dict__["_message_id"] = ""
             return reply
 
@@ -214,11 +233,11 @@ class RunningServer:
 
     def _run(self) -> None:
         try:
-            _serve(self._app.half(self._app.server), self.grid, self._config)
+            _serve(self._app.server_app, self.grid, self._config)
         except _Probed:
             pass
         except BaseException as error:  # an app may raise anything
-            self.error = error
+            self.error = self._app.at_fault(error)
         self.is_over = True
         self._waits.release()
 

@@ -16,7 +16,7 @@ from meanflock.federation.plan import topology_of
 from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.federation.rules.base import Options as NoOptions
 from meanflock.flower.app import FIRST_NODE, joined
-from meanflock.flower.client import FlowerClient, TrainingRequest
+from meanflock.flower.client import FlowerClient, TrainingRequest, check_note
 from meanflock.flower.grid import RunningServer
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -71,18 +71,16 @@ class FlowerServer(Aggregator):
             model = self._model(uploads.models[place], arrived, kept[0])
             arrays: Any = self._form.join(model, kept[1])
             server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
-        server.grid.expire()
+        outcome = {"asked": float(len(server.grid.asked.nodes)), "failures": float(server.grid.expire())}
         server.go_on(self.options.wait_s)
         if server.error is not None:
             raise server.error
-        metrics = server.grid.metrics
+        metrics = server.grid.metrics | outcome
         if server.is_over:
             return Aggregate(None, done=True, metrics=metrics)
         asked = server.grid.asked
-        nodes = np.isin(np.arange(self.scenario.uavs) + FIRST_NODE, asked.nodes)
-        note = TrainingRequest(server.grid.number, nodes, asked.rest).note
-        if len(note) > self.note_bytes:
-            raise ValueError(f"configuration of {len(note)} bytes; set training.options.note_bytes={len(note)} or more")
+        note = TrainingRequest.of_asked(server.grid.number, asked, self.scenario.uavs).note
+        check_note("configuration", note, self.note_bytes)
         vector, _ = self._form.split(self._cast(asked.arrays))
         return Aggregate(vector.astype(np.float64), note, metrics=metrics)
 

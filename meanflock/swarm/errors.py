@@ -162,6 +162,8 @@ def _is_there(library: str) -> bool:
 
 def last_line(error: BaseException) -> str:
     """The error, and the line of the plug-in in which it arose, if any."""
+    if isinstance(error, BadInput):  # it says where
+        return str(error)
     if isinstance(error, SyntaxError) and error.filename:  # raised by the compiler
         return f"{reason(error)} ({Path(error.filename).name}, line {error.lineno})"
     places = [  # top-level module, file and line, the innermost last

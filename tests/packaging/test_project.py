@@ -35,8 +35,9 @@ def closure(requirements: list[Requirement]) -> set[str]:
     return {name for name, _ in seen}
 
 
-# Torch clashes with some of them: `make learners`.
-EVERYTHING = direct(PROJECT["dependencies"], *(lines for extra, lines in EXTRAS.items() if extra != "torch"))
+# Flower wants other versions of protobuf and rich than the rest, and torch is large: `make learners` tests both.
+APART = {"flower", "torch"}
+EVERYTHING = direct(PROJECT["dependencies"], *(lines for name, lines in EXTRAS.items() if name not in APART))
 
 
 @pytest.mark.parametrize("requirement", EVERYTHING, ids=lambda requirement: requirement.name)
@@ -53,6 +54,14 @@ def test_learners_have_constraints_of_their_own() -> None:
         assert requirement.name == "meanflock" or pins[canonicalize_name(requirement.name)] in requirement.specifier
     groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
     assert {f"{name}=={pin}" for name, pin in pins.items()} >= {one for one in groups["learners"] if "==" in one}
+
+
+@pytest.mark.parametrize("extra", sorted(APART))
+def test_an_extra_apart_has_a_range_and_dev_does_not_contain_it(extra: str) -> None:
+    (library,) = direct(EXTRAS[extra])
+    assert sorted(bound.operator for bound in library.specifier) == ["<", ">="]
+    assert f"meanflock[{extra}]" not in EXTRAS["dev"]
+    assert canonicalize_name(library.name) not in CONSTRAINTS
 
 
 def test_constraints_cover_every_transitive_dependency() -> None:
@@ -102,6 +111,7 @@ def test_one_wheel_with_all_kernels_is_for_every_python_from_the_first_on() -> N
         ("meanflock", ["export", "run", "--rosbag=r"], "rosbags", "'meanflock[export]'"),
         ("meanflock", ["bridge", "mavlink", "run"], "pymavlink", "'meanflock[mavlink]'"),
         ("meanflock", ["run", "--realtime", "--steer=0"], "pymavlink", "'meanflock[mavlink]'"),
+        ("meanflock", ["flower", "app"], "flwr", "'meanflock[flower]'"),
         ("meanflock.agent", ["--run", "bare"], "numpy", "meanflock"),
         ("meanflock.leader", ["--run", "bare"], "msgspec", "meanflock"),
         ("meanflock.worldsim", ["--run", "bare"], "msgpack", "'meanflock[world]'"),

@@ -17,18 +17,21 @@ _PANEL_IN = 2.1  # height
 
 
 def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
-    """`learning`: a panel for each diagnostic and metric of the rounds in `folder`, over a key of `OVER`.
+    """`learning`: a panel for each metric and diagnostic of the rounds in `folder`, over a key of `OVER`.
+
+    Those that stay the same in all rounds are left out, if others change.
 
     Raises:
         BadInput: no run there, a damaged file, or a run without rounds or without diagnostics.
     """
     table = rounds_table(stored_rounds(folder / EVENTS), flown_keys(folder).dt)
-    names = [name for name in table.column_names if name.startswith((MEAN, METRIC))]
+    names = [name for prefix in (METRIC, MEAN) for name in table.column_names if name.startswith(prefix)]
     if not table.num_rows or not names:
         missing = "no round" if not table.num_rows else "rounds, but no diagnostics or metrics"
         raise BadInput(f"{folder}: the run has {missing}; fly a method that learns and shares, such as mfgfl-hf")
     x = table[OVER[over]].to_numpy()
     averaged = np.array(table["outcome"].to_pylist()) == "averaged"
+    names = [name for name in names if len(table[name].unique()) > 1] or names
     columns = min(2, len(names))
     rows = math.ceil(len(names) / columns)
     with plotstyle.style():

@@ -1,0 +1,239 @@
+"""Flower apps fly unmodified, and equal Flower's engine on a radio that loses nothing. `make learners` runs these."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flwr", reason="make learners")
+
+from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
+
+ROUNDS = 10
+STRATEGIES: dict[str, dict[str, Any]] = {
+    "FedAvg": {},
+    "FedAdam": {"eta": 0.03, "tau": 0.01},  # it multiplies differences by η/τ; those of the order of sums are 3e-8
+    "FedProx": {"proximal_mu": 0.1},
+    "Krum": {"num_malicious_nodes": 1},
+    "FedMedian": {},
+}
+ALL = {
+    "": {"min_available_nodes": 10, "min_train_nodes": 10},
+    "classic": {"min_available_clients": 10, "min_fit_clients": 10},
+}
+
+
+def options(variant: str, strategy: str) -> str:
+    found = STRATEGIES[strategy] | ALL[variant]
+    if variant and "num_malicious_nodes" in found:
+        found["num_malicious_clients"] = found.pop("num_malicious_nodes")
+    return json.dumps(found)
+
+
+@pytest.fixture(scope="module", params=["", "classic"], ids=["message-api", "classic"])
+def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, list[Any]]:
+    """Variant and folder of an app, and what it saves in Flower's engine for each strategy."""
+    pytest.importorskip("ray", reason="Flower's engine needs it: make learners")
+    folder = tmp_path_factory.mktemp("engine")
+    app = build(folder, request.param)
+    configs = [
+        {"num-server-rounds": ROUNDS, "strategy": name, "strategy-options": options(request.param, name)}
+        for name in STRATEGIES
+    ]
+    return request.param, app, in_engine(app, configs, folder)
+
+
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_the_model_is_that_of_flowers_engine(engine: tuple[str, Path, list[Any]], strategy: str) -> None:
+    variant, app, expected = engine
+    theirs = expected[list(STRATEGIES).index(strategy)]
+    flown = fly(
+        app,
+        "--in-process",
+        settings=(IDEAL,),
+        num_server_rounds=ROUNDS,
+        strategy=strategy,
+        strategy_options=options(variant, strategy),
+    )
+    assert flown.code == 0, flown.said
+    assert flown.saved.keys() == theirs.keys()
+    assert len(theirs["accuracy"]) == ROUNDS + 1
+    for name in theirs:
+        np.testing.assert_allclose(flown.saved[name], theirs[name], rtol=0, atol=1e-6)
+    assert [one["accuracy"] for one in flown.result["rounds"]] == flown.saved["accuracy"][1:].tolist()
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("app"))
+
+
+@pytest.fixture(scope="module")
+def lossy(app: Path) -> Callable[..., Flown]:
+    def flown(*flags: object) -> Flown:
+        settings = ("federation.retries=1", "federation.period=20")
+        return fly(app, "--mission", "lossy", *flags, settings=settings, num_server_rounds=4)
+
+    return flown
+
+
+def test_flights_in_one_process_and_in_many_are_equal(lossy: Callable[..., Flown]) -> None:
+    alone = lossy("--in-process")
+    assert alone.code == 0, alone.said
+    for processes in (("--uavs-per-process", 5), ()):
+        flown = lossy(*processes)
+        assert flown.bits == alone.bits
+        assert {name: array.tobytes() for name, array in flown.saved.items()} == {
+            name: array.tobytes() for name, array in alone.saved.items()
+        }
+
+
+def test_lost_replies_are_failures_and_only_the_nodes_that_are_asked_upload(app: Path, tmp_path: Path) -> None:
+    flown = fly(app, "--in-process", "--mission", "lossy", num_server_rounds=4, fraction_train=0.5)
+    rounds = flown.result["rounds"]
+    assert flown.code == 0
+    assert [one["asked"] for one in rounds] == [5.0] * 4
+    assert all(one["sent"] <= 5 for one in rounds)
+    assert sum(one["failures"] for one in rounds) > 0
+    assert all(one["asked"] - one["failures"] <= one["received"] for one in rounds)
+
+
+def test_messages_that_are_no_training_are_answered_in_the_leader(app: Path) -> None:
+    without, flown = (
+        fly(app, "--in-process", settings=(IDEAL,), num_server_rounds=2, fraction_evaluate=share)
+        for share in (0.0, 1.0)
+    )
+    assert all("eval_accuracy" in one for one in flown.result["rounds"])
+    assert flown.result["summary"]["payload_bits"] == without.result["summary"]["payload_bits"]
+
+
+def test_a_classic_app_may_ask_a_client_for_the_first_model(tmp_path: Path) -> None:
+    app = build(tmp_path, "classic")
+    flown = fly(
+        app, "--in-process", settings=(IDEAL,), num_server_rounds=2, strategy_options='{"ask-for-parameters": true}'
+    )
+    assert flown.code == 0, flown.said
+    assert flown.saved["accuracy"][-1] > 0.4
+
+
+def test_a_loop_that_pushes_and_pulls_equals_fedavg_while_nothing_is_lost_or_late(tmp_path: Path, app: Path) -> None:
+    loop = fly(build(tmp_path, "fedbuff"), "--in-process", settings=(IDEAL,), num_server_rounds=4)
+    fedavg = fly(app, "--in-process", settings=(IDEAL,), num_server_rounds=4)
+    assert loop.code == fedavg.code == 0, loop.said
+    assert loop.saved["accuracy"].tolist() == fedavg.saved["accuracy"][1:].tolist()
+
+
+def test_late_replies_count_if_messages_expire_later(tmp_path: Path) -> None:
+    app = build(tmp_path, "fedbuff")
+    slow = ("training.fit_s=2.5", "training.spread=0.5", "federation.period=20", IDEAL)
+    dropped, counted = (
+        fly(
+            app,
+            "--in-process",
+            "--duration",
+            60,
+            settings=(*slow, f"federation.options.expires={expires}"),
+            num_server_rounds=4,
+        )
+        for expires in (1, 6)
+    )
+    assert counted.code == 0, counted.said
+    assert counted.saved["errors"] == 0
+    assert sum(one["failures"] for one in dropped.result["rounds"]) > 0
+
+
+BROKEN = [
+    ("    raise ValueError('no data')", 2, "no data (server_app.py, line"),
+    ("    pass", 2, "ended without sending a model"),
+    (
+        "    while len(list(grid.get_node_ids())) < 7:\n        time.sleep(0.01)",
+        2,
+        "more nodes than the 3 UAVs that fly",
+    ),
+    ("    grid.send_and_receive(messages(grid, scale=lambda place: place))", 2, "different contents to nodes at once"),
+    (
+        "    grid.push_messages(messages(grid))\n    grid.push_messages(messages(grid))",
+        2,
+        "two models to node 1000 at once",
+    ),
+    ("    grid.send_and_receive(messages(grid, more=ArrayRecord([np.zeros(2)])))", 2, "2 ArrayRecords"),
+    (
+        "    grid.send_and_receive(messages(grid, more=ConfigRecord({'a': 300 * 'x'})))",
+        2,
+        "training.options.note_bytes=",
+    ),
+    ("    grid.send_and_receive([Message(RecordDict(), 4, 'train')])", 2, "sends to node 4"),
+    (
+        "    grid.send_and_receive(messages(grid))\n    raise ValueError('tired')",
+        1,
+        "failed in round 1: ValueError: tired",
+    ),
+    (
+        "    grid.send_and_receive(messages(grid))\n    while True:\n        time.sleep(0.01)",
+        1,
+        "neither sent a model nor ended",
+    ),
+    ("    while True:\n        grid.send_and_receive(messages(grid))", 0, "while the ServerApp waited for replies"),
+    ("    grid.send_and_receive(messages(grid))", 0, "the ServerApp ended after 1 rounds; num-server-rounds is 5"),
+]
+
+
+@pytest.mark.parametrize(("main", "code", "said"), BROKEN, ids=[said for *_, said in BROKEN])
+def test_a_server_app_that_cannot_fly_is_told_in_words(tmp_path: Path, main: str, code: int, said: str) -> None:
+    flown = fly(
+        build(tmp_path, main=main),
+        "--in-process",
+        "--duration",
+        5,
+        uavs=3,
+        settings=("federation.period=20", "federation.options.wait_s=2"),
+        num_server_rounds=5,
+    )
+    assert (flown.code, said in flown.said) == (code, True), flown.said
+    assert "Traceback" not in flown.said
+
+
+def test_a_client_app_that_raises_is_silent_in_that_round_and_a_failure_for_the_server_app(tmp_path: Path) -> None:
+    app = build(tmp_path)
+    client = app / "flower_digits" / "client_app.py"
+    fails = '    if partition == 1 and config["server-round"] == 2:\n        raise RuntimeError("bad sensor")\n'
+    client.write_text(client.read_text().replace("    metrics =", f"{fails}    metrics =", 1))
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=3)
+    assert flown.code == 0
+    assert "1 trainings failed" in flown.said
+    assert "RuntimeError: bad sensor (client_app.py, line" in flown.said
+    assert [one["failures"] for one in flown.result["rounds"]] == [0.0, 1.0, 0.0]
+    assert [one["sent"] for one in flown.result["rounds"]] == [3, 2, 3]
+
+
+def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2, learning_rate="a")
+    assert flown.code == 1
+    assert "no reply reached the ServerApp in 2 rounds" in flown.said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("client_app:app", "client_app:nothing", "`clientapp` flower_digits.client_app:nothing: AttributeError"),
+        ("server_app:app", "servr_app:app", "No module named 'flower_digits.servr_app'"),
+        ("server_app:app", "client_app:app", "is a ClientApp; expected a ServerApp"),
+        ("[tool.flwr.app.components]", "[tool.flwr.other]", "describes no Flower app"),
+    ],
+)
+def test_a_description_with_a_mistake_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    app = build(tmp_path)
+    described = app / "pyproject.toml"
+    described.write_text(described.read_text().replace(old, new))
+    flown = fly(app, "--in-process", uavs=3)
+    assert (flown.code, said in flown.said) == (2, True), flown.said
+
+
+def test_other_topologies_and_standby_leaders_are_refused(app: Path, tmp_path: Path) -> None:
+    flown = fly(app, "--in-process", uavs=3, settings=("federation.topology=neighbours",))
+    assert flown.code == 2
+    assert "a ServerApp needs a leader" in flown.said
