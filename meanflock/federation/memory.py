@@ -53,7 +53,8 @@ class Feedback:
     """Error feedback for M rows: what coding takes from an upload is added to the row's next upload.
 
     With w the model, e the residual and Q the coding, a UAV sends q = Q(w + e) and sets e ← w + e − q (Seide et al.
-    2014; Karimireddy et al. 2019), so Σ q = Σ w − e. Whole models are sent: a lost upload costs at most one rounding.
+    2014; Karimireddy et al. 2019), so Σ q = Σ w − e. Models are sent, not changes: a lost upload costs at most one
+    rounding. The e of a fragment that is not sent stays.
     """
 
     def __init__(self, codec: Codec, uavs: NDArray[np.intp], *, active: bool) -> None:
@@ -61,15 +62,21 @@ class Feedback:
         self.residuals: Floats | None = np.zeros((len(uavs), codec.floats)) if active else None  # (M, L)
         self._codec, self._uavs = codec, uavs
 
-    def encode(self, rows: NDArray[np.intp], models: Floats, number: int) -> Coded:
-        """The `models` (S, L) of `rows` (S,) in a round, as written; one that cannot be sent leaves no residual."""
+    def encode(self, rows: NDArray[np.intp], models: Floats, number: int, sent: Mask | None = None) -> Coded:
+        """The `models` (S, L) of `rows` (S,) in a round, as written; one that cannot be sent leaves no residual.
+
+        `sent`: (S, F) fragments that are sent; None: all.
+        """
         if self.residuals is None:
             return self._codec.encode(models, self._uavs[rows], number)
         largest = self._codec.largest  # no residual pushes a model beyond it
         meant = np.clip(models + self.residuals[rows], -largest, largest)
         coded = self._codec.encode(meant, self._uavs[rows], number)
         valid = self._codec.valid(coded)
-        self.residuals[rows[valid]] = meant[valid] - self._codec.decode(coded.of(valid))
+        errors = meant[valid] - self._codec.decode(coded.of(valid))
+        if sent is not None:
+            errors = np.where(self._codec.by_number(sent[valid]), errors, self.residuals[rows[valid]])
+        self.residuals[rows[valid]] = errors
         return coded
 
 

@@ -188,7 +188,7 @@ class Rounds:
         if not len(rows):
             return []
         source = self._uavs[rows].astype(np.int32)
-        coded = self._feedback.encode(rows, models, number)
+        coded = self._feedback.encode(rows, models, number, chosen)
         if self._copies is not None:
             self._copies.put(number, rows, coded, weights)
         coded = self._byzantine.distort(number, source, coded, codec)

@@ -9,7 +9,7 @@ import pytest
 import meanflock as mf
 from meanflock.federation.codec import Codec, Cut
 from meanflock.federation.cut import coding_of
-from meanflock.federation.memory import Sent
+from meanflock.federation.memory import Feedback, Sent
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.swarm.events import RoundEnded
@@ -174,3 +174,16 @@ def test_after_the_first_upload_a_share_of_the_fragments_is_sent_and_billed(topo
     others = MemorySwarm(scenario(*settings), "share", uavs_per_node=4).complete()
     for field in ("models_sha256", "payload_bits", "dropped_messages"):
         assert others[field] == flight.summary[field]
+
+
+def test_the_rounding_error_of_a_fragment_that_is_not_sent_stays() -> None:
+    case = load(None, ("federation.payload=int8",))
+    codec = Codec(coding_of(case, "int8"), (8,), Cut(1, 4, 9))
+    feedback, row = Feedback(codec, np.array([0]), active=True), np.array([0])
+    draw = np.random.default_rng(1)
+    feedback.encode(row, draw.normal(size=(1, 8)), 1)
+    assert feedback.residuals is not None
+    before = feedback.residuals.copy()
+    feedback.encode(row, draw.normal(size=(1, 8)), 2, np.array([[True, False]]))
+    assert (feedback.residuals[0, 4:] == before[0, 4:]).all()
+    assert (feedback.residuals[0, :4] != before[0, :4]).any()
