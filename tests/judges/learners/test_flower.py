@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("flwr", reason="make learners")
 
+from meanflock.flower.app import joined, split
 from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
 
 ROUNDS = 10
@@ -249,3 +250,12 @@ def test_secure_aggregation_is_refused_in_words(tmp_path: Path) -> None:
     flown = fly(build(tmp_path, "secagg"), "--in-process", uavs=3)
     assert flown.code == 2
     assert "secure aggregation, which exchanges keys, cannot fly" in flown.said
+
+
+def test_a_message_keeps_arrays_of_any_shape_and_dtype() -> None:
+    arrays = {"weights": np.ones((2, 3), np.float32).T, "num_batches_tracked": np.array(7)}
+    note = split(joined(arrays, b"\x06arrays"))[1]
+    assert note == b"\x06arrays"
+    for name, array in split(joined(arrays, note))[0].items():
+        assert (array.dtype, array.shape) == (arrays[name].dtype, arrays[name].shape)
+        np.testing.assert_array_equal(array, arrays[name])
