@@ -139,7 +139,7 @@ def split(content: RecordDict) -> tuple[dict[str, NDArray[Any]], bytes]:
 def joined(arrays: dict[str, NDArray[Any]], note: bytes) -> RecordDict:
     """The content of a message of its arrays and the bytes of all else."""
     name, rest = note[1 : 1 + note[0]].decode(), recorddict_from_proto(Proto.FromString(note[1 + note[0] :]))
-    record = ArrayRecord({key: Array(np.ascontiguousarray(array)) for key, array in arrays.items()})
+    record = ArrayRecord({key: Array(np.asarray(array, order="C")) for key, array in arrays.items()})
     return RecordDict({name: record, **rest})
 
 

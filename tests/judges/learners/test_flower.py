@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("flwr", reason="make learners")
 
+from meanflock.flower.app import joined, split
 from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
 
 ROUNDS = 10
@@ -233,7 +234,28 @@ def test_a_description_with_a_mistake_is_refused(tmp_path: Path, old: str, new: 
     assert (flown.code, said in flown.said) == (2, True), flown.said
 
 
-def test_other_topologies_and_standby_leaders_are_refused(app: Path, tmp_path: Path) -> None:
-    flown = fly(app, "--in-process", uavs=3, settings=("federation.topology=neighbours",))
+def test_other_topologies_standby_leaders_and_unknown_keys_are_refused(app: Path, tmp_path: Path) -> None:
+    mission = tmp_path / "mission.toml"
+    mission.write_text('[[faults]]\nkind = "leader-loss"\ntime_s = 5.0\nstandby = true\n')
+    neighbours = fly(app, "--in-process", uavs=3, settings=("federation.topology=neighbours",))
+    standby = fly(app, "--in-process", "--mission", mission, uavs=3)
+    unknown = fly(app, "--in-process", uavs=3, learning_rat=0.1)
+    assert (neighbours.code, standby.code, unknown.code) == (2, 2, 2)
+    assert "a ServerApp needs a leader" in neighbours.said
+    assert "has a standby leader, which cannot go on with the rule" in standby.said
+    assert "the app has no such key; did you mean 'learning-rate'?" in unknown.said
+
+
+def test_secure_aggregation_is_refused_in_words(tmp_path: Path) -> None:
+    flown = fly(build(tmp_path, "secagg"), "--in-process", uavs=3)
     assert flown.code == 2
-    assert "a ServerApp needs a leader" in flown.said
+    assert "secure aggregation, which exchanges keys, cannot fly" in flown.said
+
+
+def test_a_message_keeps_arrays_of_any_shape_and_dtype() -> None:
+    arrays = {"weights": np.ones((2, 3), np.float32).T, "num_batches_tracked": np.array(7)}
+    note = split(joined(arrays, b"\x06arrays"))[1]
+    assert note == b"\x06arrays"
+    for name, array in split(joined(arrays, note))[0].items():
+        assert (array.dtype, array.shape) == (arrays[name].dtype, arrays[name].shape)
+        np.testing.assert_array_equal(array, arrays[name])
