@@ -155,7 +155,7 @@ endef
 # Torch and Flower need other versions of some libraries than the rest: constraints-learners.txt.
 $(LEARNERS)/.ready: pyproject.toml setup.py constraints-learners.txt $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])
 	@set -eu; $(find_python); $(call make_venv,$(LEARNERS)); \
-	$(LEARNERS)/bin/python -m pip install -qq -c constraints-learners.txt -e '.[torch]' $$($(LEARNERS)/bin/python -c \
+	$(LEARNERS)/bin/python -m pip install -qq -c constraints-learners.txt -e '.[flower,torch]' $$($(LEARNERS)/bin/python -c \
 	'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["learners"])')
 	@touch $@
 

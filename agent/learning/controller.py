@@ -241,7 +241,7 @@ class Learning:
             if self.learner.takes_part(self.options, self.scenario, uav, self._config(mine, row)):
                 self._job(mine, row)
             else:
-                mine["began"][row] = -1
+                mine["trains"][row] = False
 
     def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
