@@ -139,7 +139,7 @@ def test_a_rule_that_draws_from_a_global_generator_is_refused() -> None:
         ({"w": np.array([np.nan])}, "`initial` has a number that is not finite"),
         ({"w": np.array([1e39])}, "`initial` has a number that is not finite, or"),
         ({"w": np.array(["a"])}, "'w' is of <U1"),
-        ({"w": np.zeros(1_000_001, np.float32)}, "its model has 1000001 numbers, and at most 1000000 are sent"),
+        ({"w": np.zeros(10_000_001, np.float32)}, "its model has 10000001 numbers, and at most 10000000 are sent"),
     ],
 )
 def test_a_first_model_that_cannot_be_sent_is_refused(initial: Any, message: str) -> None:
