@@ -96,7 +96,7 @@ def test_a_frozen_network_is_not_sent() -> None:
     check_learner(Adapted)
     run = mf.fly(learner=Adapted, method="plan", uavs=3, duration=25, **{"federation.period": 100})
     traffic = run.summary["radio"]["traffic"]["uplink"]
-    assert traffic["payload_bits"] == traffic["transmissions"] * 32 * (6 + 1)
+    assert traffic["payload_bits"] == traffic["transmissions"] * 32 * (6 + 1 + 2)  # with a weight and a head
 
 
 def test_bfloat16_travels_as_float32() -> None:
