@@ -31,7 +31,7 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
         raise BadInput(f"{folder}: the run has {missing}; fly a method that learns and shares, such as mfgfl-hf")
     x = table[OVER[over]].to_numpy()
     averaged = np.array(table["outcome"].to_pylist()) == "averaged"
-    names = [name for name in names if len(table[name].unique()) > 1] or names
+    names = [name for name in names if len(table[name].drop_null().unique()) > 1] or names
     columns = min(2, len(names))
     rows = math.ceil(len(names) / columns)
     with plotstyle.style():
