@@ -38,6 +38,8 @@ OF_EVENTS = {  # by the type of a field
     str: st.text(max_size=5),
     int | None: st.none() | counts,
     tuple[int, ...]: st.lists(counts, max_size=3).map(tuple),
+    tuple[float, ...]: st.lists(st.floats(allow_nan=False), max_size=3).map(tuple),
+    tuple[float | None, ...]: st.lists(st.none() | st.floats(allow_nan=False), max_size=3).map(tuple),
     dict[str, float]: st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False), max_size=3),
 }
 for event in events.TYPES.values():
