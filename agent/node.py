@@ -209,21 +209,10 @@ class Agent:
         """The notes that these rows send with their models."""
         return self._controller.notes(self._memory, rows)
 
-    def take(
-        self,
-        rows: NDArray[np.intp],
-        models: Floats,
-        number: int = 0,
-        whole: Mask | None = None,
-        notes: Sequence[bytes] = (),
-    ) -> None:
-        """Give some rows the global model of a round as `models` (S, L).
-
-        whole: (S,) whether all fragments arrived; None: all of all. notes: the leader's, one for each row; or none.
-        """
-        whole = np.ones(len(rows), dtype=bool) if whole is None else whole
-        arrival = Arrival(number, models, whole, notes or [b""] * len(rows))
-        self._memory = self._controller.arrived(self._memory, rows, arrival)
+    def take(self, rows: NDArray[np.intp], models: Floats, number: int, whole: Mask, notes: Sequence[bytes]) -> None:
+        """Give some rows the global model of a round as `models` (S, L), the mask `whole` (S,) of those that got all of
+        its fragments, and a note each."""
+        self._memory = self._controller.arrived(self._memory, rows, Arrival(number, models, whole, notes))
 
     def silent(self) -> Mask:
         """Mask (M,) of the rows that send nothing in this tick: failed, paused or broken ones."""

@@ -16,28 +16,61 @@ from meanflock.swarm.scenario import Scenario
 _UPLOADS = 5  # of the round in which a rule is tried
 
 
+class Generators:
+    """Global generators of Python, NumPy and torch, which code has to itself while it runs, at intervals or once.
+
+    A context. It begins with seeded generators, goes on with what the last use left, and restores those of others.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._own: tuple[Any, Any, Any] | None = None  # after the last use
+        self._others: tuple[Any, Any, Any] = _states()
+
+    def __enter__(self) -> None:
+        self._others = _states()
+        if self._own is not None:
+            _set_states(self._own)
+            return
+        random.seed(self._seed)
+        np.random.seed(self._seed % 2**32)  # noqa: NPY002
+        if (torch := sys.modules.get("torch")) is not None:
+            torch.manual_seed(self._seed)
+
+    def __exit__(self, *_: object) -> None:
+        self._own = _states()
+        _set_states(self._others)
+
+
 @contextmanager
 def seeded(seed: int, number: int) -> Iterator[None]:
-    """Context with seeded global generators of Python, NumPy and torch, and with `number` threads; restores them."""
-    with threads.limited(number):
-        python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
-        torch = sys.modules.get("torch")
-        state = None if torch is None else torch.get_rng_state()
-        random.seed(seed)
-        np.random.seed(seed % 2**32)  # noqa: NPY002
+    """Context with seeded global generators, with `number` threads and deterministic kernels; restores them."""
+    torch = sys.modules.get("torch")
+    with threads.limited(number), Generators(seed):
         if torch is not None:
-            torch.manual_seed(seed)
             # The public `use_deterministic_algorithms` imports the compiler of torch, which takes seconds.
             was = torch._C._get_deterministic_algorithms()
             torch._C._set_deterministic_algorithms(True, warn_only=False)
         try:
             yield
         finally:
-            random.setstate(python)
-            np.random.set_state(numpy)  # noqa: NPY002
             if torch is not None:
-                torch.set_rng_state(state)
                 torch._C._set_deterministic_algorithms(was, warn_only=False)
+
+
+def _states() -> tuple[Any, Any, Any]:
+    """States of the global generators; None for torch where it is not loaded."""
+    torch = sys.modules.get("torch")
+    return random.getstate(), np.random.get_state(), None if torch is None else torch.get_rng_state()  # noqa: NPY002
+
+
+def _set_states(states: tuple[Any, Any, Any]) -> None:
+    """Set the states of the global generators; torch keeps its own if there is none for it."""
+    python, numpy, torch_state = states
+    random.setstate(python)
+    np.random.set_state(numpy)  # noqa: NPY002
+    if torch_state is not None:
+        sys.modules["torch"].set_rng_state(torch_state)
 
 
 def global_state() -> tuple[Any, ...]:
@@ -61,42 +94,6 @@ def check_isa(wanted: str) -> None:
             f"torch computes with its kernels {used!r}, and `training.torch_isa` is {wanted!r}, so the bits would "
             f"differ; start Python with {threads.TORCH_ISA}={wanted}, or set training.torch_isa={used}"
         )
-
-
-class Generators:
-    """States of the global generators that code has which runs at intervals; a context in which it runs."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed: int | None = seed
-        self._python: Any = None
-        self._numpy: Any = None
-        self._torch: Any = None
-        self._outer: tuple[Any, Any, Any] = (None, None, None)
-
-    def __enter__(self) -> None:
-        torch = sys.modules.get("torch")
-        self._outer = random.getstate(), np.random.get_state(), None if torch is None else torch.get_rng_state()  # noqa: NPY002
-        if self._seed is not None:
-            random.seed(self._seed)
-            np.random.seed(self._seed % 2**32)  # noqa: NPY002
-            if torch is not None:
-                torch.manual_seed(self._seed)
-            self._seed = None
-            return
-        random.setstate(self._python)
-        np.random.set_state(self._numpy)  # noqa: NPY002
-        if torch is not None and self._torch is not None:
-            torch.set_rng_state(self._torch)
-
-    def __exit__(self, *_: object) -> None:
-        torch = sys.modules.get("torch")
-        self._python, self._numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
-        self._torch = None if torch is None else torch.get_rng_state()
-        python, numpy, outer = self._outer
-        random.setstate(python)
-        np.random.set_state(numpy)  # noqa: NPY002
-        if torch is not None and outer is not None:
-            torch.set_rng_state(outer)
 
 
 def check_rule(scenario: Scenario, parameters: int) -> None:

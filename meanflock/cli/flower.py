@@ -18,6 +18,7 @@ from meanflock.cli.arguments import (
     uavs_per_process_option,
 )
 from meanflock.cli.fly import _forker
+from meanflock.flower import CLIENT_FAILED
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed, available, meant
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from meanflock.launch.run import EndedRun
 
 RESULT = "result.json"
-CLIENT_FAILED = "the ClientApp failed"  # in the events of trainings
 _PAIR = re.compile(r"""(?:[^\s"']|"(?:\\.|[^"\\])*"|'[^']*')+""")  # signs up to a space that is not quoted
 _PLUGIN = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
 
@@ -169,10 +169,10 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int, is_over: 
     Raises:
         RunFailed: the ServerApp failed, or never got a reply.
     """
-    texts = [json.loads(line)["text"] for line in (done.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
-    failed = [text for text in texts if CLIENT_FAILED in text]
+    rows = [json.loads(line) for line in (done.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
+    failed = [row["text"] for row in rows if CLIENT_FAILED in row["text"]]
     if ended and ended[-1]["reason"] == "the aggregation rule failed":
-        raise RunFailed([text for text in texts if " failed in round " in text][-1])
+        raise RunFailed([row["text"] for row in rows if row.get("event") == "leader-failed"][-1])
     if ended and not any(one["received"] for one in ended):
         why = failed[0] if failed else "the radio lost all of them"
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")

@@ -67,7 +67,7 @@ class Ledger(Stateful):
         self._attempts = scenario.federation.retries
         self._transmissions: list[Transmission] = []
         self._reception = Reception(scenario.uavs)
-        self._again: list[int] = []  # identities of the batches on the air that were there before
+        self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
         self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
         self._mailboxes = [box for _, box in self._boxes]
@@ -81,18 +81,16 @@ class Ledger(Stateful):
         """Keeps the mail among the frames that arrive now, for UAVs that are `awake` (N,); returns the rest."""
         rest = []
         for frames in due:
+            if (arrived := self._new(frames, awake)) is None:
+                continue
             hop = self._schedule.sent(frames.kind, frames.round, tick)
             found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
             if found is None:
-                if (arrived := self._new(frames, awake)) is None:
-                    continue
                 rest.append(arrived)
                 if hop is not None and hop.is_last and self._schedule.gathers:
                     self._reception.receive(arrived, awake)
                 continue
             averaging, box = found
-            if (arrived := self._new(frames, awake)) is None:
-                continue
             self.newest += 1
             box.put(self.newest, arrived, awake)
             if (
@@ -195,7 +193,7 @@ class Ledger(Stateful):
         Of models, as many fragments go in a tick as their slots hold; all else goes at once. After the last round that
         the aggregation rule wants, no model goes.
         """
-        self._again = []
+        self._again = set()
         if not (self._transmissions or any(batch.kind != FrameKind.STATE for batch in frames)):
             return frames
         on_air = [batch for batch in frames if batch.kind == FrameKind.STATE]
@@ -212,7 +210,7 @@ class Ledger(Stateful):
                 on_air.append(cut)
             if one.again > before:
                 self.retries += one.again - before
-                self._again.append(id(cut))
+                self._again.add((one.frames.kind, one.frames.round))
                 if (account := self._accounts.get(one.frames.round)) is not None:
                     account.retries += one.again - before
         self._transmissions = [one for one in self._transmissions if not one.is_over(tick)]
@@ -343,7 +341,7 @@ class Ledger(Stateful):
         for one in self._transmissions:
             one.follow(links)
         for batch in on_air:
-            is_again = id(batch) in self._again
+            is_again = (batch.kind, batch.round) in self._again
             if self._schedule.gathers and batch.kind == self._hops[-1].label and not is_again:
                 self._reception.send(batch)
             account = self._accounts.get(batch.round)

@@ -36,9 +36,9 @@ class NodeModels(Protocol):
         self,
         rows: NDArray[np.intp],
         models: Floats,
-        number: int = 0,
-        whole: Mask | None = None,
-        notes: Sequence[bytes] = (),
+        number: int,
+        whole: Mask,
+        notes: Sequence[bytes],
     ) -> None:
         """Puts models (S, L) of a round in the place of those of some rows; of which all numbers have arrived is in
         `whole` (S,), and what came with them in `notes`."""

@@ -45,7 +45,7 @@ class Transmission:
         self._is_first = True  # attempt
         self._pairs = np.zeros((0, 2), dtype=np.intp)  # (P, 2) sources and targets of links that were used, ascending
         self._reached = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that arrived
-        self._known = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that were acknowledged
+        self._acknowledged = np.zeros((0, hop.codec.count), dtype=bool)  # (P, F) fragments that were acknowledged
 
     @property
     def _repeats(self) -> bool:
@@ -89,10 +89,10 @@ class Transmission:
         if len(pairs) > len(self._pairs):
             place = _places(pairs, self._pairs)
             tables = []
-            for table in (self._reached, self._known):
+            for table in (self._reached, self._acknowledged):
                 tables.append(np.zeros((len(pairs), table.shape[1]), dtype=bool))
                 tables[-1][place] = table
-            self._pairs, (self._reached, self._known) = pairs, tables
+            self._pairs, (self._reached, self._acknowledged) = pairs, tables
 
     def new(self, frames: Frames, awake: Mask) -> Frames | None:
         """Frames of this transmission that arrive, without those that their UAVs have already; None for none."""
@@ -121,7 +121,7 @@ class Transmission:
     def fields(self) -> list[Any]:
         """All of it."""
         attempt = [self._turn, self._left, self._due, self._attempt_ticks, self._is_first, self.again]
-        return [self.frames, self._wanted, attempt, self._pairs, self._own, self._reached, self._known]
+        return [self.frames, self._wanted, attempt, self._pairs, self._own, self._reached, self._acknowledged]
 
     @classmethod
     def of_fields(cls, fields: list[Any], hops: Iterable[Hop]) -> "Transmission":
@@ -138,7 +138,7 @@ class Transmission:
             restored.again,
         ) = attempt
         restored._pairs = pairs.astype(np.intp)
-        restored._own, restored._reached, restored._known = (mask.astype(bool) for mask in masks)
+        restored._own, restored._reached, restored._acknowledged = (mask.astype(bool) for mask in masks)
         return restored
 
     def _rows(self, source: NDArray[np.integer], fragment: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -150,15 +150,15 @@ class Transmission:
     def _acknowledge(self, awake: Mask, acknowledge: Acknowledge) -> None:
         """Lets every UAV that received something say what; fragments that a sender has no word of are wanted again."""
         source, target = self._pairs.T
-        says = (self._reached & ~self._known).any(axis=1) & awake[target]
+        says = (self._reached & ~self._acknowledged).any(axis=1) & awake[target]
         bits = _ROUND_BITS + _BYTE_BITS * -(-self.hop.codec.count // _BYTE_BITS)
         if says.any():
             order = np.lexsort((source[says], target[says]))  # the UAVs that answer, ascending
-            heard = np.flatnonzero(says)[order]
-            arrived = heard[acknowledge(self.hop.label, bits, target[heard], source[heard])]
-            self._known[arrived] |= self._reached[arrived]
-        missing = np.zeros((len(awake), self._known.shape[1]), dtype=bool)
-        np.logical_or.at(missing, source, ~self._known)
+            answering = np.flatnonzero(says)[order]
+            arrived = answering[acknowledge(self.hop.label, bits, target[answering], source[answering])]
+            self._acknowledged[arrived] |= self._reached[arrived]
+        missing = np.zeros((len(awake), self._acknowledged.shape[1]), dtype=bool)
+        np.logical_or.at(missing, source, ~self._acknowledged)
         self._wanted = self._wanted & missing[self.frames.source, self._places]
 
 

@@ -80,7 +80,7 @@ def test_an_arrival_has_its_round_and_what_is_missing(agent: Agent) -> None:
     agent.take(rows, models, 7, np.array([True, False]), [b"ab", b""])
     assert agent._memory["heard"][rows].tolist() == [[7, 1, 2], [7, 0, 0]]
     assert agent._memory["model"][rows].tolist() == models.tolist()
-    agent.take(rows, models)
+    agent.take(rows, models, 0, np.ones(2, dtype=bool), [b"", b""])
     assert agent._memory["heard"][rows].tolist() == [[0, 1, 0]] * 2
 
 
