@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel import queue
 from meanflock.swarm.errors import FAILURES, RunFailed, last_line
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
@@ -153,6 +154,20 @@ class Channel:
         memory = self.init(scenario.uavs) if near.any() else {}
         found = sums(self, message, memory)
         return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
+
+    def queue_slots(self, scenario: Scenario, bits: int, transmissions: int, receivers: int) -> int:
+        """Slots after which messages of `bits` that are transmitted one after another are through, but for one queue in
+        a thousand; each goes to so many receivers. All links are taken to be as those between the leader's UAV and the
+        others are on average before take-off. What the channel raises passes.
+        """
+        most, needed = scenario.radio.latency_threshold_slots, self.least_slots(bits)
+        others = np.delete(np.arange(scenario.uavs), scenario.federation.leader)
+        found = self.at_start(scenario, others, np.full_like(others, scenario.federation.leader), bits)
+        if found is None or needed is None:  # so the longest that a message takes
+            return transmissions * most
+        lost, slots = found
+        chance = queue.slots_of_link(needed, most, queue.success_of(needed, most, (slots + lost * most) / len(others)))
+        return queue.slots_of_queue(chance, receivers, transmissions)
 
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""

@@ -1,7 +1,8 @@
 """Medium between the UAVs: finds the links of the frames of a tick, and delivers the frames that get through.
 
 FDMA gives every link a band of its own, so links do not interfere. A frame sent in tick n is delivered in tick
-n + max(1, ⌈D_m θ/dt⌉). The channel decides latency and loss on each link.
+n + max(1, ⌈D_m θ/dt⌉). TDMA has one band: a transmission waits until the one before it is over, when its last link is
+served or given up, and all else is the same. The channel decides latency and loss on each link.
 """
 
 import math
@@ -32,7 +33,7 @@ Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,)
 class Medium(Stateful):
     """The emulated radio of one run."""
 
-    stored = ("draw", "memory", "under_way", "meter")
+    stored = ("draw", "memory", "under_way", "meter", "free")
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
@@ -43,6 +44,7 @@ class Medium(Stateful):
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self.memory = _begun(self._channel, radio.model, scenario.uavs)
         self.draw = generator(scenario.seed, "radio")
+        self.free = 0  # slot since take-off from which the one band is free
         self._targets = {hop.label: hop.targets for hop in hops}
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
@@ -93,6 +95,7 @@ class Medium(Stateful):
         fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
+        self._queued(tick, links, fate)
         self.meter.count(kind, bits, links, fate.slots, fate.delivered, expected)
         return fate.delivered
 
@@ -118,6 +121,7 @@ class Medium(Stateful):
         fate, expected = self._carried(tick, batch.kind, bits, links, states, reach)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
+        fate = self._queued(tick, links, fate)
         slots, delivered = fate.slots, fate.delivered
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
 
@@ -174,6 +178,17 @@ class Medium(Stateful):
         if expected is not None:
             expected = expected[0] + (count - within), expected[1]
         return fate, expected
+
+    def _queued(self, tick: int, links: Links, fate: Fate) -> Fate:
+        """What becomes of a message after its transmissions waited for the band, one after another."""
+        if self._scenario.radio.access == "fdma" or not len(links.first):
+            return fate
+        lasts = np.maximum.reduceat(fate.slots, links.first)
+        now = math.ceil(tick * self._scenario.dt / self._scenario.radio.coherence_time_s * (1.0 - 1e-9))
+        begin = max(self.free, now) + np.cumsum(lasts) - lasts
+        self.free = int(begin[-1] + lasts[-1])
+        waits = (begin - now).repeat(np.diff(links.first, append=len(fate.slots)))
+        return fate._replace(waited=fate.waited + waits)
 
     def _failed(self, failed: NDArray[np.bool_], fate: Fate) -> Fate:
         """What becomes of a message after the links `failed` (K,), which deliver nothing and spend all their slots."""

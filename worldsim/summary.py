@@ -77,11 +77,19 @@ def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
         "radio": {
             **_observed(total),
             "airtime_s": total.airtime_s,
+            "band_time_Hz_s": band_time_Hz_s(meter, total),
             "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
             "links_used": len(links),
             "links": links if len(links) <= MAX_LINKS_LISTED else None,  # [source, target, sent, outages]
         },
     }
+
+
+def band_time_Hz_s(meter: Meter, total: Traffic) -> float:
+    """Spectrum that traffic takes, band × time: of all links where each has its band; in one band, of the airtime."""
+    radio = meter.radio
+    time_s = total.slots * radio.coherence_time_s if radio.access == "fdma" else total.airtime_s
+    return time_s * radio.bandwidth_hz
 
 
 def _kind(bill: Traffic) -> dict[str, Any]:

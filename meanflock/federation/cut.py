@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.band import channel_of
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, FragmentForm
 from meanflock.federation.codings.base import Coding
 from meanflock.swarm import plugins
@@ -97,7 +97,7 @@ def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterabl
     if slots == WHOLE:
         return None
     radio, forms = scenario.radio, tuple(forms)
-    per_slot = _channel(scenario).bits_per_slot
+    per_slot = channel_of(scenario).bits_per_slot
     size = min(form.size(int(slots * per_slot / 8), parts) for form in forms)
     if size < 1:
         raise ValueError(f"a fragment of {slots} slots has no room for a weight; set a larger `federation.fragment`")
@@ -125,7 +125,7 @@ def longest(scenario: Scenario) -> int:
         ValueError: the channel fails.
     """
     limit, others = scenario.radio.latency_threshold_slots, scenario.uavs - 1
-    per_slot = _channel(scenario).bits_per_slot
+    per_slot = channel_of(scenario).bits_per_slot
     for slots in range(limit, 0, -1):
         lost = _expected_losses(scenario, int(slots * per_slot / 8) * 8)
         if lost is None:
@@ -146,17 +146,12 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
     return 1.0 if lost is None or scenario.uavs == 1 else 1.0 - lost / (scenario.uavs - 1)
 
 
-def _channel(scenario: Scenario) -> Any:
-    """The channel of a scenario; raises BadInput if it is not installed or its options do not fit."""
-    return plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
-
-
 def _expected_losses(scenario: Scenario, bits: int) -> float | None:
     """Expected losses of an upload of so many bits from every other UAV to the leader's, summed; None if unknown.
 
     Raises as `longest`.
     """
-    channel, leader = _channel(scenario), scenario.federation.leader
+    channel, leader = channel_of(scenario), scenario.federation.leader
     source = np.delete(np.arange(scenario.uavs), leader)
     try:
         expected = channel.at_start(scenario, source, np.full_like(source, leader), bits)
@@ -171,7 +166,7 @@ def _fits(scenario: Scenario, bits: int) -> bool:
     A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
     try:
-        least = _channel(scenario).least_slots(bits)
+        least = channel_of(scenario).least_slots(bits)
         if least is None or least <= scenario.radio.latency_threshold_slots:
             return True
     except FAILURES as error:

@@ -200,9 +200,8 @@ class Ledger(Stateful):
         for batch in frames:
             hop = self._hop(batch.kind, tick)
             if hop is not None and not (self.is_done and hop.mail is None):
-                span = hop.codec.ticks - 1 + self._scenario.hop_ticks
                 wanted = self._wanted(hop, batch)
-                self._transmissions.append(Transmission(hop, batch, wanted, tick, span, self._attempts))
+                self._transmissions.append(Transmission(hop, batch, wanted, tick, hop.attempt_ticks, self._attempts))
         for one in self._transmissions:
             before = one.again
             cut = one.next(tick, awake, acknowledge)

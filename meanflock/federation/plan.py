@@ -170,7 +170,8 @@ class Plan:
         if name == LEADER and not self.declared.is_federated:
             return ()
         try:
-            return linked(tuple(plugins.create("topology", name, {}, self.scenario, self.declared).hops()))
+            hops = plugins.create("topology", name, {}, self.scenario, self.declared).hops()
+            return linked(tuple(hops), self.scenario)
         except BadInput:
             raise
         except FAILURES as error:

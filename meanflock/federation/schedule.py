@@ -38,7 +38,7 @@ class Schedule:
         self.gathers = bool(self.hops) and self.hops[-1].codec.count > 1 and not self.hops[-1].is_local
         if self.gathers:
             attempts = 1 + scenario.federation.retries
-            self._over = self.hops[-1].after + attempts * (self.hops[-1].codec.ticks - 1 + scenario.hop_ticks)
+            self._over = self.hops[-1].after + attempts * self.hops[-1].attempt_ticks
             self._phases.add(self._over % self.period)
         self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 

@@ -96,7 +96,7 @@ class RoundRows:
     def _late(self) -> NDArray[np.bool_]:
         """Mask (K,) of the links that deliver after the deadline."""
         scenario = self._scenario
-        if scenario.deadline_ticks == scenario.hop_ticks:
+        if scenario.federation.deadline is None:
             return np.zeros(len(self._links), dtype=bool)
         is_upload = self._links[:, LinkColumn.KIND] == FrameKind.UPLOAD
         spent = self._links[:, LinkColumn.WAITED] + self._links[:, LinkColumn.SLOTS]

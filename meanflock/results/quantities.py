@@ -216,6 +216,12 @@ SUMMARY = (
     Field("wire_bytes", "bytes", "size of the encoded frames on their way to the radio"),
     *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
     Field("radio.airtime_s", "s", "time that transmissions took"),
+    Field(
+        "radio.band_time_Hz_s",
+        "Hz·s",
+        "spectrum taken, band × time: of each link with `fdma`, else of the airtime",
+        optional=True,
+    ),
     Field("radio.traffic.*.transmissions", "frames", f"transmissions {_KIND}"),
     Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, counted once per transmission"),
     Field("radio.traffic.*.wire_bytes", "bytes", "size of the encoded frames of that traffic"),

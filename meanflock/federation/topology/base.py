@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.band import attempt_ticks
 from meanflock.federation.codec import Codec
 from meanflock.federation.cut import Codecs
 from meanflock.swarm.declared import Declared
@@ -35,7 +36,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
             the hop has no such distance.
         is_local: nobody transmits: each sender averages with its own model, and takes the average over.
         mail: the hop before, unless it averages nothing. is_last: receivers put the model in the place of their own.
-            The plan sets both.
+        attempt_ticks: until all fragments of an attempt have arrived or are lost. The plan sets these three.
     """
 
     label: FrameKind
@@ -49,6 +50,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     is_local: bool = False
     mail: Optional["Hop"] = None
     is_last: bool = False
+    attempt_ticks: int = 0
 
     def reaches(self, source: NDArray[np.integer], target: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Returns whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
@@ -57,13 +59,22 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))
 
 
-def linked(hops: tuple[Hop, ...]) -> tuple[Hop, ...]:
-    """The hops of a round, each with the one before it."""
+def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
+    """The hops of a round, each with the one before it, and with the ticks that it takes."""
     chain: list[Hop] = []
     for number, hop in enumerate(hops, start=1):
         mail = chain[-1] if chain and hop.averages != "nothing" else None
-        chain.append(msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops)))
+        ticks = attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario))
+        chain.append(msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops), attempt_ticks=ticks))
     return tuple(chain)
+
+
+def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
+    """Number of UAVs that transmit at once in a hop by radio, and to how many others each."""
+    if hop.is_local:
+        return 0, 0
+    senders = len(hop.senders) if hop.averages != "nothing" else min(len(hop.senders), scenario.participants)
+    return senders, scenario.uavs - 1 if hop.targets is None else hop.targets.shape[1]
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -92,13 +103,32 @@ class Topology:
         """The codecs of uploads, averages and global models."""
         return Codecs(self.scenario, self.declared)
 
-    def ticks(self, codec: Codec) -> int:
-        """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included."""
-        return (1 + self.scenario.federation.retries) * (codec.ticks - 1 + self.scenario.hop_ticks)
+    def ticks(self, codec: Codec, senders: int = 1, receivers: int = 1) -> int:
+        """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included.
 
-    def upload_ticks(self, codec: Codec) -> int:
-        """The same for uploads, of which those after `federation.deadline` are late."""
-        return self.ticks(codec) - self.scenario.hop_ticks + self.scenario.deadline_ticks
+        Args:
+            senders: number of UAVs that transmit at once, each to so many `receivers`; it matters in one band only.
+        """
+        return (1 + self.scenario.federation.retries) * attempt_ticks(self.scenario, codec, senders, receivers)
+
+    def upload_ticks(self, codec: Codec, receivers: int = 1) -> int:
+        """The same for uploads of all participants, of which those after `federation.deadline` are late.
+
+        Raises:
+            ValueError: no upload can be late.
+        """
+        scenario, senders = self.scenario, self.scenario.participants
+        every = self.ticks(codec, senders, receivers)
+        if (deadline := scenario.federation.deadline) is None:
+            return every
+        one = attempt_ticks(scenario, codec, senders, receivers)
+        in_time = codec.ticks - 1 + scenario.deadline_ticks
+        if in_time > one:
+            raise ValueError(
+                f"`federation.deadline` {deadline} s is later than an upload can arrive, {one * scenario.dt:g} s; "
+                "take less, or leave it out"
+            )
+        return every - one + in_time
 
     @abstractmethod
     def hops(self) -> tuple[Hop, ...]:

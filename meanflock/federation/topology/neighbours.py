@@ -22,7 +22,7 @@ class Neighbours(Topology):
                 f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
             )
         everyone, codec = np.arange(scenario.uavs), self.codecs.upload
-        ticks = self.upload_ticks(codec)
+        ticks = self.upload_ticks(codec, scenario.uavs - 1)
         if scenario.period_ticks <= ticks:
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "

@@ -70,6 +70,16 @@ class Radio(_Table, frozen=True):
             gt=0,
         ),
     ] = 100.0
+    access: Annotated[
+        Literal["fdma", "tdma"],
+        key(
+            "how transmissions share the spectrum: a band for each link, or one band, one after another",
+            PRINTED,
+            "with `fdma` no link waits, and a UAV needs a receiver for each UAV that it hears. With `tdma` "
+            "transmissions wait for one another; airtime and losses are the same",
+            later=True,
+        ),
+    ] = "fdma"
     plausible_speed: Annotated[
         float,
         key(

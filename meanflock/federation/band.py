@@ -1,0 +1,41 @@
+"""How long the models of a hop are on the air: each link in a band of its own, or all one after another in one band."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.codec import Codec
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import FAILURES, last_line
+from meanflock.swarm.scenario import Scenario
+
+Indices = NDArray[np.intp]
+
+
+def channel_of(scenario: Scenario) -> Any:
+    """The channel of a scenario; raises BadInput if it is not installed or its options do not fit."""
+    return plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
+
+
+def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int) -> int:
+    """Ticks from the transmission of models until all their fragments have arrived or are lost.
+
+    In one band (`radio.access`) the fragments wait for one another. Then these are the ticks after which all are
+    through with probability 0.999, by the channel's closed form with all UAVs at their starts.
+
+    Args:
+        codec: how the models are written. senders: number of UAVs that transmit at once, each to `receivers` others.
+
+    Raises:
+        BadInput: the channel is not installed, or its options do not fit.
+        ValueError: the channel fails.
+    """
+    apart = codec.ticks - 1 + scenario.hop_ticks
+    if scenario.radio.access == "fdma" or not senders or not receivers:
+        return apart
+    try:
+        queue = channel_of(scenario).queue_slots(scenario, codec.bits, senders * codec.count, receivers)
+    except FAILURES as error:
+        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
+    return max(apart, int(scenario.delivery_ticks(np.array(queue))))
