@@ -21,7 +21,7 @@ NotNegative = Annotated[float, Meta(ge=0)]
 AirLoss = Literal["free-space", "log-distance", "two-ray", "air-to-air"]
 
 
-class BudgetOptions(Channel.Options, frozen=True):
+class Options(Channel.Options, frozen=True):
     """Keys of `[radio.options]`. Those with `air_` are of links between UAVs, those without of links to stations."""
 
     carrier_ghz: Annotated[float, Meta(gt=0, description="f, carrier, GHz")] = 2.4
@@ -65,7 +65,7 @@ class BudgetOptions(Channel.Options, frozen=True):
     air_m: Annotated[float, Meta(ge=0.5, le=50, description="the same between UAVs, 1")] = 2.0
 
 
-def model_of(name: str, options: BudgetOptions) -> Model:
+def model_of(name: str, options: Options) -> Model:
     """The path loss of that name with its options."""
     model = MODELS[name]
     if name == "log-distance":
@@ -79,7 +79,7 @@ def model_of(name: str, options: BudgetOptions) -> Model:
     return model
 
 
-def laws_of(fading: str, k_db: float, m: float, options: BudgetOptions) -> list[Gain]:
+def laws_of(fading: str, k_db: float, m: float, options: Options) -> list[Gain]:
     """The law of fading without sight, and then those in sight."""
     if fading == "none":
         return [STEADY, STEADY]
@@ -92,7 +92,7 @@ def laws_of(fading: str, k_db: float, m: float, options: BudgetOptions) -> list[
     return [RAYLEIGH, *rice_by_elevation(options.k_horizon_db, options.k_zenith_db)]
 
 
-def check_effects(options: BudgetOptions, stations: int) -> None:
+def check_effects(options: Options, stations: int) -> None:
     """Raises BadInput if a key is set that has no effect beside the others."""
     losses = (options.air_loss, options.loss)
     switches = [
@@ -107,7 +107,7 @@ def check_effects(options: BudgetOptions, stations: int) -> None:
         ("air_fading = 'rice'", options.air_fading == "rice", ("air_k_db",)),
         ("air_fading = 'nakagami'", options.air_fading == "nakagami", ("air_m",)),
     ]
-    default = BudgetOptions()
+    default = Options()
     for switch, is_on, keys in switches:
         for key in keys:
             if not is_on and getattr(options, key) != getattr(default, key):

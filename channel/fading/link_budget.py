@@ -5,14 +5,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel import rates
+from meanflock.channel import budget, rates
 from meanflock.channel.base import Carried, Channel, Memory, Message
-from meanflock.channel.budget import BudgetOptions, check_effects, laws_of, model_of
 from meanflock.channel.curves import Curves
-from meanflock.channel.fields import Field
+from meanflock.channel.fields import GaussianField
 from meanflock.channel.gains import Gains
 from meanflock.channel.link import slots_for
-from meanflock.channel.paths import Path
+from meanflock.channel.propagation import Propagation
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
@@ -40,30 +39,28 @@ class LinkBudget(Channel):
     name = "link-budget"
     stations: ClassVar[bool] = True
 
-    class Options(BudgetOptions, frozen=True):
-        """Keys of `[radio.options]`."""
+    Options = budget.Options
+    options: budget.Options
 
-    options: Options
-
-    def __init__(self, options: Options, scenario: Scenario) -> None:
+    def __init__(self, options: budget.Options, scenario: Scenario) -> None:
         """Raises BadInput if a path loss does not hold for the starts, or a key has no effect."""
         super().__init__(options, scenario)
         radio, uavs = scenario.radio, scenario.uavs
         self._nodes = nodes_of(scenario, options)
         stations = len(self._nodes.station_m)
-        check_effects(options, stations)
+        budget.check_effects(options, stations)
         self._rate = (
             rates.cqi(options.cqi) if options.rate == "cqi" else rates.shannon(radio.target_snr_db, options.gap_db)
         )
         noise_dbm = THERMAL_DBM_HZ + 10.0 * np.log10(radio.bandwidth_hz) + self._nodes.noise_figure_db
         self._sent_dbm = self._nodes.power_dbm + self._nodes.gain_dbi
         self._needed_dbm = noise_dbm + self._rate.threshold_db - self._nodes.gain_dbi  # at the antenna of a receiver
-        shadow = Field(scenario.seed, "shadow", uavs, stations)
-        sight = Field(scenario.seed, "sight", uavs, stations, is_smooth=True)
-        laws = [*laws_of(options.air_fading, options.air_k_db, options.air_m, options)]
-        self._air = self._path(options.air_loss, options.air_sigma_db, shadow, sight, clear=1, blocked=0)
-        ground = laws_of(options.fading, options.k_db, options.m, options) if stations else []
-        self._ground = self._path(
+        shadow = GaussianField(scenario.seed, "shadow", uavs, stations)
+        sight = GaussianField(scenario.seed, "sight", uavs, stations, is_smooth=True)
+        laws = [*budget.laws_of(options.air_fading, options.air_k_db, options.air_m, options)]
+        self._air = self._propagation(options.air_loss, options.air_sigma_db, shadow, sight, clear=1, blocked=0)
+        ground = budget.laws_of(options.fading, options.k_db, options.m, options) if stations else []
+        self._ground = self._propagation(
             options.loss or options.air_loss, options.sigma_db, shadow, sight, clear=len(laws) + 1, blocked=len(laws)
         )._replace(by_elevation=options.fading == "rice-elevation")
         self._gains = Gains([*laws, *ground])
@@ -132,10 +129,19 @@ class LinkBudget(Channel):
             self._last = message, (margin_db, law, clamped)
         return self._last[1]
 
-    def _path(self, name: str, sigma_db: float | None, shadow: Field, sight: Field, clear: int, blocked: int) -> Path:
+    def _propagation(
+        self, name: str, sigma_db: float | None, shadow: GaussianField, sight: GaussianField, clear: int, blocked: int
+    ) -> Propagation:
         options = self.options
-        return Path(
-            model_of(name, options), options.carrier_ghz, sigma_db, options.correlation_m, shadow, sight, clear, blocked
+        return Propagation(
+            budget.model_of(name, options),
+            options.carrier_ghz,
+            sigma_db,
+            options.correlation_m,
+            shadow,
+            sight,
+            clear,
+            blocked,
         )
 
     def _places(self, position_m: Floats) -> Floats:
@@ -167,7 +173,7 @@ class LinkBudget(Channel):
                 )
 
 
-def nodes_of(scenario: Scenario, options: LinkBudget.Options) -> Nodes:
+def nodes_of(scenario: Scenario, options: budget.Options) -> Nodes:
     """The radios of all nodes of a scenario."""
     every = np.ones(scenario.uavs)
     return Nodes(

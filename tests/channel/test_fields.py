@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from meanflock.channel.fields import Field, normal_with
+from meanflock.channel.fields import GaussianField, normal_with
 from meanflock.channel.tails import normal_below
 
 LAGS_M = np.array([0.0, 5.0, 10.0, 20.0, 37.0, 74.0])
@@ -25,7 +25,7 @@ def test_the_covariance_over_seeds(is_smooth: bool) -> None:
     place_m = np.concatenate([place_m, np.zeros((1, 3))])
     found, fourth = np.zeros(len(LAGS_M)), 0.0
     for seed in range(SEEDS):
-        field = Field(seed, "shadow", len(uav), 1, is_smooth).between(place_m, uav, station, True, 37.0)
+        field = GaussianField(seed, "shadow", len(uav), 1, is_smooth).between(place_m, uav, station, True, 37.0)
         rows = field.reshape(-1, len(LAGS_M))
         found += (rows[:, :1] * rows).mean(axis=0) / SEEDS
         fourth += (rows**4).mean() / SEEDS
@@ -37,7 +37,7 @@ def test_the_covariance_over_seeds(is_smooth: bool) -> None:
 def test_links_of_a_uav_share_half_of_their_variance_and_stations_none() -> None:
     place_m = np.array([[0.0, 0, 40], [800, 0, 40], [-800, 300, 40], [0, 900, 10], [50, 50, 10]])
     pairs, ground = ((0, 0, 1), (1, 2, 2)), ((0, 1, 0), (3, 3, 4))  # three UAVs, two stations
-    fields = [Field(seed, "shadow", 3, 2) for seed in range(3000)]
+    fields = [GaussianField(seed, "shadow", 3, 2) for seed in range(3000)]
     links = np.empty((len(fields), 6))
     for row, field in zip(links, fields, strict=True):
         row[:3] = field.between(place_m, *map(np.array, pairs), False, 20.0)
@@ -55,9 +55,9 @@ def test_a_link_has_its_number_whichever_links_are_asked_for(is_ground: bool) ->
     low, high = np.triu_indices(12, 1)
     kind = (low < 10) & ((high >= 10) == is_ground)
     low, high = low[kind], high[kind]
-    all_links = Field(5, "sight", 10, 2).between(place_m, low, high, is_ground, 50.0)
+    all_links = GaussianField(5, "sight", 10, 2).between(place_m, low, high, is_ground, 50.0)
     some = rng.permutation(len(low))[:9]
-    again = Field(5, "sight", 10, 2).between(place_m, low[some], high[some], is_ground, 50.0)
+    again = GaussianField(5, "sight", 10, 2).between(place_m, low[some], high[some], is_ground, 50.0)
     np.testing.assert_array_equal(again, all_links[some])
 
 
@@ -73,7 +73,10 @@ def test_sight_changes_a_few_times_on_the_way() -> None:
     changes, share = [], []
     for seed in range(200):
         sight = (
-            normal_below(Field(seed, "sight", 380, 1, is_smooth=True).between(place_m, uav, station, True, 50.0)) < 0.5
+            normal_below(
+                GaussianField(seed, "sight", 380, 1, is_smooth=True).between(place_m, uav, station, True, 50.0)
+            )
+            < 0.5
         )
         changes.append(np.count_nonzero(np.diff(sight)))
         share.append(sight.mean())

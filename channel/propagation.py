@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.fields import Field, normal_with
+from meanflock.channel.fields import GaussianField, normal_with
 from meanflock.channel.losses.model import Model
 from meanflock.swarm.state import Floats
 
@@ -13,7 +13,7 @@ Indices = NDArray[np.intp]
 CORRELATION_M = 37.0  # of a shadow whose source has none: UMa's with sight
 
 
-class Path(NamedTuple):
+class Propagation(NamedTuple):
     """Kind of link, between UAVs or from UAVs to stations.
 
     sigma_db, correlation_m: of the shadow; None: those of the path loss. shadow, sight: fields of places. clear,
@@ -25,8 +25,8 @@ class Path(NamedTuple):
     carrier_ghz: float
     sigma_db: float | None
     correlation_m: float | None
-    shadow: Field
-    sight: Field
+    shadow: GaussianField
+    sight: GaussianField
     clear: int
     blocked: int
     by_elevation: bool = False
