@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.errors import FAILURES, RunFailed, last_line
+from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Vectors
@@ -16,6 +17,7 @@ from meanflock.swarm.state import Floats, Vectors
 MOST_SLOTS = 1_000_000  # limit of the slots of a message
 
 Memory: TypeAlias = dict[str, NDArray[Any]]
+Foreseen: TypeAlias = tuple[Floats, Floats] | tuple[float, float]
 Carried: TypeAlias = tuple[NDArray[np.int64], NDArray[np.bool_]]  # slots (K,) and whether delivered (K,)
 
 
@@ -26,7 +28,9 @@ class Message(NamedTuple):
 
     tick: in which they are sent. bits: size of each frame. source, target: (K,) the UAVs at the ends of each link; the
     leader is one of the UAVs. A pair comes several times if models are sent in fragments: once for each fragment.
-    distance_m: (K,) lengths of the links. position_m: (N, 2) of all UAVs, m.
+    distance_m: (K,) lengths of the links. position_m: (N, 2) of all UAVs, m. kind: "upload", "relay", "global" or
+    "state". place_m: (N, 3) of all UAVs in space, m; in a flight in the plane they are at `start.height`. first: (T,)
+    the first link of each transmission, ascending: a broadcast is one over several links. None: each link has its own.
     """
 
     tick: int
@@ -35,6 +39,9 @@ class Message(NamedTuple):
     target: NDArray[np.intp]
     distance_m: Floats
     position_m: Vectors
+    kind: str = "state"
+    place_m: Floats | None = None
+    first: NDArray[np.intp] | None = None
 
 
 class Channel:
@@ -60,6 +67,11 @@ class Channel:
         """`scenario`: its table `radio`, and whatever else the channel needs."""
         self.options, self.scenario = options, scenario
 
+    @property
+    def bits_per_slot(self) -> float:
+        """Bits of a slot that carries anything, > 0, by which fragments are cut; by default of `[radio]`."""
+        return self.scenario.radio.bits_per_slot
+
     def init(self, uavs: int) -> Memory:
         """Returns the memory at take-off: arrays that checkpoints keep, of any shape. Empty by default."""
         return {}
@@ -74,7 +86,8 @@ class Channel:
                 same names, dtypes and shapes.
 
         Returns:
-            The new memory; the slots (K,) and deliveries (K,), see `transmit`.
+            The new memory; the slots (K,) and deliveries (K,), see `transmit`. A channel in which a frame waits before
+            it goes on the air returns a fourth array: these slots, (K,) int64. They are no airtime.
         """
         answer = self.transmit(message.distance_m, message.bits, rng)
         slots, delivered = check_values("transmit", answer, 2, "slots and delivered")
@@ -102,21 +115,84 @@ class Channel:
         """
         return None
 
+    def foreseen(self, memory: Memory, message: Message) -> Foreseen | None:
+        """Closed forms of a message, given what the memory knows and where the UAVs are; by default of `expected`.
+
+        Args:
+            memory: as it is after the message.
+
+        Returns:
+            For each link the probability of its loss (K,), in [0, 1], and E[slots; delivered] (K,); or two numbers, the
+            sums of these over the links. None if unknown.
+        """
+        return self.expected(message.distance_m, message.bits)
+
+    def at_start(
+        self,
+        scenario: Scenario,
+        source: NDArray[np.intp],
+        target: NDArray[np.intp],
+        bits: int,
+        kind: str = "upload",
+        within_m: float = math.inf,
+    ) -> tuple[float, float] | None:
+        """Expected losses, and expected slots of delivered messages, over links (K,) of a scenario before take-off.
+
+        Links longer than `within_m` are lost. What the channel raises passes.
+
+        Returns:
+            Sums over the links; None if the channel has no closed form.
+
+        Raises:
+            ValueError: the channel's closed form is something else than it must be.
+        """
+        here = starts(scenario)[:, : scenario.dimensions]
+        apart = np.linalg.norm(here[source] - here[target], axis=-1)
+        near = apart <= within_m
+        message = Message(0, bits, source[near], target[near], apart[near], here, kind, in_space(here, scenario))
+        memory = self.init(scenario.uavs) if near.any() else {}
+        found = sums(self, message, memory)
+        return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
+
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""
         return None
+
+
+def in_space(positions: Vectors, scenario: Scenario) -> Floats:
+    """Places (N, 3) of UAVs at `positions` (N, 2) in the plane, m: at `start.height`."""
+    place = np.empty((len(positions), 3))
+    place[:, :2] = positions
+    place[:, 2] = scenario.start.height
+    return place
 
 
 def _not_written(*_: Any) -> Carried:
     raise NotImplementedError("this channel has `carry` in place of `transmit`")
 
 
-def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, NDArray[np.int64], NDArray[np.bool_]]:
+class Fate(NamedTuple):
+    """What becomes of a message on its K links: slots on the air (K,), whether delivered (K,), and slots that the frame
+    waits before (K,)."""
+
+    slots: NDArray[np.int64]
+    delivered: NDArray[np.bool_]
+    waited: NDArray[np.int64]
+
+
+def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, Fate]:
     """Check what `carry` returned for so many links: the `memory` with the same form, slots and delivered.
 
     Raises:
         TypeError, ValueError: it is something else.
     """
+    if isinstance(answer, tuple) and len(answer) == 4:
+        answer, waited = answer[:3], answer[3]
+        check_array("waiting slots", waited, (links,), np.int64)
+        if links and not 0 <= np.minimum.reduce(waited) <= np.maximum.reduce(waited) <= MOST_SLOTS:
+            raise ValueError(f"a frame waits {waited.min()} to {waited.max()} slots; it waits 0 to {MOST_SLOTS}")
+    else:
+        waited = np.zeros(links, dtype=np.int64)
     after, slots, delivered = check_values("carry", answer, 3, "memory, slots and delivered")
     check_same_form("memory", after, memory)
     check_array("slots", slots, (links,), np.int64)
@@ -124,7 +200,7 @@ def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, NDArray[np
     least, most = (np.minimum.reduce(slots), np.maximum.reduce(slots)) if links else (1, 1)
     if least < 1 or most > MOST_SLOTS:
         raise ValueError(f"slots from {least} to {most}; a message takes 1 to {MOST_SLOTS}")
-    return after, slots, delivered
+    return after, Fate(slots, delivered, waited)
 
 
 def failed(model: str, error: BaseException) -> RunFailed:
@@ -132,18 +208,34 @@ def failed(model: str, error: BaseException) -> RunFailed:
     return RunFailed(f"channel {model!r}: failed: {last_line(error)}")
 
 
-def closed_form(answer: Any) -> tuple[float, float] | None:
-    """Check what `expected` returned: outages and slots, or None where these are unknown.
+def closed_form(answer: Any, links: int, method: str) -> tuple[float, float] | None:
+    """Check what `foreseen` or `expected` returned for so many links; the sums of losses and slots, or None if unknown.
 
     Raises:
         ValueError: it is something else.
     """
     if answer is None:
         return None
+    is_each = False
     try:
-        outages, slots = map(float, answer)
+        lost, slots = (np.asarray(each, dtype=np.float64) for each in answer)
+        is_each = lost.shape == slots.shape == (links,)
+        outages, spent = (float(each.sum() if is_each else each) for each in (lost, slots))
     except FAILURES:
-        outages = slots = math.nan
-    if not math.isfinite(outages + slots):
-        raise ValueError(f"`expected` returns {answer!r}; expected two finite numbers, or None where unknown")
-    return outages, slots
+        outages = spent = math.nan
+    if not math.isfinite(outages + spent):
+        raise ValueError(f"`{method}` returns {answer!r}; expected two finite numbers, or None where unknown")
+    if is_each and not 0.0 <= lost.min() <= lost.max() <= 1.0:
+        raise ValueError(f"`{method}` returns losses from {lost.min():g} to {lost.max():g}; they are in [0, 1]")
+    return outages, spent
+
+
+def sums(channel: Channel, message: Message, memory: Memory) -> tuple[float, float] | None:
+    """Expected losses and slots of delivered messages, summed over the K ≥ 0 links; None if the channel does not know.
+
+    Raises:
+        ValueError: the channel returns something else. Whatever else it raises passes.
+    """
+    links = len(message.distance_m)
+    method = "expected" if type(channel).foreseen is Channel.foreseen else "foreseen"
+    return closed_form(channel.foreseen(memory, message), links, method) if links else (0.0, 0.0)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.base import MOST_SLOTS, Carried, Channel, Memory, Message, carried, closed_form, failed
+from meanflock.channel.base import MOST_SLOTS, Channel, Fate, Memory, Message, carried, failed, in_space, sums
 from meanflock.channel.meter import Links, Meter
 from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
@@ -22,10 +22,10 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_memory
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames, frames_of
+from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
 Indices = NDArray[np.intp]
-NO_LINKS = np.zeros((0, 5), dtype=np.int32)  # of a tick without frames; shared, never written to
+NO_LINKS = np.zeros((0, len(LinkColumn)), dtype=np.int32)  # of a tick without frames; shared, never written to
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
@@ -65,7 +65,7 @@ class Medium(Stateful):
             cut: says which links cannot get through, whatever the fading; they spend all their slots.
 
         Returns:
-            The links used, (K, 5): [tick, source, target, kind, slots]. Slots are negative on a link in outage.
+            The links used, (K, 7), with the columns of `LinkColumn`.
         """
         if not frames:
             return NO_LINKS
@@ -90,11 +90,11 @@ class Medium(Stateful):
             The mask (K,) of those that arrive.
         """
         links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.uavs, is_unicast=True)
-        slots, delivered, expected = self._carried(tick, bits, links, states, self._models_reach)
+        fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach)
         if cut is not None:
-            slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
-        self.meter.count(kind, bits, links, slots, delivered, expected)
-        return delivered
+            fate = self._failed(cut(links.source, links.target), fate)
+        self.meter.count(kind, bits, links, fate.slots, fate.delivered, expected)
+        return fate.delivered
 
     def due(self, tick: int) -> list[Frames]:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""
@@ -115,9 +115,10 @@ class Medium(Stateful):
         links = self._links(batch, states)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         reach = math.inf if batch.kind == FrameKind.STATE else self._models_reach
-        slots, delivered, expected = self._carried(tick, bits, links, states, reach)
+        fate, expected = self._carried(tick, batch.kind, bits, links, states, reach)
         if cut is not None:
-            slots, delivered = self._failed(cut(links.source, links.target), slots, delivered)
+            fate = self._failed(cut(links.source, links.target), fate)
+        slots, delivered = fate.slots, fate.delivered
         self.meter.count(batch.kind, bits, links, slots, delivered, expected)
 
         ends, spent = links.ends, None
@@ -129,49 +130,55 @@ class Medium(Stateful):
             through = np.ones(len(ends), dtype=bool)
             through[links.by_radio] = delivered
             ends, spent = ends.compress(through, axis=0), None if spent is None else spent[through]
-        if np.maximum.reduce(slots, initial=0) <= self._soon:
+        taken = slots + fate.waited
+        if np.maximum.reduce(taken, initial=0) <= self._soon:
             self._deliver(tick + 1, batch, ends, spent)
-            return _record(tick, links, slots, delivered)
+            return _record(tick, links, fate)
         arrival = np.full(len(links.ends), tick + 1)
-        arrival[links.by_radio] = tick + self._scenario.delivery_ticks(slots)
+        arrival[links.by_radio] = tick + self._scenario.delivery_ticks(taken)
         if not all_arrive:
             arrival = arrival[through]
         for due in np.unique(arrival).tolist():
             now = arrival == due
             self._deliver(due, batch, ends[now], None if spent is None else spent[now])
-        return _record(tick, links, slots, delivered)
+        return _record(tick, links, fate)
 
     def _carried(
-        self, tick: int, bits: int, links: Links, states: state.States, reach: float
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], tuple[float, float] | None]:
+        self, tick: int, kind: FrameKind, bits: int, links: Links, states: state.States, reach: float
+    ) -> tuple[Fate, tuple[float, float] | None]:
         """Send a message over links by radio; links longer than `reach`, in m, fail.
 
         Returns:
-            Slots (K,), delivered (K,), and closed forms of outages and slots.
+            What becomes of it, and closed forms of outages and slots.
         """
         count = len(links.pair)
         if not count:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), (0.0, 0.0)
+            return Fate(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)), (0.0, 0.0)
         try:
             distance = self._distance(states, links)
-            message = Message(tick, bits, links.source, links.target, distance, state.position(states))
+            here, name = state.position(states), kind.name.lower()
+            place = in_space(here, self._scenario)
+            message = Message(tick, bits, links.source, links.target, distance, here, name, place, links.first)
             for array in self.memory.values():
                 array.flags.writeable = False
             answer = self._channel.carry(dict(self.memory), message, self.draw)
-            self.memory, slots, delivered = carried(answer, self.memory, count)
-            if reach < math.inf and len(beyond := np.flatnonzero(distance > reach)):
-                slots, delivered = self._failed(distance > reach, slots, delivered)
-                distance = np.delete(distance, beyond)
-            expected = closed_form(self._channel.expected(distance, bits)) if len(distance) else (0.0, 0.0)
+            self.memory, fate = carried(answer, self.memory, count)
+            within = count
+            if reach < math.inf and (beyond := distance > reach).any():
+                fate = self._failed(beyond, fate)
+                message = _only(message, ~beyond)
+                within = len(message.distance_m)
+            expected = sums(self._channel, message, self.memory)
         except FAILURES as error:
             raise failed(self._scenario.radio.model, error) from error
         if expected is not None:
-            expected = expected[0] + (count - len(distance)), expected[1]
-        return slots, delivered, expected
+            expected = expected[0] + (count - within), expected[1]
+        return fate, expected
 
-    def _failed(self, failed: NDArray[np.bool_], slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> Carried:
-        """Slots and deliveries (K,) after the links `failed` (K,), which deliver nothing and spend all their slots."""
-        return np.where(failed, self._scenario.radio.latency_threshold_slots, slots), delivered & ~failed
+    def _failed(self, failed: NDArray[np.bool_], fate: Fate) -> Fate:
+        """What becomes of a message after the links `failed` (K,), which deliver nothing and spend all their slots."""
+        slots = np.where(failed, self._scenario.radio.latency_threshold_slots, fate.slots)
+        return fate._replace(slots=slots, delivered=fate.delivered & ~failed)
 
     def _deliver(self, tick: int, batch: Frames, ends: NDArray[np.int32], slots: NDArray[np.int32] | None) -> None:
         """Schedule the frames of a batch for delivery over links in a later tick; `slots`: what each link took."""
@@ -257,11 +264,30 @@ def _begun(channel: Channel, name: str, uavs: int) -> Memory:
     return memory
 
 
-def _record(tick: int, links: Links, slots: NDArray[np.int64], delivered: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The links used, (K, 5), as `Medium.send` returns them; the fragments of a model are one message."""
+def _only(message: Message, links: NDArray[np.bool_]) -> Message:
+    """The message over some of its links, (K,); a transmission without any link is left out."""
+    assert message.first is not None
+    begins = np.zeros(len(links), dtype=bool)
+    begins[message.first] = True
+    transmission = (np.cumsum(begins) - 1)[links]
+    first = np.flatnonzero(np.diff(transmission, prepend=-1))
+    return message._replace(
+        source=message.source[links], target=message.target[links], distance_m=message.distance_m[links], first=first
+    )
+
+
+def _record(tick: int, links: Links, fate: Fate) -> NDArray[np.int32]:
+    """The links used, (K, 7), as `Medium.send` returns them; the fragments of a model are one message."""
     record = links.record.copy()
+    slots, delivered, waited = fate
     if links.message is not None:
         slots = np.bincount(links.message, weights=slots).astype(np.int64)
         delivered = np.bincount(links.message, weights=delivered) > 0
-    record[:, 0], record[:, 4] = tick, np.where(delivered, slots, -slots)
+        longest = np.zeros(len(slots), dtype=np.int64)
+        np.maximum.at(longest, links.message, waited)
+        waited = longest
+    record[:, LinkColumn.TICK] = tick
+    record[:, LinkColumn.SLOTS] = slots
+    record[:, LinkColumn.DELIVERED] = delivered
+    record[:, LinkColumn.WAITED] = waited
     return record

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import distinct
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn
 
 Indices = NDArray[np.intp]
 TRAFFIC = {
@@ -28,7 +28,8 @@ class Links:
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
     sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
-    that has any. record: (J, 5) int32 [0, source, target, kind, 0] of each pair of UAVs. message: (K,), the place of
+    that has any. record: (J, 7) int32 of each pair of UAVs, with the
+    columns of `LinkColumn`, of which source, target and kind are set. message: (K,), the place of
     each link in it; None: its own, J = K. Several rows of one UAV, the fragments of its model, are one message.
     """
 
@@ -55,7 +56,7 @@ class Links:
         by_radio = source != target
         if not by_radio.all():
             row, source, target = row[by_radio], source[by_radio], target[by_radio]
-        record = np.zeros((len(source), 5), dtype=np.int32)
+        record = np.zeros((len(source), len(LinkColumn)), dtype=np.int32)
         record[:, 1] = source
         record[:, 2] = target
         record[:, 3] = kind

@@ -1,21 +1,21 @@
 """Expected share of a scenario's models that its radio will lose, by the channel's closed form, before take-off."""
 
 import logging
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from meanflock.channel.base import Channel, closed_form, failed
+from meanflock.channel.base import Channel, failed
 from meanflock.federation.cut import longest
 from meanflock.federation.plan import Plan, plan_of
-from meanflock.federation.topology.base import Hop
+from meanflock.federation.topology.base import Hop, Indices
 from meanflock.swarm import logs, plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import FrameKind
 
 WARN_FROM = 0.5  # share of lost whole models from which a warning is given
@@ -106,17 +106,16 @@ def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """Expected loss of the models of a hop; None if no radio carries them or the channel has no closed form."""
-    radio, range_m = scenario.radio, scenario.federation.range_m
+    radio, range_m = scenario.radio, math.inf if scenario.federation.range_m is None else scenario.federation.range_m
     bits = hop.codec.bits
     links, lost = 0, 0.0
     try:
-        for distance in _distances(scenario, hop):
-            within = distance if range_m is None else distance[distance <= range_m]
-            expected = closed_form(channel.expected(within, bits)) if len(within) else (0.0, 0.0)
+        for source, target in _links(scenario, hop):
+            expected = channel.at_start(scenario, source, target, bits, hop.label.name.lower(), range_m)
             if expected is None:
                 return None
-            links += len(distance)
-            lost += expected[0] + len(distance) - len(within)
+            links += len(source)
+            lost += expected[0]
         slots = channel.least_slots(bits)
     except FAILURES as error:
         raise failed(radio.model, error) from error
@@ -127,8 +126,8 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     )
 
 
-def _distances(scenario: Scenario, hop: Hop) -> Iterator[Floats]:
-    """Lengths of the links of a hop by radio at take-off, (K,), m; those of some senders at a time, to save memory."""
+def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
+    """Sources and targets (K,) of the links of a hop by radio at take-off; some senders at a time, to save memory."""
     places = state.position(starts(scenario))
     targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
     width = targets.shape[1]
@@ -137,12 +136,11 @@ def _distances(scenario: Scenario, hop: Hop) -> Iterator[Floats]:
         senders = hop.senders[first : first + some]
         source = senders.repeat(width)
         target = (np.tile(targets[0], len(senders)) if hop.targets is None else targets[senders]).ravel()
-        apart = source != target
-        distance = np.linalg.norm(places[source[apart]] - places[target[apart]], axis=-1)
+        chosen = source != target
         if hop.range_m is not None:  # UAVs farther away are not addressed
-            distance = distance[distance <= hop.range_m]
-        if len(distance):
-            yield distance
+            chosen &= np.linalg.norm(places[source] - places[target], axis=-1) <= hop.range_m
+        if chosen.any():
+            yield source[chosen], target[chosen]
 
 
 def _settings(scenario: Scenario, message: str) -> Iterator[str]:

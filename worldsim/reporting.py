@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Status, Telemetry
 from meanflock.worldsim.checkpoint import MAX_BYTES, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -189,7 +189,7 @@ class Blocks:
                 first_tick=self._first_tick,
                 **{name: column[:n].copy() for name, column in self._columns.items()},
                 energy=self._world.flight.books.take_energies(n).astype(np.float32),
-                links=np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._links]),
+                links=np.concatenate([np.zeros((0, len(LinkColumn)), dtype=np.int32), *self._links]),
                 report_ticks=np.array(ticks, dtype=np.int32),
                 reports=np.array(reports, dtype=np.float32).reshape(len(reports), self._declared.weights),
                 spread=np.array(spread),
@@ -209,5 +209,5 @@ def _row_bytes(scenario: Scenario, diagnostics: int) -> int:
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:
     """The links without delivered states. `lost`: whether any state was lost."""
     if links.item(0, 3) == links.item(-1, 3) == _STATE:  # links are sorted by kind, so all carry states
-        return links.compress(links[:, 4] < 0, axis=0) if lost else links[:0]
-    return links.compress((links[:, 4] < 0) | (links[:, 3] != _STATE), axis=0)
+        return links.compress(links[:, LinkColumn.DELIVERED] == 0, axis=0) if lost else links[:0]
+    return links.compress((links[:, LinkColumn.DELIVERED] == 0) | (links[:, 3] != _STATE), axis=0)

@@ -19,6 +19,7 @@ class Rice(Channel):
     name = "rice"
 
     def __init__(self, options: Channel.Options, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
         self._radio = scenario.radio
         self._needed: dict[int, int] = {}  # slots, by bits
         self._expected: dict[int, tuple[float, float]] = {}  # of one link, by bits, without path loss

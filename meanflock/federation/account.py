@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.plan import Plan
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import Frames
+from meanflock.swarm.wire.messages import Frames, LinkColumn
 
 
 class Account(msgspec.Struct, array_like=True):
@@ -53,11 +53,11 @@ class Account(msgspec.Struct, array_like=True):
     def transmit(
         self, links: NDArray[np.int32], rows: NDArray[np.intp], ticks: NDArray[np.intp], is_late: NDArray[np.bool_]
     ) -> None:
-        """Counts uploads on the air over links (K, 5): `rows` (K,) messages of each, the `ticks` (K,) after the opening
+        """Counts uploads on the air over links (K, 7): `rows` (K,) messages of each, the `ticks` (K,) after the opening
         in which they arrive, and which of them are late."""
         self.copies += int(rows.sum())
         self.late.update(links[is_late, 1].tolist())
-        arrive = links[:, 4] >= 0
+        arrive = links[:, LinkColumn.DELIVERED] > 0
         place = np.searchsorted(self.sent, links[arrive, 1])
         latest = np.array(self.ticks)
         np.maximum.at(latest, place, ticks[arrive])

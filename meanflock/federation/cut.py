@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, FragmentForm
 from meanflock.federation.codings.base import Coding
-from meanflock.swarm import plugins, state
+from meanflock.swarm import plugins
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.errors import FAILURES, last_line
-from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import BEYOND_SENSE, Floats
+from meanflock.swarm.state import BEYOND_SENSE
 
 WHOLE = 0  # value of `federation.fragment`: no model is cut
 SUCCESS = 0.95  # expected share of fragments that are delivered, from which a size is long enough
@@ -97,7 +97,8 @@ def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterabl
     if slots == WHOLE:
         return None
     radio, forms = scenario.radio, tuple(forms)
-    size = min(form.size(int(slots * radio.bits_per_slot / 8), parts) for form in forms)
+    per_slot = _channel(scenario).bits_per_slot
+    size = min(form.size(int(slots * per_slot / 8), parts) for form in forms)
     if size < 1:
         raise ValueError(f"a fragment of {slots} slots has no room for a weight; set a larger `federation.fragment`")
     step = max(form.step for form in forms)
@@ -123,34 +124,15 @@ def longest(scenario: Scenario) -> int:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    radio, distance = scenario.radio, _distances(scenario)
-    for slots in range(radio.latency_threshold_slots, 0, -1):
-        lost = _expected_losses(scenario, distance, int(slots * radio.bits_per_slot / 8) * 8)
+    limit, others = scenario.radio.latency_threshold_slots, scenario.uavs - 1
+    per_slot = _channel(scenario).bits_per_slot
+    for slots in range(limit, 0, -1):
+        lost = _expected_losses(scenario, int(slots * per_slot / 8) * 8)
         if lost is None:
-            return max(1, radio.latency_threshold_slots // 4)
-        if lost <= (1.0 - SUCCESS) * len(distance):
+            return max(1, limit // 4)
+        if lost <= (1.0 - SUCCESS) * others:
             return slots
     return 1
-
-
-def _distances(scenario: Scenario) -> Floats:
-    """Distances of all UAVs from the leader's at take-off, without its own, m."""
-    places, leader = state.position(starts(scenario)), scenario.federation.leader
-    return np.asarray(np.linalg.norm(np.delete(places, leader, axis=0) - places[leader], axis=-1))
-
-
-def _expected_losses(scenario: Scenario, distance: Floats, bits: int) -> float | None:
-    """Expected losses of a message of so many bits on links of lengths `distance` (K,), m; None if unknown.
-
-    Raises as `longest`.
-    """
-    radio = scenario.radio
-    channel = plugins.create("channel", radio.model, radio.options, scenario)
-    try:
-        expected = channel.expected(distance, bits) if len(distance) else (0.0, 0.0)
-    except FAILURES as error:
-        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
-    return None if expected is None else float(expected[0])
 
 
 def share_delivered(scenario: Scenario, bits: int) -> float:
@@ -160,9 +142,27 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    distance = _distances(scenario)
-    lost = _expected_losses(scenario, distance, bits)
-    return 1.0 if lost is None or not len(distance) else 1.0 - lost / len(distance)
+    lost = _expected_losses(scenario, bits)
+    return 1.0 if lost is None or scenario.uavs == 1 else 1.0 - lost / (scenario.uavs - 1)
+
+
+def _channel(scenario: Scenario) -> Any:
+    """The channel of a scenario; raises BadInput if it is not installed or its options do not fit."""
+    return plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
+
+
+def _expected_losses(scenario: Scenario, bits: int) -> float | None:
+    """Expected losses of an upload of so many bits from every other UAV to the leader's, summed; None if unknown.
+
+    Raises as `longest`.
+    """
+    channel, leader = _channel(scenario), scenario.federation.leader
+    source = np.delete(np.arange(scenario.uavs), leader)
+    try:
+        expected = channel.at_start(scenario, source, np.full_like(source, leader), bits)
+    except FAILURES as error:
+        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
+    return None if expected is None else float(expected[0])
 
 
 def _fits(scenario: Scenario, bits: int) -> bool:
@@ -170,13 +170,11 @@ def _fits(scenario: Scenario, bits: int) -> bool:
 
     A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
-    radio = scenario.radio
-    channel = plugins.create("channel", radio.model, radio.options, scenario)
     try:
-        least = channel.least_slots(bits)
-        if least is None or least <= radio.latency_threshold_slots:
+        least = _channel(scenario).least_slots(bits)
+        if least is None or least <= scenario.radio.latency_threshold_slots:
             return True
     except FAILURES as error:
-        raise ValueError(f"channel {radio.model!r}: failed: {last_line(error)}") from error
+        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
-    return in_time and _expected_losses(scenario, np.ones(1), bits) == 0.0
+    return in_time and _expected_losses(scenario, bits) == 0.0

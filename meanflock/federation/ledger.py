@@ -20,7 +20,7 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import ClusterLeftOut, FlightEvent, FragmentsReceived, RoundEnded
 from meanflock.swarm.state import Mask, contains, distinct
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn
 
 Indices: TypeAlias = NDArray[np.intp]
 
@@ -248,7 +248,7 @@ class Ledger(Stateful):
         """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
 
         Args:
-            on_air: what was transmitted in this tick, over `links` (K, 5). has_leader: whether a node leads.
+            on_air: what was transmitted in this tick, over `links` (K, 7). has_leader: whether a node leads.
         """
         is_busy = self._schedule.is_busy(tick)
         if is_busy:
@@ -273,11 +273,12 @@ class Ledger(Stateful):
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
-                reached = int(np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0)))
+                reached = int(links[links[:, LinkColumn.KIND] == hop.label, LinkColumn.DELIVERED].sum())
                 found = {"fragments": hop.codec.count, "reached": None if hop.codec.count > 1 else reached}
                 ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:
-                lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
+                used = links[links[:, LinkColumn.KIND] == hop.label]
+                lost = set(used[used[:, LinkColumn.DELIVERED] == 0, LinkColumn.SOURCE].tolist())
                 for uav in hop.senders.tolist():
                     if uav in lost or (box.addressed[uav] and uav not in senders):
                         reason = "its relay is lost" if uav in lost else "its head is silent"
@@ -351,8 +352,10 @@ class Ledger(Stateful):
             count = np.bincount(batch.source, minlength=self._scenario.uavs)
             used = links[(links[:, 3] == batch.kind) & (count[links[:, 1]] > 0)]
             rows = count[used[:, 1]]
-            ticks = age + self._scenario.delivery_ticks(np.maximum(used[:, 4], 0) // rows)
-            account.transmit(used, rows * (not is_again), ticks, (ticks > after) & (used[:, 4] >= 0))
+            spent = used[:, LinkColumn.WAITED] + used[:, LinkColumn.SLOTS] // rows
+            ticks = age + self._scenario.delivery_ticks(spent)
+            is_late = (ticks > after) & (used[:, LinkColumn.DELIVERED] > 0)
+            account.transmit(used, rows * (not is_again), ticks, is_late)
 
     def _receive(self, hop: Hop, box: Mailbox, number: int) -> None:
         """Counts the uploads that are averaged in a hop."""

@@ -81,7 +81,7 @@ class Transmission:
         return Frames(frames.kind, frames.round, frames.source[going], frames.payload[going])
 
     def follow(self, links: NDArray[np.int32]) -> None:
-        """Takes notice of the links (K, 5) over which it was transmitted in this tick; only if anything repeats."""
+        """Takes notice of the links (K, 7) over which it was transmitted in this tick; only if anything repeats."""
         if not self._repeats:
             return
         used = links[links[:, 3] == self.hop.label, 1:3].astype(np.intp)

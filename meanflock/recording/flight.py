@@ -15,7 +15,7 @@ from meanflock.results.series import COLUMN, Reported
 from meanflock.swarm import state
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import FrameKind, Status
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
 
 TRAIL_STEP_S = 0.5  # length of a piece of a trail
 LINKS_PER_TICK = 2000  # links of a tick that are drawn; the numbers count all
@@ -34,7 +34,7 @@ _TEXT = rr.TextLog.descriptor_text()
 _LEVEL = rr.TextLog.descriptor_level()
 _COLOR = rr.TextLog.descriptor_color()
 
-Links = NDArray[np.int32]  # (K, 5), as in `Telemetry.links`
+Links = NDArray[np.int32]  # (K, 7), as in `Telemetry.links`
 
 
 def uav_colors(states: state.States, diagnostics: Floats, status: NDArray[np.uint8], reported: Reported) -> Colors:
@@ -89,7 +89,7 @@ class Trails:
 
 
 def link_rows(ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
-    """Links (K, 5) as lines on the map, the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
+    """Links (K, 7) as lines on the map, the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
     links = links[np.argsort(links[:, 0], kind="stable")]
     models = links[:, 3] != FrameKind.STATE
     for entity, chosen in ((blueprint.MODEL_LINKS, links[models]), (blueprint.STATE_LINKS, links[~models])):
@@ -104,7 +104,7 @@ def _link_lines(entity: str, ticks: Ticks, positions: Floats, links: Links) -> S
     at, count = np.unique(links[:, 0], return_counts=True)
     row = np.clip(np.searchsorted(ticks, links[:, 0]), 0, len(ticks) - 1)
     ends = np.stack([positions[row, links[:, 1]], positions[row, links[:, 2]]], axis=1)  # (K, 2, 2)
-    colors = np.where(links[:, 4] < 0, drawing.RED, drawing.GREEN).astype(np.uint32)
+    colors = np.where(links[:, LinkColumn.DELIVERED] > 0, drawing.GREEN, drawing.RED).astype(np.uint32)
     parts = (STRIPS, strips(ends)), (STRIP_COLORS, rr.components.ColorBatch(colors))
     columns = [rr.ComponentColumn(descriptor, batch, lengths=count) for descriptor, batch in parts]
     return entity, at.astype(np.int64), columns

@@ -20,15 +20,15 @@ from meanflock.swarm import faults
 from meanflock.swarm.events import FlightEvent, RoundEnded, UploadsRefused
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask
-from meanflock.swarm.wire.messages import FrameKind, Status
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
 
-Links = NDArray[np.int32]  # (K, 5), as in `Telemetry.links`
+Links = NDArray[np.int32]  # (K, 7), as in `Telemetry.links`
 
 EDGES = 2000  # of a graph, at most; the colours and the plot count all
 
 _COLORS, _LABELS = rr.GraphNodes.descriptor_colors(), rr.GraphNodes.descriptor_labels()
 _EDGES = rr.GraphEdges.descriptor_edges()
-_NO_LINKS = np.zeros((0, 5), dtype=np.int32)
+_NO_LINKS = np.zeros((0, len(LinkColumn)), dtype=np.int32)
 
 
 class Drawing(NamedTuple):
@@ -54,7 +54,7 @@ class RoundRows:
     def rows(
         self, ticks: Ticks, links: Links, events: Sequence[FlightEvent], status: NDArray[np.uint8]
     ) -> Iterator[Sent]:
-        """The rounds, by links (K, 5), events, and status (T, N) at ticks (T,); all follow those of earlier calls."""
+        """The rounds, by links (K, 7), events, and status (T, N) at ticks (T,); all follow those of earlier calls."""
         ended = [event for event in events if isinstance(event, RoundEnded)]
         ends = np.array([each.tick for each in ended], dtype=np.int64)
         yield from scalars(plots.ROUNDS.entity, ends, plots.percentages(ended))
@@ -95,18 +95,20 @@ class RoundRows:
 
     def _late(self) -> NDArray[np.bool_]:
         """Mask (K,) of the links that deliver after the deadline."""
-        slots, scenario = self._links[:, 4], self._scenario
+        scenario = self._scenario
         if scenario.deadline_ticks == scenario.hop_ticks:
-            return np.zeros(len(slots), dtype=bool)
-        is_upload = self._links[:, 3] == FrameKind.UPLOAD
-        return np.asarray(is_upload & (scenario.delivery_ticks(np.maximum(slots, 0)) > scenario.deadline_ticks))
+            return np.zeros(len(self._links), dtype=bool)
+        is_upload = self._links[:, LinkColumn.KIND] == FrameKind.UPLOAD
+        spent = self._links[:, LinkColumn.WAITED] + self._links[:, LinkColumn.SLOTS]
+        return np.asarray(is_upload & (scenario.delivery_ticks(spent) > scenario.deadline_ticks))
 
     def _provisional(self) -> Colors:
         """Colours by the links alone, (N,)."""
         links = self._links
         colors = np.full(self._scenario.uavs, blueprint.OUTCOMES["no part"], dtype=np.uint32)
         late = self._late()
-        for name, chosen in (("lost", links[:, 4] < 0), ("late", late), ("received", (links[:, 4] >= 0) & ~late)):
+        through = links[:, LinkColumn.DELIVERED] > 0
+        for name, chosen in (("lost", ~through), ("late", through & late), ("received", through & ~late)):
             colors[links[chosen, 1]] = blueprint.OUTCOMES[name]
         if self._centre is not None:
             colors[self._centre] = blueprint.CENTRE
@@ -135,7 +137,7 @@ class RoundRows:
 
     def _delivered(self) -> Links:
         """The links of the round that delivered in time, between different UAVs."""
-        links = self._links[(self._links[:, 4] >= 0) & ~self._late()]
+        links = self._links[(self._links[:, LinkColumn.DELIVERED] > 0) & ~self._late()]
         return links[links[:, 1] != links[:, 2]]
 
     def _edges(self) -> NDArray[np.int32]:

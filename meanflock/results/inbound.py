@@ -13,7 +13,7 @@ from meanflock.swarm.declared import MAX_DIAGNOSTICS
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import FlightEvent, fields_of
 from meanflock.swarm.wire.control import expect
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, LinkColumn, Status, Telemetry
 
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
@@ -35,7 +35,7 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
         ("status", (rows, n), np.uint8),
         ("energy", (rows, n), np.float32),
         ("swarm", (rows, len(SWARM_COLUMNS)), np.float64),
-        ("links", (None, 5), np.int32),
+        ("links", (None, len(LinkColumn)), np.int32),
         ("reports", (reports, None), np.float32),
         ("spread", (reports,), np.float64),
     ):
@@ -50,7 +50,7 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
         raise MessageRejected("non-finite", "states beyond what a recording can hold")
     if (block.status > max(Status)).any():
         raise MessageRejected("wrong-shape", "an invalid status")
-    ends, kinds = block.links[:, 1:3], block.links[:, 3]
+    ends, kinds = block.links[:, [LinkColumn.SOURCE, LinkColumn.TARGET]], block.links[:, LinkColumn.KIND]
     if ((ends < 0) | (ends >= n)).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
         raise MessageRejected("wrong-shape", "links of UAVs or frames that are not there")
     for event in block.events:

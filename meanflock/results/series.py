@@ -13,7 +13,7 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.results.quantities import PHI_G, Field, columns
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, LinkColumn, Status, Telemetry
 
 COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}  # of `Telemetry.swarm`
 BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
@@ -113,7 +113,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) 
         status=per_uav(rows, "status")[..., 0],
         energy=per_uav(rows, "energy_J")[..., 0],
         swarm=np.stack([rows[name].to_numpy() for name in SWARM_COLUMNS], axis=-1),
-        links=np.zeros((0, 5), dtype=np.int32),
+        links=np.zeros((0, len(LinkColumn)), dtype=np.int32),
         report_ticks=reported["tick"].to_numpy(),
         reports=np.array(reports, dtype=np.float32).reshape(len(reports), -1 if reports else 0),
         spread=reported["weight_spread"].to_numpy(),

@@ -18,14 +18,14 @@ from meanflock.results import inbound
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Telemetry
+from meanflock.swarm.wire.messages import LinkColumn, Telemetry
 
 log = logging.getLogger("meanflock.spool")
 
 _SIGNATURE = b"mf\x89spool"
 _HEAD = struct.Struct("<IQdII")  # of a block: its bytes, the rest of `Spooled`, CRC-32 of the block and of all this
 _CHECKSUM = 4  # bytes
-_NO_LINKS = np.zeros((0, 5), dtype=np.int32)
+_NO_LINKS = np.zeros((0, len(LinkColumn)), dtype=np.int32)
 
 
 class Spooled(NamedTuple):

@@ -75,9 +75,11 @@ def check_channel(
                         fail(channel, f"`carry` writes to memory[{name!r}]", "copy before you write")
                     form = asked(channel, made.expected, message.distance_m, bits, remedy=remedy)
                     try:
-                        memory, *of_links = carried(answer, memory, links)
+                        memory, of_links = carried(answer, memory, links)
                         all_sent += map(np.array, of_links)
-                        all_sent.append(np.array(closed_form(form) or ()))
+                        all_sent.append(np.array(closed_form(form, links, "expected") or ()))
+                        foreseen = asked(channel, made.foreseen, dict(memory), message, remedy=remedy)
+                        all_sent.append(np.array(closed_form(foreseen, links, "foreseen") or ()))
                     except (TypeError, ValueError) as error:
                         fail(channel, f"over {links} links: {error}", "return that")
                     check_kept(channel, "memory", memory)

@@ -6,7 +6,7 @@ Closed forms of one link: test_link.py.
 import math
 import tracemalloc
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins, state
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.stateful import restore, state_of
-from meanflock.swarm.wire.messages import FrameKind, Frames
+from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn
 from tests.faults.dying import dead, resumed
 from tests.golden.flights import steady
 from tests.methods import FEDERATED, METHODS, PARTS
@@ -62,7 +62,7 @@ def test_each_kind_of_frame_goes_to_its_targets() -> None:
     uploads, model = frames(FrameKind.UPLOAD, [0, 2, 5], 246, 1), frames(FrameKind.GLOBAL, [2], 246, 1)
     records = medium.send(5, [frames(FrameKind.STATE, [0, 4], 4), model, uploads], states)
     by_radio = {
-        kind: {(int(s), int(t)) for _, s, t, k, slots in records if k == kind and slots > 0} for kind in FrameKind
+        kind: {(int(s), int(t)) for _, s, t, k, _, through, _ in records if k == kind and through} for kind in FrameKind
     }
     assert by_radio[FrameKind.UPLOAD] == {(0, 2), (5, 2)}
     assert by_radio[FrameKind.GLOBAL] == {(2, t) for t in (0, 1, 3, 4, 5)}
@@ -84,7 +84,7 @@ def test_models_fail_beyond_the_range_of_the_federation() -> None:
     links = near.send(5, [sent], states)
     limit = near.meter.radio.latency_threshold_slots
     np.testing.assert_array_equal(links[:2], anywhere_links[:2])
-    np.testing.assert_array_equal(links[2:, 4], [-limit] * 3)
+    np.testing.assert_array_equal(links[2:, 4:], [[limit, 0, 0]] * 3)
     bill, free = near.meter.traffic[FrameKind.UPLOAD], anywhere.meter.traffic[FrameKind.UPLOAD]
     assert (bill.sent, bill.payload_bits) == (free.sent, free.payload_bits)
     assert 3.0 < bill.expected_outages < 3.0 + free.expected_outages
@@ -107,10 +107,12 @@ def test_a_frame_is_delivered_once_after_its_slots_or_never(dt: float, theta: fl
     expected: dict[int, set[tuple[int, int, int]]] = {}
     outages, several = 0, 0
     for tick in range(0, 400, 2):
-        for _, source, target, _, used in medium.send(tick, [frames(FrameKind.GLOBAL, [0], 246, tick)], states):
-            if used < 0:
+        for _, source, target, _, used, through, _ in medium.send(
+            tick, [frames(FrameKind.GLOBAL, [0], 246, tick)], states
+        ):
+            if not through:
                 outages += 1
-                assert used == -slots
+                assert used == slots
                 continue
             due = tick + max(1, math.ceil(int(used) * theta / dt))
             several += due > tick + 1
@@ -174,12 +176,12 @@ def test_the_bill_is_that_of_the_links_that_were_used() -> None:
             if 0 < abs(along[source] - along[target]) < 100
         ]
         assert (records[:, 0] == tick).all()
-        through = {(source, target) for _, source, target, _, slots in records.tolist() if slots > 0}
+        through = {(source, target) for _, source, target, _, _, delivered, _ in records.tolist() if delivered}
         assert links_of(medium.due(tick + 1)) == through
-        for _, source, target, _, slots in records.tolist():
+        for _, source, target, _, slots, delivered, _ in records.tolist():
             sent[source, target] += 1
-            outages[source, target] += slots < 0
-            spent += abs(slots)
+            outages[source, target] += not delivered
+            spent += slots
         airtime += sum(np.abs(records[records[:, 1] == one, 4]).max(initial=0) for one in speakers) * 5e-5
     bill = medium.meter.traffic[FrameKind.STATE]
     assert 0 < bill.outages == outages.sum() < bill.sent == sent.sum()
@@ -235,14 +237,53 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     (batch,) = medium.due(4)
     near = [(0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2)]
     assert [(int(s), int(t)) for s, t in batch.links] == near
-    assert [(int(s), int(t)) for _, s, t, _, slots in records if slots > 0] == near
-    assert set(np.abs(records[:, 4]).tolist()) == {1, 2}
+    assert [(int(s), int(t)) for _, s, t, _, _, through, _ in records if through] == near
+    assert set(records[:, 4].tolist()) == {1, 2}
     total = medium.meter.traffic[FrameKind.STATE]
     assert (total.sent, total.delivered, total.slots, total.delivered_slots) == (20, 6, 6 + 2 * 14, 6)
     assert (total.expected_outages, total.expected_delivered_slots) == (None, None)
     again = Medium(plan_of(scenario("uavs=5", "radio.model=disk")))
     restore(again, state_of(medium))
     assert again.meter.traffic == medium.meter.traffic
+
+
+class Turns(Channel):
+    """Sends one transmission after another, a slot each, and says of each link what it foresees."""
+
+    name = "turns"
+    seen: ClassVar[list[Message]] = []
+
+    def carry(self, memory: Any, message: Message, rng: np.random.Generator) -> Any:
+        assert message.first is not None
+        self.seen.append(message)
+        turn = np.searchsorted(message.first, np.arange(len(message.source)), side="right") - 1
+        one = np.ones(len(turn), dtype=np.int64)
+        return memory, one, message.target != 2, turn
+
+    def foreseen(self, memory: Any, message: Message) -> Any:
+        lost = (message.target == 2).astype(float)
+        return lost, 1.0 - lost
+
+
+def test_a_frame_that_waits_arrives_later_and_is_no_longer_on_the_air() -> None:
+    plugins.register(Turns)
+    Turns.seen.clear()
+    flown = scenario("uavs=4", "radio.model=turns", "radio.coherence_time_s=0.05", "dt=0.1", "start.height=50")
+    medium, states = Medium(plan_of(flown)), line(0, 2, 4, 90)
+    records = medium.send(3, [frames(FrameKind.STATE, list(range(4)), 4)], states)
+    assert records[:, LinkColumn.SLOTS].tolist() == [1] * 12
+    assert records[:, LinkColumn.WAITED].tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
+    assert {source for source, _ in links_of(medium.due(4))} == {0, 1}  # after one slot, and after two
+    assert {source for source, _ in links_of(medium.due(5))} == {2, 3}
+    total = medium.meter.traffic[FrameKind.STATE]
+    assert (total.slots, total.outages, total.expected_outages) == (12, 3, 3.0)
+    assert total.airtime_s == pytest.approx(4 * 0.05)
+    (message,) = Turns.seen
+    assert message.kind == "state"
+    assert message.first is not None
+    assert message.first.tolist() == [0, 3, 6, 9]
+    assert message.place_m is not None
+    assert message.place_m.tolist() == [[x, 0, 50] for x in (0, 2, 4, 90)]
 
 
 @pytest.mark.parametrize(("model", "unknown"), [("disk", True), ("ideal", False), ("rice", False)])

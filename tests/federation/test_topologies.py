@@ -275,8 +275,10 @@ LIARS = ("federation.byzantine_fraction=0.3", "federation.byzantine_kind=huge")
 
 def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
     account = Account(participants=10, absent=1, sent=[0, 2, 3, 4, 5, 6])
-    links = np.array([[20, uav, 1, 0, slots] for uav, slots in ((0, 2), (2, 2), (3, -8), (4, 7))], dtype=np.int32)
-    account.transmit(links, np.array([3, 3, 3, 3]), np.array([2, 1, 1, 7]), links[:, 4] > 5)
+    links = np.array(
+        [[20, uav, 1, 0, slots, uav != 3, 0] for uav, slots in ((0, 2), (2, 2), (3, 8), (4, 7))], dtype=np.int32
+    )
+    account.transmit(links, np.array([3, 3, 3, 3]), np.array([2, 1, 1, 7]), (links[:, 4] > 5) & (links[:, 5] > 0))
     account.receive({0: 3, 2: 2}, 5)
     account.refused, account.earlier = {2}, 1
     account = msgspec.convert(msgspec.to_builtins(account, order="sorted"), Account)

@@ -14,7 +14,7 @@ from meanflock.recording.recorder import Recorder
 from meanflock.results.series import Reported
 from meanflock.swarm.events import Collided, FaultBegan, FlightEvent, Lost
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Status, Telemetry
 
 ROUND_TICKS = 100
 DIAGNOSTICS = ("hjb_residual", "fpk_residual", "phi_G")  # of the paper's scenario, which is the default
@@ -62,14 +62,14 @@ def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]
 
 def _links(uavs: int, first: int, block: int) -> np.ndarray:
     rows = [
-        (tick, source, 0, FrameKind.UPLOAD, -8 if source % 5 == 0 else 4)
+        (tick, source, 0, FrameKind.UPLOAD, 4, source % 5 != 0, 0)
         for tick in range(first, first + block)
         if tick and tick % ROUND_TICKS == 0
         for source in range(1, uavs - 1)
     ]
     if first == 0:
-        rows += [(0, source, (source + 1) % uavs, FrameKind.STATE, 1) for source in range(uavs)]
-    return np.array(rows, dtype=np.int32).reshape(-1, 5)
+        rows += [(0, source, (source + 1) % uavs, FrameKind.STATE, 1, 1, 0) for source in range(uavs)]
+    return np.array(rows, dtype=np.int32).reshape(-1, len(LinkColumn))
 
 
 def _events(uavs: int, first: int, block: int) -> tuple[FlightEvent, ...]:

@@ -146,8 +146,8 @@ def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     """Five of five UAVs, headed by UAVs 0, 5 … 20; UAV 7 and the head of 10 to 14 are not heard, 17 is paused."""
     path, (block,) = tmp_path / "tree.rrd", flight(ticks=20)
     members = [uav for uav in range(25) if uav % 5 and uav != 17]
-    up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, -8 if uav == 7 else 4) for uav in members]
-    on = [(3, head, 0, FrameKind.RELAY, -8 if head == 10 else 4) for head in (5, 10, 15, 20)]
+    up = [(2, uav, uav // 5 * 5, FrameKind.UPLOAD, 4, uav != 7, 0) for uav in members]
+    on = [(3, head, 0, FrameKind.RELAY, 4, head != 10, 0) for head in (5, 10, 15, 20)]
     links = np.array(up + on, dtype=np.int32)
     sent = tuple(uav for uav in range(25) if uav not in (9, 17))
     received = tuple(uav for uav in sent if uav != 7)

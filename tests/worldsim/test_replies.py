@@ -161,10 +161,10 @@ def test_telemetry_has_all_outages_and_models_and_a_sample_of_states(method: str
     engine.complete()
     links = np.concatenate(used)
     sampled = (links[:, 0] + 1) % STATE_LINKS_EVERY_TICKS == 0
-    expected = links[sampled | (links[:, 4] < 0) | (links[:, 3] != FrameKind.STATE)]
+    expected = links[sampled | (links[:, 5] == 0) | (links[:, 3] != FrameKind.STATE)]
     np.testing.assert_array_equal(np.concatenate([block.links for block in kept.blocks]), expected)
     assert sampled.any()
-    assert (links[:, 4] < 0).any() == ("radio.target_snr_db=60" not in changes)
+    assert (links[:, 5] == 0).any() == ("radio.target_snr_db=60" not in changes)
 
 
 def test_blocks_of_a_large_swarm_fit_into_a_message_and_several_may_wait() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from meanflock.channel.base import Channel, Floats, closed_form, failed
+from meanflock.channel.base import Channel, failed
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput
 from meanflock.swarm.mission import starts
@@ -30,8 +30,8 @@ class Outages:
         self._scenario = scenario
         places = state.position(starts(scenario))
         first, second = np.triu_indices(len(places), 1)
-        distances = np.linalg.norm(places[first] - places[second], axis=-1)
-        self._distances: Floats = distances[distances <= scenario.radio.range_m]
+        near = np.linalg.norm(places[first] - places[second], axis=-1) <= scenario.radio.range_m
+        self._links = first[near], second[near]
 
     def at(self, snr_db: float) -> float | None:
         """The outage at an SNR threshold; None if the channel has no closed form or there are no links.
@@ -43,10 +43,11 @@ class Outages:
         scenario = msgspec.structs.replace(self._scenario, radio=radio)
         channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         try:
-            expected = closed_form(channel.expected(self._distances, STATE_BITS)) if len(self._distances) else None
+            links = len(self._links[0])
+            expected = channel.at_start(scenario, *self._links, STATE_BITS, "state") if links else None
         except FAILURES as error:
             raise failed(radio.model, error) from error
-        return None if expected is None else expected[0] / len(self._distances)
+        return None if expected is None else expected[0] / links
 
     def snr_db(self, outage: float) -> float:
         """The highest SNR threshold with this outage.

@@ -34,6 +34,18 @@ class FrameKind(enum.IntEnum):
     RELAY = 3  # the mean of a cluster, from its head to the leader
 
 
+class LinkColumn(enum.IntEnum):
+    """Columns of the links of a tick: each pair of UAVs between which a batch of frames went by radio."""
+
+    TICK = 0
+    SOURCE = 1
+    TARGET = 2
+    KIND = 3  # a FrameKind
+    SLOTS = 4  # on the air; of a model in fragments, the sum over those of the tick
+    DELIVERED = 5  # 1, or 0 if lost
+    WAITED = 6  # slots until the band was free; of fragments, the longest
+
+
 class Frames(msgspec.Struct, frozen=True, eq=False):
     """A batch of radio frames of one kind sent in one tick, one row a transmission."""
 
@@ -147,7 +159,7 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     status: np.ndarray  # (T, N) u1, see `Status`
     energy: np.ndarray  # (T, N) f4, J since take-off
     swarm: np.ndarray  # (T, len(SWARM_COLUMNS)) f8
-    links: np.ndarray  # (K, 5) i4: [tick, source, target, FrameKind, slots; negative slots: outage]
+    links: np.ndarray  # (K, 7) i4: the columns of `LinkColumn`
     report_ticks: np.ndarray  # (R,) i4
     reports: np.ndarray  # (R, W) f4, learned weights of the leader's UAV
     spread: np.ndarray  # (R,) f8, root-mean-square distance of the models from their mean
