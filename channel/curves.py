@@ -39,7 +39,7 @@ class Curves:
         part = np.where(self._is_steady[law], np.floor(place - index), place - index)  # a step has no middle
         first = law * len(MARGINS_DB) + index
         return tuple(  # type: ignore[return-value]
-            (1.0 - part) * table.take(first) + part * table.take(first + 1) for table in (lost, slots)
+            table.take(first) + part * (table.take(first + 1) - table.take(first)) for table in (lost, slots)
         )
 
     def shadowed(self, needed: int, law: int, margin_db: Floats, sigma_db: Floats) -> tuple[Floats, Floats]:

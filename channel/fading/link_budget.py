@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel import budget, rates
-from meanflock.channel.base import Carried, Channel, Memory, Message
+from meanflock.channel.base import Carried, Channel, Memory, Message, in_space
 from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
 from meanflock.channel.gains import Gains
@@ -57,7 +57,7 @@ class LinkBudget(Channel):
         self._needed_dbm = noise_dbm + self._rate.threshold_db - self._nodes.gain_dbi  # at the antenna of a receiver
         shadow = GaussianField(scenario.seed, "shadow", uavs, stations)
         sight = GaussianField(scenario.seed, "sight", uavs, stations, is_smooth=True)
-        laws = [*budget.laws_of(options.air_fading, options.air_k_db, options.air_m, options)]
+        laws = budget.laws_of(options.air_fading, options.air_k_db, options.air_m, options)
         self._air = self._propagation(options.air_loss, options.air_sigma_db, shadow, sight, clear=1, blocked=0)
         ground = budget.laws_of(options.fading, options.k_db, options.m, options) if stations else []
         self._ground = self._propagation(
@@ -117,7 +117,7 @@ class LinkBudget(Channel):
         """
         if self._last is None or self._last[0] is not message:
             low, high = np.minimum(message.source, message.target), np.maximum(message.source, message.target)
-            place_m = self._places(message.position_m)
+            place_m = self._places(message)
             loss_db, law, clamped = np.empty(len(low)), np.empty(len(low), dtype=np.intp), 0
             is_ground = high >= self.scenario.uavs
             for path, links in ((self._air, ~is_ground), (self._ground, is_ground)):
@@ -144,10 +144,10 @@ class LinkBudget(Channel):
             blocked,
         )
 
-    def _places(self, position_m: Floats) -> Floats:
+    def _places(self, message: Message) -> Floats:
         """Places of all nodes, (N + B, 3), m."""
-        height = np.full((len(position_m), 1), self.scenario.start.height)
-        return np.concatenate([np.concatenate([position_m, height], axis=1), self._nodes.station_m])
+        place_m = in_space(message.position_m, self.scenario) if message.place_m is None else message.place_m
+        return np.concatenate([place_m, self._nodes.station_m])
 
     def _check_starts(self) -> None:
         """Raises BadInput if a path loss does not hold for the UAVs at their starts.
@@ -155,13 +155,12 @@ class LinkBudget(Channel):
         Of the distances between UAVs, it takes the longer side of the box around them.
         """
         uavs, options = self.scenario.uavs, self.options
-        place_m = self._places(position(starts(self.scenario)))
-        uav_m, stations = place_m[:uavs, 2], place_m[uavs:]
-        side_m = np.ptp(place_m[:uavs, :2], axis=0).max(keepdims=True)
+        place_m = in_space(position(starts(self.scenario)), self.scenario)
+        uav_m, side_m = place_m[:, 2], np.ptp(place_m[:, :2], axis=0).max(keepdims=True)
         air = self._air.model.validity
         faults = {"air_loss": air.fault(side_m, uav_m, uav_m, options.carrier_ghz) if uavs > 1 else None}
-        for station in stations:
-            ground_m = np.hypot(*(place_m[:uavs, :2] - station[:2]).T)
+        for station in self._nodes.station_m:
+            ground_m = np.hypot(*(place_m[:, :2] - station[:2]).T)
             fault = self._ground.model.validity.fault(ground_m, station[2:], uav_m, options.carrier_ghz)
             faults["loss"] = faults.get("loss") or fault
         for key, fault in faults.items():
