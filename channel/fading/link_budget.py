@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel import budget, rates
-from meanflock.channel.base import Carried, Channel, Memory, Message, in_space
+from meanflock.channel.base import Carried, Channel, Foreseen, Memory, Message, in_space
 from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
 from meanflock.channel.gains import Gains
@@ -88,8 +88,10 @@ class LinkBudget(Channel):
         )
         return {"clamped": memory["clamped"] + clamped}, *sent
 
-    def foreseen(self, memory: Memory, message: Message) -> tuple[Floats, Floats]:
+    def foreseen(self, memory: Memory, message: Message) -> Foreseen:
         """Given the places, and so shadow and sight, only the fading is random."""
+        if not len(message.source):  # `closed_form` checks the least of the losses, which no links do not have
+            return 0.0, 0.0
         margin_db, law, _ = self._state(message)
         return self._curves.at(self.least_slots(message.bits), law, margin_db)
 

@@ -202,7 +202,6 @@ def test_links_outside_the_validity_are_counted_and_treated_as_at_its_end(mast: 
     ],
     ids=str,
 )
-@pytest.mark.xfail(reason="the suite takes the minimum over the links of a message without links", strict=True)
 def test_it_conforms(options: dict[str, Any]) -> None:
     settings = ["radio.tx_power_dbm=-5", "radio.target_snr_db=5", "radio.coherence_time_s=0.001"]
     check_channel(LinkBudget, options, load(None, settings))
