@@ -13,8 +13,12 @@ MOST_SLOTS = 2**31 - 1  # largest number in a record
 
 def slots_needed(radio: Radio, bits: int) -> int:
     """Number K ≥ 1 of successful slots that a message of `bits` needs; at most `MOST_SLOTS`, more than any D_M."""
-    per_slot = radio.bits_per_slot
-    return max(1, math.ceil(bits / per_slot)) if bits < MOST_SLOTS * per_slot else MOST_SLOTS
+    return slots_for(bits, radio.bits_per_slot)
+
+
+def slots_for(bits: int, bits_per_slot: float) -> int:
+    """The same at another number of bits a slot."""
+    return max(1, math.ceil(bits / bits_per_slot)) if bits < MOST_SLOTS * bits_per_slot else MOST_SLOTS
 
 
 def squared_threshold(radio: Radio, distance_m: Floats) -> Floats:
@@ -33,20 +37,28 @@ def slot_success(radio: Radio, distance_m: Floats) -> Floats:
 
 
 def outage(radio: Radio, success: Floats, bits: int) -> Floats:
-    """Probability of an outage, P[D_m > D_M] = P[Binomial(D_M, p) < K]; same shape as `success` p."""
-    needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
+    """Probability of an outage, P[D_m > D_M]; same shape as `success` p."""
+    return lost(slots_needed(radio, bits), radio.latency_threshold_slots, success)
+
+
+def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
+    """Mean latency of delivered messages times their probability, E[D_m; D_m ≤ D_M], in slots."""
+    return delivered_slots(slots_needed(radio, bits), radio.latency_threshold_slots, success)
+
+
+def lost(needed: int, slots: int, success: Floats) -> Floats:
+    """P[Binomial(D_M, p) < K]: fewer than K = `needed` of D_M = `slots` are good; same shape as `success` p."""
     return (
         tails.binomial_at_most(needed - 1, slots, success, 1.0 - success) if needed <= slots else np.ones_like(success)
     )
 
 
-def delivered_latency(radio: Radio, success: Floats, bits: int) -> Floats:
-    """Mean latency of delivered messages times their probability, E[D_m; D_m ≤ D_M], in slots.
+def delivered_slots(needed: int, slots: int, success: Floats) -> Floats:
+    """E[D_m; D_m ≤ D_M] for a message that needs K = `needed` good slots of at most D_M = `slots`.
 
     D_m − K is negative binomial, so this is Σ_{d=K}^{D_M} d (d−1 choose K−1) p^K (1−p)^{d−K} =
     (K/p) P[Binomial(D_M + 1, p) ≥ K + 1].
     """
-    needed, slots = slots_needed(radio, bits), radio.latency_threshold_slots
     if needed > slots:
         return np.zeros_like(success)
     reached = tails.binomial_at_most(slots - needed, slots + 1, 1.0 - success, success)  # slots that failed

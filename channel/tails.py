@@ -1,4 +1,4 @@
-"""Tails of two laws of the radio: the amplitude of Rice, and the number of good slots, which is binomial.
+"""Tails of the laws of the radio: the amplitude of Rice, the power of Nakagami, and the number of good slots.
 
 They are sums of positive terms, so small tails keep their digits. A sum starts from one term and continues by ratios of
 neighbouring terms (Horner's rule); terms below 1e-17 of the sum are left out.
@@ -17,6 +17,7 @@ _DEVIATIONS, _MORE = 9.0, 20  # terms beyond nine standard deviations and these 
 _STRONGEST = 1e6  # ½ξ²/χ² beyond which the amplitude is taken as normal
 _LEAST_LOG = 745.0  # exp(−745) is the smallest number
 _TINY = 1e-300
+_FRACTIONS = 400  # of a continued fraction, enough for shapes up to 50
 _SERIES_FROM = 16
 _FIRST = np.array(  # log(n! eⁿ n⁻ⁿ)
     [0.0, *(math.log(math.factorial(n)) + n - n * math.log(n) for n in range(1, _SERIES_FROM))]
@@ -38,6 +39,55 @@ def rice_above(squared: Floats, xi: float, chi: float) -> Floats:
     rate = 0.5 * (np.minimum(amplitude, 2.0 * chi * math.sqrt(most)) / chi) ** 2
     above: Floats = np.where(rate < most, np.minimum(_not_more_often(rate, strength), 1.0), 0.0)
     return above
+
+
+def gamma_above(shape: float, least: Floats) -> Floats:
+    """P[Gamma(shape) ≥ `least`], the regularised upper incomplete gamma function; `(K,)` to `(K,)`.
+
+    A series below shape + 1, and Lentz's continued fraction above: Numerical Recipes §6.2.
+    """
+    least = np.maximum(least, _TINY)
+    with np.errstate(under="ignore"):
+        head = np.exp(shape * np.log(least) - least - math.lgamma(shape))
+    is_low = least < shape + 1.0
+    result = np.empty(least.shape)
+    result[is_low] = 1.0 - head[is_low] * _gamma_series(shape, least[is_low])
+    result[~is_low] = head[~is_low] * _gamma_fraction(shape, least[~is_low])
+    return np.clip(result, 0.0, 1.0)
+
+
+def _gamma_series(shape: float, x: Floats) -> Floats:
+    """Σ_n xⁿ / (shape (shape + 1) … (shape + n))."""
+    term = np.full(x.shape, 1.0 / shape)
+    total = term.copy()
+    n = 0
+    while (term > 1e-17 * total).any():
+        n += 1
+        term *= x / (shape + n)
+        total += term
+    return total
+
+
+def _gamma_fraction(shape: float, x: Floats) -> Floats:
+    """1/(x + 1 − shape − 1(1 − shape)/(x + 3 − shape − …))."""
+    b = x + 1.0 - shape
+    c, d = np.full(x.shape, 1e300), 1.0 / b
+    found = d.copy()
+    for i in range(1, _FRACTIONS):
+        a = -i * (i - shape)
+        b += 2.0
+        d = 1.0 / (a * d + b)
+        c = b + a / c
+        step = d * c
+        found *= step
+        if (np.abs(step - 1.0) < 1e-15).all():
+            break
+    return found
+
+
+def normal_below(z: Floats) -> Floats:
+    """P[standard normal ≤ z]; `(K,)` to `(K,)`."""
+    return np.array([0.5 * math.erfc(-math.sqrt(0.5) * one) for one in z.tolist()])
 
 
 def binomial_at_most(k: int, n: int, p: Floats, q: Floats) -> Floats:

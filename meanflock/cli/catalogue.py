@@ -92,7 +92,7 @@ def _options(options: type[msgspec.Struct]) -> Iterator[Option]:
     for name, key in schema["properties"].items():
         bounds = [f"{sign} {key[word]:g}" for word, sign in _BOUNDS.items() if word in key]
         bounds += [" | ".join(map(str, key["enum"]))] if "enum" in key else []
-        of_parts = (part.get("type", "?") for part in key.get("anyOf", ()))
+        of_parts = (part.get("type") or " | ".join(map(str, part.get("enum", "?"))) for part in key.get("anyOf", ()))
         about, required = key.get("description", ""), name in schema.get("required", ())
         yield Option(
             name, key.get("type") or " | ".join(of_parts), ", ".join(bounds), required, key.get("default"), about

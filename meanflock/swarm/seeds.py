@@ -19,6 +19,8 @@ STREAMS = (
     "coding",  # of codings that round at random, by round × N + UAV
     "training",  # seeds of trainings, by round and UAV
     "slowness",  # of a UAV's computer, by UAV
+    "shadow",  # field of the radio's shadow: 0 between UAVs, 1 + b to station b
+    "sight",  # field of the radio's line of sight, likewise
 )
 
 

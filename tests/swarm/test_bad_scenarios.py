@@ -174,7 +174,7 @@ BEFORE_TAKE_OFF = [
     ),
     ("mfg", ["federation.state_period=5", "cost.separation=1"], ("federation.state_period", "cost.separation")),
     ("windmap", ["controller.spacing_m=1"], ("a map of ", " nodes; at most 1000")),
-    ("hjb", ["radio.model=disk"], ("'disk' is not installed here; ", "there are ideal, rice")),
+    ("hjb", ["radio.model=disk"], ("'disk' is not installed here; ", "there are ideal, link-budget, rice")),
     ("hjb", ["radio.options.radius_m=3.0"], ("radio.options",)),
     ("hjb", ["radio.bits_per_float=16", "federation.payload=float32"], ("federation.payload", "16", "narrower")),
     ("hjb", ["federation.broadcast_payload=float64"], ("federation.broadcast_payload", "32", "narrower")),

@@ -1,0 +1,96 @@
+"""Form of a path loss: the geometry it takes, the numbers it returns, and the range in which its source holds."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.swarm.state import Floats
+
+LIGHT_M_S = 299_792_458.0
+NEAREST_M = 1.0  # shorter links count as this long: all formulas are of the far field
+Range: TypeAlias = tuple[float, float]
+ANY: Range = (0.0, math.inf)
+
+
+class Geometry(NamedTuple):
+    """Ends of K links, each array (K,), in m.
+
+    ground_m: horizontal distance. base_m: height of the station, or of the lower of two UAVs. uav_m: height of the
+    other end. slant_m: distance of the antennas, at least 1 m.
+    """
+
+    ground_m: Floats
+    base_m: Floats
+    uav_m: Floats
+    slant_m: Floats
+
+
+class Losses(NamedTuple):
+    """Attenuation of K links, each array (K,).
+
+    clear_db, blocked_db: mean loss with and without line of sight. sight: probability of a line of sight.
+    clear_sigma_db, blocked_sigma_db: standard deviations of the shadow.
+    """
+
+    clear_db: Floats
+    blocked_db: Floats
+    sight: Floats
+    clear_sigma_db: Floats
+    blocked_sigma_db: Floats
+
+
+class Validity(NamedTuple):
+    """Range of a source: horizontal distance and heights in m, carrier in GHz; both ends are included."""
+
+    ground_m: Range = ANY
+    base_m: Range = ANY
+    uav_m: Range = ANY
+    carrier_ghz: Range = ANY
+
+    def clamped(self, ground_m: Floats, base_m: Floats, uav_m: Floats) -> tuple[Geometry, NDArray[np.bool_]]:
+        """The geometry of K links, moved to the end of this range, and the mask (K,) of the links that moved."""
+        outside, inside = np.zeros(len(ground_m), dtype=bool), [ground_m, base_m, uav_m]
+        for column, limits in enumerate(self[:3]):
+            if limits != ANY:
+                given = inside[column]
+                inside[column] = np.clip(given, *limits)
+                outside |= inside[column] != given
+        return geometry(*inside), outside
+
+    def fault(self, ground_m: Floats, base_m: Floats, uav_m: Floats, carrier_ghz: float) -> str | None:
+        """The first number outside this range, as a text; None if all are inside. Arrays of any shape."""
+        names = ("horizontal distance", "height of the station or lower UAV", "height of the UAV", "carrier")
+        values = (ground_m, base_m, uav_m, np.array([carrier_ghz]))
+        for name, value, (least, most), unit in zip(names, values, self, ("m", "m", "m", "GHz"), strict=True):
+            for wrong in value[(value < least) | (value > most)][:1].tolist():
+                return f"a {name} of {wrong:.6g} {unit} is outside {least:g} to {most:g} {unit}"
+        return None
+
+
+class Model(NamedTuple):
+    """A path loss and what its source says of it.
+
+    losses: function of a geometry and the carrier in GHz. has_sight: whether links with and without sight differ.
+    correlation_m: distance at which the shadow's correlation is 1/e, with and without sight; None if the source has no
+    shadow. sight_m: the same of the state of sight.
+    """
+
+    losses: Callable[[Geometry, float], Losses]
+    validity: Validity = Validity()
+    has_sight: bool = False
+    correlation_m: tuple[float, float] | None = None
+    sight_m: float = 50.0
+
+
+def geometry(ground_m: Floats, base_m: Floats, uav_m: Floats) -> Geometry:
+    """The geometry of K links; see `Geometry`."""
+    return Geometry(ground_m, base_m, uav_m, np.maximum(np.hypot(ground_m, uav_m - base_m), NEAREST_M))
+
+
+def one_state(loss_db: Floats) -> Losses:
+    """Losses without states of sight and without shadow."""
+    zero = np.zeros_like(loss_db)
+    return Losses(loss_db, loss_db, np.ones_like(loss_db), zero, zero)
