@@ -100,8 +100,8 @@ def check_effects(options: Options, stations: int) -> None:
         ("rate = 'shannon'", options.rate == "shannon", ("gap_db",)),
         ("a path loss 'log-distance'", "log-distance" in losses, ("exponent", "reference_db")),
         ("loss = 'al-hourani'", "al-hourani" in losses, ("environment", "a", "b", "eta_los_db", "eta_nlos_db")),
-        ("stations: add [[stations]]", stations > 0, ("loss", "sigma_db", "fading")),
-        ("stations and fading = 'rice'", stations > 0 and options.fading == "rice", ("k_db",)),
+        ("[[stations]]", stations > 0, ("loss", "sigma_db", "fading")),
+        ("[[stations]] and fading = 'rice'", stations > 0 and options.fading == "rice", ("k_db",)),
         ("fading = 'rice-elevation'", options.fading == "rice-elevation", ("k_horizon_db", "k_zenith_db")),
         ("fading = 'nakagami'", options.fading == "nakagami", ("m",)),
         ("air_fading = 'rice'", options.air_fading == "rice", ("air_k_db",)),
@@ -112,7 +112,7 @@ def check_effects(options: Options, stations: int) -> None:
         for key in keys:
             if not is_on and getattr(options, key) != getattr(default, key):
                 raise BadInput(
-                    f"radio.options.{key} has no effect without {switch}; set that or leave the key out. Keys with "
+                    f"radio.options.{key} has no effect without {switch}: add that, or leave the key out. Keys with "
                     "air_ are of links between UAVs, the others of links to stations"
                 )
     if stations and losses == ("air-to-air", None):

@@ -208,10 +208,10 @@ def test_it_conforms(options: dict[str, Any]) -> None:
 
 
 REFUSED = [
-    ({"loss": "uma-av"}, "radio.options.loss has no effect without stations: add [[stations]]"),
-    ({"loss": "al-hourani"}, "radio.options.loss has no effect without stations"),
+    ({"loss": "uma-av"}, "radio.options.loss has no effect without [[stations]]: add that"),
+    ({"loss": "al-hourani"}, "radio.options.loss has no effect without [[stations]]"),
     ({"air_loss": "uma-av"}, "uma-av"),
-    ({"k_db": 3.0}, "radio.options.k_db has no effect without stations and fading = 'rice'"),
+    ({"k_db": 3.0}, "radio.options.k_db has no effect without [[stations]] and fading = 'rice'"),
     ({"air_m": 3.0}, "radio.options.air_m has no effect without air_fading = 'nakagami'"),
     ({"gap_db": 3.0}, "radio.options.gap_db has no effect without rate = 'shannon'"),
     ({"exponent": 3.0}, "radio.options.exponent has no effect without a path loss 'log-distance'"),
