@@ -128,6 +128,10 @@ class Channel:
         """
         return self.expected(message.distance_m, message.bits)
 
+    def clamped(self, memory: Memory) -> int:
+        """Number of links so far whose places were beyond what the channel's sources hold for; 0 by default."""
+        return 0
+
     def at_start(
         self,
         scenario: Scenario,
@@ -240,7 +244,7 @@ def closed_form(answer: Any, links: int, method: str) -> tuple[float, float] | N
         outages = spent = math.nan
     if not math.isfinite(outages + spent):
         raise ValueError(f"`{method}` returns {answer!r}; expected two finite numbers, or None where unknown")
-    if is_each and not 0.0 <= lost.min() <= lost.max() <= 1.0:
+    if is_each and links and not 0.0 <= lost.min() <= lost.max() <= 1.0:
         raise ValueError(f"`{method}` returns losses from {lost.min():g} to {lost.max():g}; they are in [0, 1]")
     return outages, spent
 

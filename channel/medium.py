@@ -99,6 +99,11 @@ class Medium(Stateful):
         self.meter.count(kind, bits, links, fate.slots, fate.delivered, expected)
         return fate.delivered
 
+    @property
+    def clamped(self) -> int:
+        """Number of links so far whose places were beyond what the channel's sources hold for."""
+        return self._channel.clamped(self.memory)
+
     def due(self, tick: int) -> list[Frames]:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""
         return self._in_flight.pop(tick, [])

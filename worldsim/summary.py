@@ -59,7 +59,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
     }
 
 
-def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
+def radio_summary(meter: Meter, clamped: int, *, all_arrived: bool) -> dict[str, Any]:
     """Fields from the radio: bits, and observed outages and latency beside their closed forms.
 
     `bits_to_arrival` counts until the last arrival if all UAVs arrived, else until the end.
@@ -77,6 +77,7 @@ def radio_summary(meter: Meter, *, all_arrived: bool) -> dict[str, Any]:
         "radio": {
             **_observed(total),
             "airtime_s": total.airtime_s,
+            "clamped": clamped,
             "band_time_Hz_s": band_time_Hz_s(meter, total),
             "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
             "links_used": len(links),
@@ -193,7 +194,7 @@ def summary(
         "wall_time_s": wall_time_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
-        **radio_summary(meter, all_arrived=bool((flight.arrival_tick >= 0).all())),
+        **radio_summary(meter, world.air.clamped, all_arrived=bool((flight.arrival_tick >= 0).all())),
         **world.energies(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
         "until": world.target.summary(),

@@ -12,7 +12,16 @@ from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.events import Diverged, FlightEvent, Lost, Rejoined, RoundEnded, StatesRefused, UploadsRefused
+from meanflock.swarm.events import (
+    Diverged,
+    FlightEvent,
+    LinksClamped,
+    Lost,
+    Rejoined,
+    RoundEnded,
+    StatesRefused,
+    UploadsRefused,
+)
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
@@ -147,7 +156,10 @@ class World(Stateful):
         self.models.add(frames)
         cut = self._script.cut(tick, states)
         on_air = ledger.transmitted(tick, frames, awake, partial(self.air.acknowledge, tick, states, cut))
+        clamped = self.air.clamped
         links = self.air.send(tick, on_air, states, cut)
+        if self.air.clamped > clamped == 0:
+            self.note(LinksClamped(tick, self.air.clamped))
         for ended in ledger.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
             completed = self._completed(ended, awake & ~absent)
             flight.events.append(completed)

@@ -80,6 +80,9 @@ class LinkBudget(Channel):
         """The number of links whose geometry was moved to the end of the validity of their path loss, (1,)."""
         return {"clamped": np.zeros(1, dtype=np.int64)}
 
+    def clamped(self, memory: Memory) -> int:
+        return int(memory["clamped"][0])
+
     def carry(self, memory: Memory, message: Message, rng: np.random.Generator) -> tuple[Memory, Any, Any]:
         margin_db, law, clamped = self._state(message)
         most = self.scenario.radio.latency_threshold_slots
@@ -90,8 +93,6 @@ class LinkBudget(Channel):
 
     def foreseen(self, memory: Memory, message: Message) -> Foreseen:
         """Given the places, and so shadow and sight, only the fading is random."""
-        if not len(message.source):  # `closed_form` checks the least of the losses, which no links do not have
-            return 0.0, 0.0
         margin_db, law, _ = self._state(message)
         return self._curves.at(self.least_slots(message.bits), law, margin_db)
 
@@ -111,6 +112,12 @@ class LinkBudget(Channel):
             for one, other in zip(clear, blocked, strict=True)
         )
         return lost, slots
+
+    def margin_db(self, distance_m: float) -> float:
+        """Mean SNR over the threshold, between two UAVs in sight at `start.height`, without shadow, dB."""
+        path, height = self._air, np.full(1, self.scenario.start.height)
+        at, _ = path.model.validity.clamped(np.array([distance_m]), height, height)
+        return float(self._sent_dbm[0] - self._needed_dbm[0] - path.model.losses(at, path.carrier_ghz).clear_db[0])
 
     def _state(self, message: Message) -> tuple[Floats, NDArray[np.intp], int]:
         """Margin of each link in dB (K,), index of its law of fading (K,), number of links outside the validity.

@@ -77,7 +77,8 @@ def _register(context: click.Context, _parameter: click.Parameter, files: tuple[
         plugins.load_files(files)
 
 
-_LEARNER, _UNTIL = "meanflock.learner", "meanflock.until"  # in the `meta` of a context
+# in the `meta` of a context
+_LEARNER, _UNTIL, _RADIO = "meanflock.learner", "meanflock.until", "meanflock.radio"
 
 
 def _take_learner(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
@@ -96,8 +97,23 @@ def _take_until(context: click.Context, _parameter: click.Parameter, given: str 
         context.meta[_UNTIL] = given
 
 
+def _take_radio(context: click.Context, _parameter: click.Parameter, given: Path | None) -> None:
+    """Keep the radio of a scenario for `_with_flags`."""
+    if given is None or context.resilient_parsing:
+        return
+    from meanflock.swarm import toml
+
+    table = toml.read(given, "scenario file")
+    height = table.get("start", {}).get("height")
+    context.meta[_RADIO] = (
+        f"radio={toml.inline(table.get('radio', {}))}",
+        *(() if height is None else (f"start.height={toml.inline(height)}",)),
+    )
+
+
 def _with_flags(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
-    """The settings, and those of `--learner` and `--until`."""
+    """The settings, after those of `--radio`, which they override; and those of `--learner` and `--until`."""
+    settings = (*context.meta.get(_RADIO, ()), *settings)
     for flag, key, value in (
         ("--learner", "training.learner", context.meta.get(_LEARNER)),
         ("--until", "until", context.meta.get(_UNTIL)),
@@ -148,6 +164,16 @@ _OF_A_SCENARIO = {
         is_eager=True,  # before --set, which gets its key
         shell_complete=completion.learners,
         help="Train with a learner while UAVs fly; the --method must share no model.",
+    ),
+    "radio": click.option(
+        "--radio",
+        type=PATH,
+        metavar="NAME|FILE",
+        callback=_take_radio,
+        expose_value=False,
+        is_eager=True,  # before --set, which overrides it
+        shell_complete=completion.scenarios,
+        help="Fly with the radio of another scenario: its table [radio] and start.height, e.g. radio-sky.",
     ),
     "until": click.option(
         "--until",

@@ -105,14 +105,18 @@ def scenario_group() -> None:
 def show(file: Path | None, settings: tuple[str, ...], **options: Any) -> None:
     """Print a scenario as TOML, with the value of every key.
 
-    The output is a scenario file that `meanflock run` accepts.
+    The output is a scenario file that `meanflock run` accepts. Comments at its head say what its radio can do.
 
     \b
     Example: meanflock scenario show --method hjb > my.toml
     """
+    from meanflock.channel.remarks import remarks
     from meanflock.results.run_folder import to_toml
 
-    click.echo(to_toml(load_scenario(file, settings, **options)), nl=False)
+    flown = load_scenario(file, settings, **options)
+    for line in remarks(flown):
+        click.echo(f"# {line}")
+    click.echo(to_toml(flown), nl=False)
 
 
 @scenario_group.command()

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("methods", nargs=-1, required=True, metavar="METHOD…", shell_complete=completion.controllers)
 @scenario_option
-@scenario_arguments("uavs", "seed", "duration", "settings", "learner", "until", "plugin")
+@scenario_arguments("uavs", "seed", "duration", "settings", "radio", "learner", "until", "plugin")
 @seeds_option
 @jobs_option
 @click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
@@ -89,7 +89,7 @@ def compare(
     shell_complete=completion.controllers,
 )
 @scenario_option
-@scenario_arguments("uavs", "seed", "duration", "settings", "learner", "until", "plugin")
+@scenario_arguments("uavs", "seed", "duration", "settings", "radio", "learner", "until", "plugin")
 @seeds_option
 @jobs_option
 @out_option("out/sweep")

@@ -34,8 +34,9 @@ def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int
     apart = codec.ticks - 1 + scenario.hop_ticks
     if scenario.radio.access == "fdma" or not senders or not receivers:
         return apart
+    channel = channel_of(scenario)
     try:
-        queue = channel_of(scenario).queue_slots(scenario, codec.bits, senders * codec.count, receivers)
+        queue = channel.queue_slots(scenario, codec.bits, senders * codec.count, receivers)
     except FAILURES as error:
         raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     return max(apart, int(scenario.delivery_ticks(np.array(queue))))

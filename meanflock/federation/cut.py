@@ -165,8 +165,9 @@ def _fits(scenario: Scenario, bits: int) -> bool:
 
     A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
+    channel = channel_of(scenario)
     try:
-        least = channel_of(scenario).least_slots(bits)
+        least = channel.least_slots(bits)
         if least is None or least <= scenario.radio.latency_threshold_slots:
             return True
     except FAILURES as error:

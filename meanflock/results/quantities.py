@@ -217,6 +217,12 @@ SUMMARY = (
     *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
     Field("radio.airtime_s", "s", "time that transmissions took"),
     Field(
+        "radio.clamped",
+        "links",
+        "links over which a message was sent at places for which the channel's path loss does not hold",
+        optional=True,
+    ),
+    Field(
         "radio.band_time_Hz_s",
         "Hz·s",
         "spectrum taken, band × time: of each link with `fdma`, else of the airtime",

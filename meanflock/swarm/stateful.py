@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 from meanflock.swarm.plugins.guard import check_same_form
 from meanflock.swarm.seeds import random_state, set_random_state
 
-_STORED: dict[Any, np.dtype[Any]] = {
-    np.dtype(bool): np.dtype("u1"),
-    np.dtype(np.int64): np.dtype("<i4"),
-}  # types that a message has not
-
 
 class Stateful:
     """Base class of a part of a flight.
@@ -60,8 +55,6 @@ def _plain(value: Any) -> Any:
     """A value that `encode_record` can write."""
     if isinstance(value, Stateful):
         return state_of(value)
-    if isinstance(value, np.ndarray):
-        return value.astype(_STORED.get(value.dtype, value.dtype), copy=False)
     if isinstance(value, np.random.Generator):
         return random_state(value)
     if isinstance(value, msgspec.Struct):

@@ -1,5 +1,7 @@
 """TOML from users: own and shipped files, settings on a command line, and the base class of all tables."""
 
+import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -98,6 +100,17 @@ def apply(table: dict[str, Any], setting: str) -> str:
     key = key.strip()
     put(table, key, value, f"--set {setting}")
     return key
+
+
+def inline(value: Any) -> str:
+    """A value as TOML reads it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {inline(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(inline, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
 
 
 def put(table: dict[str, Any], key: str, value: Any, where: str = "") -> None:

@@ -14,6 +14,7 @@ from meanflock.swarm.events.mission import (
     FaultEnded,
     FaultNeverBegins,
     HitObstacle,
+    LinksClamped,
     Lost,
     Rejoined,
     StatesRefused,
@@ -70,6 +71,7 @@ FlightEvent: TypeAlias = (
     | SteeringEnded
     | Collided
     | HitObstacle
+    | LinksClamped
     | FaultBegan
     | FaultEnded
     | FaultNeverBegins

@@ -48,6 +48,21 @@ class HitObstacle(BaseEvent, frozen=True):
         return (self.uav,)
 
 
+class LinksClamped(BaseEvent, frozen=True):
+    """Links lead where the path loss of the channel does not hold."""
+
+    meanings = {"clamped": "links, for the first time, lead where the source of the path loss does not hold"}
+    level = "WARN"
+    links: Count
+
+    @property
+    def text(self) -> str:
+        return (
+            f"{self.links} links are shorter, longer, lower or higher than their path loss holds for, and count as its "
+            "nearest; `radio.clamped` counts such links"
+        )
+
+
 class Lost(BaseEvent, frozen=True):
     """UAVs are lost with their node."""
 

@@ -1,0 +1,46 @@
+"""What an engineer asks of a radio before take-off: its rate and noise, and what links of three lengths lose."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from meanflock.channel.base import Channel
+from meanflock.channel.fading.link_budget import THERMAL_DBM_HZ, LinkBudget
+from meanflock.federation.plan import plan_of
+from meanflock.swarm import plugins
+from meanflock.swarm.scenario import Scenario
+
+MOST_EFFICIENT = 8.0  # bit/s/Hz of a link with one antenna at each end; 5.55 is the best row of the CQI table
+_DISTANCES_M = np.array([100.0, 300.0, 1000.0])
+_OF_THE_PAPER = "rice"
+
+
+def remarks(scenario: Scenario) -> Iterator[str]:
+    """Lines about the radio of a scenario: budget, expected losses at three distances, and what is not believable.
+
+    Raises:
+        BadInput: the scenario cannot be flown here.
+    """
+    flown = plan_of(scenario).scenario
+    radio = flown.radio
+    channel: Channel = plugins.create("channel", radio.model, radio.options, flown)
+    efficiency = channel.bits_per_slot / (radio.coherence_time_s * radio.bandwidth_hz)
+    yield (
+        f"radio {radio.model}: {radio.tx_power_dbm:g} dBm, {radio.bandwidth_hz / 1e6:g} MHz, "
+        f"{efficiency:.3g} bit/s/Hz, "
+        f"{channel.bits_per_slot:,.0f} bits in a slot of {1e3 * radio.coherence_time_s:g} ms; access {radio.access}"
+    )
+    bits = max((hop.codec.bits for hop in plan_of(scenario).hops), default=flown.state_numbers * radio.bits_per_float)
+    for distance in _DISTANCES_M:
+        if (found := channel.expected(np.array([distance]), bits)) is not None:
+            margin = f"margin {channel.margin_db(distance):.1f} dB, " if isinstance(channel, LinkBudget) else ""
+            lost = f"{100 * found[0]:.3g}" if found[0] >= 1e-8 else "0"
+            yield f"between UAVs at {distance:.0f} m: {margin}{lost} % of messages of {bits:,} bits lost"
+    if efficiency > MOST_EFFICIENT:
+        whose = "the paper's; " if radio.model == _OF_THE_PAPER else ""
+        yield (
+            f"{whose}{efficiency:.3g} bit/s/Hz is more than radios reach, {MOST_EFFICIENT:g}; --radio radio-sky has a "
+            "link budget"
+        )
+    if radio.model == _OF_THE_PAPER and radio.noise_psd_dbm_hz < THERMAL_DBM_HZ:
+        yield f"a noise of {radio.noise_psd_dbm_hz:g} dBm/Hz is below that of a resistor, {THERMAL_DBM_HZ:g} dBm/Hz"
