@@ -171,7 +171,7 @@ _OF_A_SCENARIO = {
         callback=_register,
         expose_value=False,
         is_eager=True,  # before anything asks for what is in it
-        help="Load your own controller, aggregation rule, channel, vehicle, learner or filter; repeatable.",
+        help="Load your own controller, aggregation rule, channel, vehicle, learner, filter or coding; repeatable.",
     ),
 }
 
