@@ -87,7 +87,7 @@ class Ledger(Stateful):
             found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
             if found is None:
                 rest.append(arrived)
-                if hop is not None and hop.is_last and self._schedule.gathers:
+                if hop is not None and hop.is_last and self._schedule.spreads:
                     self._reception.receive(arrived, awake)
                 continue
             averaging, box = found
@@ -274,7 +274,7 @@ class Ledger(Stateful):
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
                 reached = int(np.count_nonzero((links[:, 3] == hop.label) & (links[:, 4] >= 0)))
-                found = {"fragments": hop.codec.count, "reached": None if hop.codec.count > 1 else reached}
+                found = {"fragments": hop.codec.count, "reached": None if self._schedule.spreads else reached}
                 ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:
                 lost = set(links[(links[:, 3] == hop.label) & (links[:, 4] < 0), 1].tolist())
@@ -342,7 +342,7 @@ class Ledger(Stateful):
             one.follow(links)
         for batch in on_air:
             is_again = (batch.kind, batch.round) in self._again
-            if self._schedule.gathers and batch.kind == self._hops[-1].label and not is_again:
+            if self._schedule.spreads and batch.kind == self._hops[-1].label and not is_again:
                 self._reception.send(batch)
             account = self._accounts.get(batch.round)
             after = self._uploads.get(batch.kind, 0)

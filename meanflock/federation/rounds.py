@@ -119,7 +119,7 @@ class Rounds:
         refused: list[int] = []
         if not self._schedule.is_busy(tick):
             return outbox, refused
-        if self._globals is not None and (number := self._schedule.ends(tick)):
+        if self._globals is not None and self._globals.gathers and (number := self._schedule.ends(tick)):
             assert self._models is not None
             self._globals.take(number, self._models)
         if self._first is not None and (number := self._schedule.number(self._first, tick)):
