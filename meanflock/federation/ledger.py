@@ -129,7 +129,8 @@ class Ledger(Stateful):
         if not contains(hop.senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
         # A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
-        hop.codec.check(frames.source, frames.payload, least=1 if hop.codec.count == 1 else 0)
+        least = 1 if hop.codec.count == 1 else 0
+        hop.codec.check(frames.source, frames.payload, least, hop.newest_base(frames.round))
 
     def check_refused(self, role: Role, tick: int, senders: NDArray[np.int32], uavs: NDArray[np.intp]) -> None:
         """Validates that a node may refuse to average the models of `senders`: it averages in this tick, at `uavs`.
