@@ -1,5 +1,6 @@
 """The conformance suite of codings."""
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -218,7 +219,8 @@ class _Suite:
         for row in range(len(models.numbers)):
             only = slice(row, row + 1)
             alone = self.written(models._replace(numbers=models.numbers[only], uavs=models.uavs[only]))
-            if not all(same(one, other[only]) for one, other in zip(alone, together, strict=True)):
+            pairs: Iterator[tuple[Any, Any]] = zip(alone, together, strict=True)
+            if not all(same(one, other[only]) for one, other in pairs):
                 self.fail("a model alone is written in another way than among others", _ROWS)
 
     def check_unsendable(self, size: int) -> None:
