@@ -38,7 +38,8 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("Aggregator", "Uploads", "Aggregate"),
     ),
     "A coding": (
-        "How the numbers of models are written on the radio; `examples/qsgd.py` and `examples/signsgd.py` are two.",
+        "How the numbers of models are written on the radio; `examples/qsgd.py` and `examples/signsgd.py` are two. "
+        "`check_coding` of `meanflock.testing` tests yours, and `meanflock new coding NAME` writes a package for it.",
         ("Coding",),
     ),
     "A channel": ("See [your channel](your-channel.md).", ("Channel", "Message")),

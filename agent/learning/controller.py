@@ -5,8 +5,8 @@ A row trains on the newest global model as soon as it is free. Its training take
     fit_s + example_s · examples, times the slowness of the UAV.
 
 This time is rounded up to ticks, one at least. The trained model exists from the tick on in which it is over, and waits
-for the next round. A row without a trained model is silent in a round. Its next training may begin meanwhile, from a
-newer global model.
+for the next round in which its UAV takes part. A row without a trained model is silent in a round. Its next training
+may begin meanwhile, from a newer global model; its result takes the place of a model that waits.
 
 All that a training depends on is in the memory, so it can be repeated: after a checkpoint, or if a row is stepped
 again. The thread that trains, and the results that it has, are a cache of that. Arrays of the memory have names that
@@ -31,11 +31,12 @@ from meanflock.agent.learning.trees import ModelForm
 from meanflock.agent.learning.worker import TRAININGS, Job
 from meanflock.federation.codec import check_weights
 from meanflock.federation.cut import bound_of_models
+from meanflock.federation.schedule import drawn
 from meanflock.swarm import seeds
 from meanflock.swarm.declared import MAX_PARAMETERS
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask, States
+from meanflock.swarm.state import Floats, Mask, States, contains
 
 PREFIX = "learner_"
 RECORDED = 10_000  # floats; larger models are not recorded
@@ -151,8 +152,9 @@ class Learning:
         flown = self._flown(inner_memory, tick, own, received)
         news: list[str] = []
         mine = {name: array.copy() for name, array in mine.items()} if self._is_event(mine, tick) else mine
-        if tick % self.scenario.period_ticks == 0 and mine["ready"].any():  # a round has just taken the models
-            mine["ready"][:] = False
+        number, since = divmod(tick, self.scenario.period_ticks)
+        if since == 0 and mine["ready"].any():  # a round has just taken the models of its participants
+            mine["ready"] &= ~contains(drawn(self.scenario, number), mine["uav"])
         self._finish(mine, tick, news)
         self._begin(mine, tick, own)
         columns = [mine["metrics"], mine["examples"][:, None], mine["trains"][:, None]]

@@ -91,6 +91,12 @@ def _take_learner(context: click.Context, _parameter: click.Parameter, given: st
         context.meta[_LEARNER] = learner_named(given)
 
 
+def given_learner() -> str | None:
+    """Name of the learner of `--learner`; None without that option."""
+    name: str | None = click.get_current_context().meta.get(_LEARNER)
+    return name
+
+
 def _take_until(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
     """Keep the bound of `--until` for `_with_flags`."""
     if given is not None:
@@ -191,7 +197,7 @@ _OF_A_SCENARIO = {
         callback=_register,
         expose_value=False,
         is_eager=True,  # before anything asks for what is in it
-        help="Load your own controller, aggregation rule, channel, vehicle, learner or filter; repeatable.",
+        help="Load your own controller, aggregation rule, channel, vehicle, learner, filter or coding; repeatable.",
     ),
 }
 

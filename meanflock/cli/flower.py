@@ -125,9 +125,8 @@ def flower(
             tls=None,
             **given,
         )
-        flown = load_scenario(file, (*fixed, *settings), **keys)
     ended = _write_result(done.folder, described, done.summary)
-    _judge(done, ended, rounds, is_over=done.summary["ticks"] < flown.max_ticks)
+    _judge(done, ended, rounds)
 
 
 def _pairs(text: str) -> dict[str, Any]:
@@ -163,8 +162,8 @@ def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> li
     return ended
 
 
-def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int, is_over: bool) -> None:
-    """Say what went wrong in a flight. `rounds`: that the app was to have; `is_over`: whether the ServerApp ended.
+def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
+    """Say what went wrong in a flight. `rounds`: that the app was to have.
 
     Raises:
         RunFailed: the ServerApp failed, or never got a reply.
@@ -178,7 +177,7 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int, is_over: 
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
     if failed:
         logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0]}", logging.WARNING)
-    if not is_over:
+    if done.summary["ticks"] >= done.scenario.max_ticks:  # the ServerApp has not ended
         logs.show(
             f"warning: the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "
             "with --duration, or open rounds more often with --set federation.period=TICKS",

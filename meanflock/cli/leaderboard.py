@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from meanflock.cli import completion
-from meanflock.cli.arguments import number_option, out_option, quiet_option, report, scenario_arguments
+from meanflock.cli.arguments import given_learner, number_option, out_option, quiet_option, report, scenario_arguments
 from meanflock.cli.study_arguments import (
     backend_option,
     jobs_option,
@@ -37,7 +37,7 @@ _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
     _DEFAULT_POLICY,
     default=(_DEFAULT_POLICY,),
 )
-@scenario_arguments("plugin")
+@scenario_arguments("learner", "plugin")
 @number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
 @number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
 @jobs_option
@@ -78,6 +78,7 @@ def leaderboard(
         seeds,
         first_seed,
         rows.policies(names(policies)),
+        given_learner(),
     )
     with terminable(out):
         with (

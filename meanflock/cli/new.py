@@ -10,7 +10,7 @@ from meanflock.cli.arguments import report
 if TYPE_CHECKING:
     from meanflock.cli.scaffold import Kind
 
-_KINDS = ("controller", "aggregator", "channel", "vehicle", "learner", "filter")
+_KINDS = ("controller", "aggregator", "channel", "vehicle", "learner", "filter", "coding")
 
 
 @click.command()
@@ -19,8 +19,8 @@ _KINDS = ("controller", "aggregator", "channel", "vehicle", "learner", "filter")
 def new(kind: "Kind", name: str) -> None:
     """Write a package for your own controller or other plug-in.
 
-    KIND is controller, aggregator, channel, vehicle, learner or filter. NAME is the name of the plug-in and of its
-    folder in the working folder. The package has a small source file that flies as it is, an entry point by which
+    KIND is controller, aggregator, channel, vehicle, learner, filter or coding. NAME is the name of the plug-in and of
+    its folder in the working folder. The package has a small source file that flies as it is, an entry point by which
     meanflock finds it, a conformance test, and a workflow for GitHub that runs the test.
 
     \b

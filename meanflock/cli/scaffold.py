@@ -12,7 +12,7 @@ from meanflock.cli.catalogue import KEYS
 from meanflock.swarm import __version__, durable, plugins
 from meanflock.swarm.errors import BadInput
 
-Kind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "learner", "filter"]
+Kind: TypeAlias = Literal["controller", "aggregator", "channel", "vehicle", "learner", "filter", "coding"]
 _THINGS: dict[Kind, str] = {
     "controller": "controller",
     "aggregator": "aggregation rule",
@@ -20,6 +20,7 @@ _THINGS: dict[Kind, str] = {
     "vehicle": "vehicle",
     "learner": "learner",
     "filter": "filter",
+    "coding": "coding",
 }
 _TEMPLATES = Path(__file__).with_name("templates")
 _TAKEN = "exists already; take another name, or another working folder"

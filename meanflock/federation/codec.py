@@ -297,15 +297,16 @@ class Codec:
         behind = self._behind(raw)
         return Pieces(places, values, self._weights(raw, behind), behind, heads)
 
-    def check(self, source: np.ndarray, rows: np.ndarray, least: int = 1) -> None:
+    def check(self, source: np.ndarray, rows: np.ndarray, least: int = 1, newest: int | None = None) -> None:
         """Validates fragments of the UAVs `source` (R,) that come by network.
 
         Args:
             least: number of models that an average stands for at least. A node that averages writes fragments that
                 nobody sent, too; such a fragment is the mean of no model, and is not transmitted.
+            newest: latest round from whose global model a model can come; None: any.
 
         Raises:
-            MessageRejected: `wrong-shape` or `non-finite`.
+            MessageRejected: `wrong-shape`, `wrong-round` or `non-finite`.
         """
         expect("payload", rows, (len(source), self.width), self.dtype)
         places = self.places(rows)
@@ -325,6 +326,8 @@ class Codec:
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
         if self.form.head and (lengths_of(heads) > self.note).any():
             raise MessageRejected("wrong-shape", f"payload: a note of more than {self.note} bytes")
+        if self.form.head and newest is not None and (based := based_of(heads)).max(initial=0) > newest:
+            raise MessageRejected("wrong-round", f"payload: a model based on round {based.max()}, at most {newest}")
         if self._most is not None:
             bound = self._most[source]
             if ((behind < least) | (behind > bound) | (np.floor(behind) != behind)).any():

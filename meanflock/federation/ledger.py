@@ -87,7 +87,7 @@ class Ledger(Stateful):
             found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
             if found is None:
                 rest.append(arrived)
-                if hop is not None and hop.is_last and self._schedule.gathers:
+                if hop is not None and hop.is_last and self._schedule.spreads:
                     self._reception.receive(arrived, awake)
                 continue
             averaging, box = found
@@ -129,7 +129,8 @@ class Ledger(Stateful):
         if not contains(hop.senders, frames.source).all():
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames of UAVs {frames.source.tolist()}")
         # A fragment that nobody sent is the mean of no model; where models are not cut, that is not sent at all.
-        hop.codec.check(frames.source, frames.payload, least=1 if hop.codec.count == 1 else 0)
+        least = 1 if hop.codec.count == 1 else 0
+        hop.codec.check(frames.source, frames.payload, least, hop.newest_base(frames.round))
 
     def check_refused(self, role: Role, tick: int, senders: NDArray[np.int32], uavs: NDArray[np.intp]) -> None:
         """Validates that a node may refuse to average the models of `senders`: it averages in this tick, at `uavs`.
@@ -273,7 +274,7 @@ class Ledger(Stateful):
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
                 reached = int(links[links[:, LinkColumn.KIND] == hop.label, LinkColumn.DELIVERED].sum())
-                found = {"fragments": hop.codec.count, "reached": None if hop.codec.count > 1 else reached}
+                found = {"fragments": hop.codec.count, "reached": None if self._schedule.spreads else reached}
                 ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:
                 used = links[links[:, LinkColumn.KIND] == hop.label]
@@ -342,7 +343,7 @@ class Ledger(Stateful):
             one.follow(links)
         for batch in on_air:
             is_again = (batch.kind, batch.round) in self._again
-            if self._schedule.gathers and batch.kind == self._hops[-1].label and not is_again:
+            if self._schedule.spreads and batch.kind == self._hops[-1].label and not is_again:
                 self._reception.send(batch)
             account = self._accounts.get(batch.round)
             after = self._uploads.get(batch.kind, 0)

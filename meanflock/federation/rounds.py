@@ -91,7 +91,7 @@ class Rounds:
         if frames.payload.dtype == RECEIPT and hops[0] is not self._last:
             _check_receipt(frames)
         else:
-            hops[0].codec.check(frames.source, frames.payload)
+            hops[0].codec.check(frames.source, frames.payload, newest=hops[0].newest_base(frames.round))
         if not any(hop.reaches(frames.source[sent], to).all() for hop in hops):
             raise MessageRejected("wrong-shape", f"{frames.kind.name} frames to UAVs that do not receive them")
 
@@ -119,7 +119,7 @@ class Rounds:
         refused: list[int] = []
         if not self._schedule.is_busy(tick):
             return outbox, refused
-        if self._globals is not None and (number := self._schedule.ends(tick)):
+        if self._globals is not None and self._globals.gathers and (number := self._schedule.ends(tick)):
             assert self._models is not None
             self._globals.take(number, self._models)
         if self._first is not None and (number := self._schedule.number(self._first, tick)):
@@ -196,7 +196,9 @@ class Rounds:
         heads = None
         if codec.form.head:
             based = self._models.based(rows)
-            heads = codec.heads(np.full(len(rows), number - 1) if based is None else based, self._models.notes(rows))
+            newest = hop.newest_base(number)
+            based = np.full(len(rows), newest) if based is None else np.clip(based, 0, newest)
+            heads = codec.heads(based, self._models.notes(rows))
         return _frames(hop, number, source, codec.rows(coded, weights[:, None], None, heads), fits, chosen)
 
     def _own_models(self, averager: Averager, number: int) -> OwnModels | None:

@@ -23,6 +23,7 @@ class Schedule:
         hops: of every round, in order.
         period: ticks between two rounds, n0; 0 without rounds.
         gathers: whether a global model comes in several fragments, and is taken when the round ends.
+        spreads: whether a global model is transmitted over several ticks or again, so its receivers are counted later.
     """
 
     def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
@@ -33,10 +34,11 @@ class Schedule:
         self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}
         self._over = (
-            0  # ticks from the opening of a round to the last arrival of its last fragment, if models come in parts
+            0  # ticks from the opening of a round to the last arrival of its last fragment, if a global model spreads
         )
         self.gathers = bool(self.hops) and self.hops[-1].codec.count > 1 and not self.hops[-1].is_local
-        if self.gathers:
+        self.spreads = self.gathers or bool(self.hops and not self.hops[-1].is_local and scenario.federation.retries)
+        if self.spreads:
             attempts = 1 + scenario.federation.retries
             self._over = self.hops[-1].after + attempts * self.hops[-1].attempt_ticks
             self._phases.add(self._over % self.period)
@@ -55,7 +57,7 @@ class Schedule:
         return self.opens(tick - hop.after)
 
     def ends(self, tick: int) -> int:
-        """The round whose global model has arrived in this tick, in fragments, or is lost; or 0."""
+        """The round whose global model has arrived in this tick, in fragments or again, or is lost; or 0."""
         return self.opens(tick - self._over) if self._over else 0
 
     def closes(self, tick: int) -> int:

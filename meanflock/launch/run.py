@@ -41,8 +41,9 @@ _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A run that ended: its folder and its summary."""
+    """A run that ended: the scenario that flew, its folder and its summary."""
 
+    scenario: Scenario
     folder: Path
     summary: dict[str, Any]
 
@@ -108,7 +109,7 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
         raise RunFailed(
             f"{reason}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
         ) from died
-    return EndedRun(outputs.folder.path, outputs.summary)
+    return EndedRun(scenario, outputs.folder.path, outputs.summary)
 
 
 def _told(asked: str, endpoint: str) -> str:

@@ -36,7 +36,7 @@ COLUMNS: dict[str, tuple[pa.DataType, str]] = {  # type and description
     "earlier": (pa.int32(), "late uploads of the round before that count in this one"),
     "isolated": (pa.int32(), "UAVs that average for themselves and received nothing"),
     "fragments": (pa.int32(), "fragments in which the average was broadcast; 1: it was whole"),
-    "reached": (pa.int32(), "UAVs that received the average; null if it went in fragments or by no radio"),
+    "reached": (pa.int32(), "UAVs that received the average; null if it went in fragments, again or by no radio"),
     "retries": (pa.int32(), "uploads that were transmitted again"),
     "bits": (pa.int64(), "payload bits of all traffic since take-off"),
     "airtime_s": (pa.float64(), "airtime of all traffic since take-off, s"),

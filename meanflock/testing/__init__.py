@@ -10,6 +10,7 @@ Each check raises `ConformanceError`, an AssertionError with the result, the exp
 
 from meanflock.testing.aggregator import check_aggregator
 from meanflock.testing.channel import check_channel
+from meanflock.testing.coding import check_coding
 from meanflock.testing.controller import check_controller
 from meanflock.testing.error import ConformanceError
 from meanflock.testing.filter import check_filter
@@ -20,6 +21,7 @@ __all__ = [
     "ConformanceError",
     "check_aggregator",
     "check_channel",
+    "check_coding",
     "check_controller",
     "check_filter",
     "check_learner",

@@ -10,9 +10,12 @@ import meanflock as mf
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut
 from meanflock.federation.cut import coding_of
 from meanflock.federation.inbox import OwnModels, Round
+from meanflock.federation.ledger import Ledger
 from meanflock.federation.plan import plan_of
+from meanflock.federation.rounds import Rounds
 from meanflock.federation.rules.base import Aggregate
-from meanflock.swarm.errors import BadInput
+from meanflock.launch.engine import Engine
+from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
@@ -248,3 +251,36 @@ def test_a_state_beyond_its_bytes_costs_the_round_and_one_in_every_uav_is_refuse
     assert any("the state has 15 bytes; `state_bytes` is 12" in text for text in record.texts)
     with pytest.raises(BadInput, match=r"growing has a state whose length changes.*`federation.topology` to leader"):
         fly(scenario(Growing, "federation.topology=neighbours"))
+
+
+class Prophet(Diary):
+    """Says that its trainings began with models of rounds that are to come."""
+
+    name = "prophet"
+
+    def based(self, memory: dict[str, Any]) -> np.ndarray:
+        return memory["began"] + 99
+
+
+def test_no_model_can_come_from_a_later_round_than_the_one_before() -> None:
+    """A controller that says so uploads the latest possible round; a node that sends it all the same is not heard."""
+    mf.register(Prophet)
+    case = scenario(Scribe, *CLEAR, method="prophet")
+    plan = plan_of(case)
+    codec, ledger = plan.hops[0].codec, Ledger(plan)
+    leader = Rounds(plan, "leader", np.zeros(0, dtype=np.intp), [])
+
+    def upload(based: int) -> Frames:
+        coded = codec.encode(np.ones((1, codec.floats)), np.array([1]), 3)
+        heads = codec.heads(np.array([based]), [b""])
+        rows = codec.rows(coded, np.ones((1, 1)), None, heads)
+        source = np.ones(len(rows), dtype=np.int32)
+        links = np.array([[row, case.federation.leader] for row in range(len(rows))], dtype=np.int32)
+        return Frames(FrameKind.UPLOAD, 3, source, rows, links)
+
+    for check in (lambda frames: ledger.check("agent", frames), leader.check):
+        check(upload(2))
+        with pytest.raises(MessageRejected, match="based on round 3, at most 2"):
+            check(upload(3))
+    Engine(case, "prophet").complete()
+    assert [set(based) for *_, based in Scribe.read] == [{number - 1} for number, *_ in Scribe.read]

@@ -170,6 +170,17 @@ def test_false_fragments_are_rejected(how: str) -> None:
         codec.check(source, FALSE[how](rows))
 
 
+@pytest.mark.parametrize("cut", [None, Cut(1, 8, 9)], ids=["whole", "fragments"])
+def test_a_head_names_no_later_round_than_there_is(cut: Cut | None) -> None:
+    codec = codec_of("float32", (10,), cut, head=HEAD_BYTES)
+    heads = codec.heads(np.array([0, 4]), [b"", b""])
+    rows = codec.rows(encoded(codec, np.ones((2, 10))), np.ones((2, 1)), None, heads)
+    source = np.arange(2).repeat(codec.count)
+    codec.check(source, rows, newest=4)
+    with pytest.raises(MessageRejected, match="wrong-round: payload: a model based on round 4, at most 3"):
+        codec.check(source, rows, newest=3)
+
+
 @pytest.mark.parametrize("cut", [None, Cut(1, 4, 9)], ids=["whole", "fragments"])
 def test_an_average_of_weighted_models_has_their_number_and_the_sum_of_their_weights(cut: Cut | None) -> None:
     codec = codec_of("float32", (10,), cut, weighted=True, most=np.array([3, 3]))

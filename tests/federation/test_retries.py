@@ -12,7 +12,7 @@ from meanflock.federation.cut import coding_of
 from meanflock.federation.memory import Feedback, Sent
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
-from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.events import FragmentsReceived, RoundEnded
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind
 from tests.federation.channels import Coin
@@ -134,6 +134,19 @@ def test_a_round_has_room_for_its_retries_or_is_refused_with_the_least_period(to
     with pytest.raises(mf.BadInput, match=f"take at least {least}$"):
         plan_of(scenario(*settings, f"federation.period={least - 1}"))
     assert Flight(scenario(*settings, f"federation.period={least}", "duration=5")).summary["rounds"] > 0
+
+
+def test_who_received_a_whole_model_is_counted_when_its_last_attempt_is_over() -> None:
+    """One attempt reaches half of the five others, four reach 15 of 16."""
+    once, again = (Flight(scenario(LOSSY, TOPOLOGIES[0], WHOLE, f"federation.retries={n}")) for n in (0, 3))
+    counted = [event for event in again.record.events if isinstance(event, FragmentsReceived)]
+    assert [event.number for event in counted] == [one.number for one in again.rounds]
+    assert {one.reached for one in again.rounds} == {None}
+    assert all((event.fragments, event.whole + event.nothing) == (1, UAVS - 1) for event in counted)
+    share = sum(event.whole for event in counted) / (UAVS - 1) / len(counted)
+    assert abs(share - 15 / 16) < 4 * np.sqrt(15 / 256 / (UAVS - 1) / len(counted))
+    assert not any(isinstance(event, FragmentsReceived) for event in once.record.events)
+    assert sum(one.reached or 0 for one in once.rounds) < sum(event.whole for event in counted)
 
 
 # -- uploads of what moved -----------------------------------------------------------------------------------------

@@ -8,8 +8,16 @@ import numpy as np
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.filtered import Filter
 from meanflock.channel.base import Channel
+from meanflock.federation.codings.base import Coding, Models
 from meanflock.federation.rules.base import Aggregator, State, Uploads
-from meanflock.testing import check_aggregator, check_channel, check_controller, check_filter, check_vehicle
+from meanflock.testing import (
+    check_aggregator,
+    check_channel,
+    check_coding,
+    check_controller,
+    check_filter,
+    check_vehicle,
+)
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 
 
@@ -75,6 +83,20 @@ class GoodChannel(Channel):
         return rng.integers(1, 5, len(distance_m)), rng.random(len(distance_m)) < 0.8
 
 
+class GoodCoding(Coding):
+    """Numbers of four bits: multiples of an eighth of their piece's largest one, from −8 to 7."""
+
+    name = "good"
+    bits = 4
+
+    def encode(self, models: Models) -> tuple[Any, Any]:
+        scales = models.scales(models.largest / 7.0)
+        return (np.rint(models.numbers / models.spread(scales)) + 8.0).astype(np.uint8), scales
+
+    def decode(self, numbers: Any, scales: Any) -> Any:
+        return (numbers - 8.0) * scales
+
+
 class GoodVehicle(Vehicle):
     name = "good"
 
@@ -107,6 +129,7 @@ KINDS = {
     "filter": Kind(check_filter, GoodFilter, "admit", 0, "mf.seeds", "a tick of 6 UAVs"),
     "aggregator": Kind(check_aggregator, GoodAggregator, "step", 1, "global generators", "a round of 25 models"),
     "channel": Kind(check_channel, GoodChannel, "transmit", 0, "the generator you are given", "over 600 links"),
+    "coding": Kind(check_coding, GoodCoding, "encode", 1, "mf.seeds", "a round of 25 models"),
     "vehicle": Kind(check_vehicle, GoodVehicle, "step", 0, "the argument `noise`", "a tick of 5 UAVs"),
 }
 

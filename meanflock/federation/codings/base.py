@@ -4,6 +4,7 @@ A coding writes each number in the same few bits. Where it is `scaled`, each pie
 these, its scale. A piece is a part that the controller declares, or what of it lies in one fragment.
 """
 
+from abc import abstractmethod
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
@@ -72,6 +73,7 @@ class Coding:
         """`options`: an instance of `Options`."""
         self.options, self.scenario = options, scenario
 
+    @abstractmethod
     def encode(self, models: Models) -> tuple[NDArray[Any], NDArray[np.float32]]:
         """Returns the numbers to send, (S, L), and the scales of the pieces, (S, P), or (S, 0) without scales.
 
@@ -80,6 +82,7 @@ class Coding:
         """
         raise NotImplementedError
 
+    @abstractmethod
     def decode(self, numbers: NDArray[Any], scales: Floats) -> Floats:
         """Returns the weights (R, n) that numbers (R, n) stand for; `scales` (R, n): the scale of each; without scales
         (R, 0)."""

@@ -58,6 +58,10 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
             return np.ones(len(source), dtype=bool)
         return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))
 
+    def newest_base(self, number: int) -> int:
+        """The latest round from whose global model a model of round `number` can come: for an average, its own."""
+        return number - (self.mail is None)
+
 
 def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
     """The hops of a round, each with the one before it, and with the ticks that it takes."""

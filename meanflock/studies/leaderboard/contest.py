@@ -42,8 +42,12 @@ class Contest:
         seeds: int,
         first_seed: int,
         policies: Sequence[str] = (DEFAULT_POLICY,),
+        learner: str | None = None,
     ) -> None:
-        """`policies`: policies of communication under which rows that share states fly.
+        """
+        Args:
+            policies: policies of communication under which rows that share states fly.
+            learner: name of a learner that trains in every flight. Rows that share a model of their own are absent.
 
         Raises:
             BadInput: the file of a mission is damaged, a shipped row is invalid, or nothing can be flown.
@@ -60,7 +64,8 @@ class Contest:
                     self.absent[mission.name][row.name] = f"flies {', '.join(row.missions)} only"
                     continue
                 try:
-                    under = row.under(policies, table, mission.name)
+                    flown = row if learner is None else row.training(learner, table, mission.name)
+                    under = flown.under(policies, table, mission.name)
                     first = [each.scenario(table, first_seed, mission.name) for each in under]
                 except BadInput as error:
                     self.absent[mission.name][row.name] = str(error).removeprefix(f"{mission.name}: ")

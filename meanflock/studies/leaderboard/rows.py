@@ -54,6 +54,17 @@ class BoardRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for policy in policies
         ]
 
+    def training(self, learner: str, table: dict[str, Any], where: str) -> "BoardRow":
+        """The row with a learner that trains in flight.
+
+        Raises:
+            BadInput: its controller shares a model of its own, or is not installed, or a setting does not fit.
+        """
+        if plan_of(self.scenario(table, 1, where)).declared.is_federated:
+            raise BadInput(f"shares a model of its own, so learner {learner!r} cannot share another")
+        settings = {**self.settings, "training.learner": learner}
+        return msgspec.structs.replace(self, method=self.controller, settings=settings)
+
     def flies(self, mission: str) -> bool:
         """Returns whether the row can fly a mission."""
         return not self.missions or mission in self.missions

@@ -23,7 +23,7 @@ class RoundEnded(BaseEvent, frozen=True):
         averaging: number of UAVs that averaged for themselves; None if one averages for others.
         isolated: number of UAVs that average for themselves and received nothing.
         fragments: number of fragments in which the average is broadcast; 1: it is whole.
-        reached: number of UAVs that received the average; None if it goes in fragments, or by no radio.
+        reached: number of UAVs that received the average; None if it goes in fragments, again or by no radio.
         retries: uploads that were transmitted again.
         bits: payload bits of all traffic since take-off, up to the end of the round. airtime_s: likewise, s.
         diagnostics: means of the diagnostics in that tick over the UAVs on the way, by name.
@@ -98,7 +98,7 @@ class RoundEnded(BaseEvent, frozen=True):
         elif self.averaging is not None:
             end = f"averaged by {self.averaging} UAVs"
         elif self.reached is None:
-            end = f"averaged and broadcast in {self.fragments} fragments"
+            end = "averaged and broadcast" + (f" in {self.fragments} fragments" if self.fragments > 1 else "")
         else:
             end = f"averaged and broadcast, received by {self.reached} UAVs"
         return f"round {self.number}: {self._account}; {end}"
@@ -122,14 +122,14 @@ class RoundEnded(BaseEvent, frozen=True):
 
 
 class FragmentsReceived(BaseEvent, frozen=True):
-    """The global model of a round was broadcast in fragments.
+    """The global model of a round was broadcast in fragments, or again where it was lost.
 
     Attributes:
         number: of the round. fragments: number of fragments that were broadcast.
         whole: UAVs that received all of them. partly: some of them. nothing: none.
     """
 
-    meanings = {"round": "how many UAVs received the fragments of a global model"}
+    meanings = {"round": "how many UAVs received a global model that was broadcast in fragments, or again"}
     number: Count
     fragments: Count
     whole: Count
@@ -138,6 +138,8 @@ class FragmentsReceived(BaseEvent, frozen=True):
 
     @property
     def text(self) -> str:
+        if self.fragments == 1:
+            return f"round {self.number}: the global model was received by {self.whole} UAVs, not by {self.nothing}"
         return (
             f"round {self.number}: {self.fragments} fragments of the global model were received whole by {self.whole} "
             f"UAVs, in part by {self.partly}, not at all by {self.nothing}"

@@ -14,10 +14,12 @@ from meanflock.agent.learning import worker
 from meanflock.launch.engine import Engine
 from meanflock.launch.resume import back
 from meanflock.swarm import plugins
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.plugins import registry
 from meanflock.testing import check_learner
 from tests.agent.learning.lines import Line, fly, scenario
 from tests.faults.dying import dead, flight, steady
+from tests.telemetry import Record
 
 
 @pytest.fixture(autouse=True)
@@ -65,6 +67,23 @@ def test_a_slow_trainer_is_silent_and_uploads_in_the_next_round() -> None:
     assert uploads(fly(duration=20.5, **{"training.fit_s": 1.5})) == 10 * 3
     slow = fly(duration=20.5, **{"training.fit_s": 2.5})
     assert 0 < uploads(slow) < 10 * 3
+
+
+def test_the_model_of_a_uav_that_is_not_drawn_waits_until_it_is() -> None:
+    """Two of four UAVs are drawn in a round. All train at take-off and never again, so each uploads once."""
+
+    class Once(Line):
+        name = "once"
+
+        @classmethod
+        def takes_part(cls, options: Any, scenario: mf.Scenario, uav: int, config: mf.Fit) -> bool:
+            return config.based == 0
+
+    record = Record()
+    Engine(scenario(Once, duration=24.0, **{"federation.fraction": 0.5}), "test", sinks=[record]).complete()
+    rounds = [event for event in record.events if isinstance(event, RoundEnded)]
+    assert len(rounds[0].sent) == 2
+    assert sorted(uav for event in rounds for uav in event.sent) == [0, 1, 2, 3]
 
 
 def test_training_costs_simulated_time_and_energy() -> None:

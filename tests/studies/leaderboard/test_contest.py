@@ -16,7 +16,7 @@ from meanflock.studies.leaderboard import board, flights, missions, rows
 from meanflock.studies.leaderboard.contest import DEFAULT_POLICY, Contest
 from meanflock.studies.leaderboard.measures import BY_KEY
 from meanflock.swarm import plugins
-from meanflock.swarm.errors import EXIT_DONE, BadInput
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput
 from research import tuning
 from research.tuning import Arm, Score
 from tests.sources import ROOT
@@ -24,6 +24,7 @@ from tests.studies.conftest import BOARD
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
+LINES = str(ROOT / "tests" / "agent" / "learning" / "lines.py")
 SPRING = str(ROOT / "examples" / "spring.py")
 
 
@@ -132,6 +133,23 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
     for text in (out, (tmp_path / "out/leaderboard.md").read_text()):
         for said in ("no more ideas", "not today", "broadcast_numbers"):
             assert said in text
+
+
+def test_a_learner_trains_under_rows_without_a_model_and_the_others_are_left_out(run, tmp_path, small) -> None:
+    flags = ("--missions", "near.toml", "--learner", LINES, *BOARD)
+    code, out, _ = run("leaderboard", "--controllers", "orca", "mfg", "mfgfl-hf", "rls", *flags)
+    assert code == EXIT_DONE
+    (course,) = board.read(tmp_path / "out/leaderboard.json").courses
+    assert [row.name for row in course.standings] == ["orca", "mfg"]
+    for row in course.standings:
+        assert row.settings["training.learner"] == "line"
+        assert (row.failed, row.lost) == (0, 0)
+        assert row.kbit_by_kind["uplink"] > 0
+    assert list(course.absent) == ["mfgfl-hf", "rls"]
+    line = "not flown: mfgfl-hf, rls (shares a model of its own, so learner 'line' cannot share another)"
+    assert line in " ".join(out.split())
+    code, _, err = run("leaderboard", "--controllers", "mfgfl-hf", *flags)
+    assert (code, "nothing can be flown: shares a model of its own" in err) == (EXIT_BAD_INPUT, True)
 
 
 @pytest.mark.processes
