@@ -20,6 +20,7 @@ from meanflock.swarm import logs, paths
 from meanflock.swarm.errors import meant
 
 if TYPE_CHECKING:
+    from meanflock.studies.lent_radio import LentRadio
     from meanflock.swarm.scenario import Scenario
 
 
@@ -97,6 +98,12 @@ def given_learner() -> str | None:
     return name
 
 
+def given_radio() -> "LentRadio | None":
+    """The radio of `--radio`; None without that option."""
+    radio: LentRadio | None = click.get_current_context().meta.get(_RADIO)
+    return radio
+
+
 def _take_until(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
     """Keep the bound of `--until` for `_with_flags`."""
     if given is not None:
@@ -107,19 +114,15 @@ def _take_radio(context: click.Context, _parameter: click.Parameter, given: Path
     """Keep the radio of a scenario for `_with_flags`."""
     if given is None or context.resilient_parsing:
         return
-    from meanflock.swarm import toml
+    from meanflock.studies.lent_radio import lent_radio
 
-    table = toml.read(given, "scenario file")
-    height = table.get("start", {}).get("height")
-    context.meta[_RADIO] = (
-        f"radio={toml.inline(table.get('radio', {}))}",
-        *(() if height is None else (f"start.height={toml.inline(height)}",)),
-    )
+    context.meta[_RADIO] = lent_radio(given)
 
 
 def _with_flags(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
     """The settings, after those of `--radio`, which they override; and those of `--learner` and `--until`."""
-    settings = (*context.meta.get(_RADIO, ()), *settings)
+    if (radio := context.meta.get(_RADIO)) is not None:
+        settings = (*radio.settings, *settings)
     for flag, key, value in (
         ("--learner", "training.learner", context.meta.get(_LEARNER)),
         ("--until", "until", context.meta.get(_UNTIL)),

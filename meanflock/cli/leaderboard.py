@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING
 import click
 
 from meanflock.cli import completion
-from meanflock.cli.arguments import given_learner, number_option, out_option, quiet_option, report, scenario_arguments
+from meanflock.cli.arguments import (
+    given_learner,
+    given_radio,
+    number_option,
+    out_option,
+    quiet_option,
+    report,
+    scenario_arguments,
+)
 from meanflock.cli.study_arguments import (
     backend_option,
     jobs_option,
@@ -37,7 +45,7 @@ _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
     _DEFAULT_POLICY,
     default=(_DEFAULT_POLICY,),
 )
-@scenario_arguments("learner", "plugin")
+@scenario_arguments("radio", "learner", "plugin")
 @number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
 @number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
 @jobs_option
@@ -79,6 +87,7 @@ def leaderboard(
         first_seed,
         rows.policies(names(policies)),
         given_learner(),
+        given_radio(),
     )
     with terminable(out):
         with (

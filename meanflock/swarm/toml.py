@@ -1,6 +1,5 @@
 """TOML from users: own and shipped files, settings on a command line, and the base class of all tables."""
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -104,6 +103,8 @@ def apply(table: dict[str, Any], setting: str) -> str:
 
 def inline(value: Any) -> str:
     """A value as TOML reads it on one line."""
+    import json  # only here: nodes read no settings
+
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {inline(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):

@@ -13,9 +13,10 @@ from meanflock.studies.leaderboard.front import Fronts
 from meanflock.studies.leaderboard.measures import BY_KEY, TOTAL, of_flight
 from meanflock.studies.leaderboard.missions import BoardMission
 from meanflock.studies.leaderboard.rows import BoardRow
+from meanflock.studies.lent_radio import LentRadio
 from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
-from meanflock.swarm import __version__
+from meanflock.swarm import __version__, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import obstacles
 from meanflock.swarm.scenario import Scenario
@@ -43,22 +44,26 @@ class Contest:
         first_seed: int,
         policies: Sequence[str] = (DEFAULT_POLICY,),
         learner: str | None = None,
+        radio: LentRadio | None = None,
     ) -> None:
         """
         Args:
             policies: policies of communication under which rows that share states fly.
             learner: name of a learner that trains in every flight. Rows that share a model of their own are absent.
+            radio: flown in every mission in place of its own.
 
         Raises:
             BadInput: the file of a mission is damaged, a shipped row is invalid, or nothing can be flown.
         """
-        self._missions, self._policies = missions, list(policies)
+        self._missions, self._policies, self._radio = missions, list(policies), radio
         self._rows: dict[str, list[BoardRow]] = {mission.name: [] for mission in missions}
         self._seeds = list(range(first_seed, first_seed + seeds))
         self.points: Points = {}
         self.absent: dict[str, dict[str, str]] = {}
         for mission in missions:
             table, self.absent[mission.name] = mission.table(), {}
+            for setting in () if radio is None else radio.settings:
+                toml.apply(table, setting)
             for row in rows:
                 if not row.flies(mission.name):
                     self.absent[mission.name][row.name] = f"flies {', '.join(row.missions)} only"
@@ -104,7 +109,7 @@ class Contest:
         return Course(
             name=mission.name,
             title=mission.title or mission.name,
-            about=mission.about,
+            about=mission.about if self._radio is None else f"{mission.about} Radio of {self._radio.name}.".strip(),
             uavs=uavs,
             duration_s=duration,
             acceleration_max_m_s2=limit,

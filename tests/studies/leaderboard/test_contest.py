@@ -152,6 +152,18 @@ def test_a_learner_trains_under_rows_without_a_model_and_the_others_are_left_out
     assert (code, "nothing can be flown: shares a model of its own" in err) == (EXIT_BAD_INPUT, True)
 
 
+def test_all_missions_are_flown_over_the_radio_of_another_scenario(run, tmp_path, small, monkeypatch) -> None:
+    flown: list[Any] = []
+    fly = study._fly
+    monkeypatch.setattr(study, "_fly", lambda one, **how: flown.append(one) or fly(one, **how))
+    flags = ("leaderboard", "--missions", *small, "--controllers", "cruise", "mfgfl-h", *BOARD)
+    assert run(*flags, "--radio", "radio-sky")[0] == EXIT_DONE
+    courses = board.read(tmp_path / "out/leaderboard.json").courses
+    assert all(course.about.endswith("Radio of radio-sky.") for course in courses)
+    assert [row.failed for course in courses for row in course.standings] == [0] * 2 * len(small)
+    assert {(one.radio.model, one.radio.access) for one in flown} == {("link-budget", "tdma")}
+
+
 @pytest.mark.processes
 @patch.dict(os.environ)  # Distributed sets variables of this process, and leaves them
 def test_a_dask_cluster_flies_the_same_board(run, tmp_path, small) -> None:
