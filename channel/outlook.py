@@ -106,7 +106,7 @@ def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
     """Expected loss of the models of a hop; None if no radio carries them or the channel has no closed form."""
-    radio, range_m = scenario.radio, math.inf if scenario.federation.range_m is None else scenario.federation.range_m
+    radio, range_m = scenario.radio, scenario.federation.range_m or math.inf
     bits = hop.codec.bits
     links, lost = 0, 0.0
     try:

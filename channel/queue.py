@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from meanflock.channel import link
 from meanflock.swarm.state import Floats
 
 LATE = 1e-3  # probability that a queue takes longer than is planned for it
@@ -17,7 +18,7 @@ def slots_of_link(needed: int, most: int, success: float) -> Floats:
     if needed <= most and success > 0.0:
         fails = np.arange(1, most - needed + 1)
         ways = np.concatenate([[0.0], np.cumsum(np.log((needed + fails - 1.0) / fails))])  # ln (d−1 choose K−1)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore"):
             tail = fails * np.log1p(-success)
         chance[needed:] = np.exp(needed * np.log(success) + ways + np.concatenate([[0.0], tail]))
     chance[most] += max(0.0, 1.0 - chance.sum())
@@ -27,10 +28,10 @@ def slots_of_link(needed: int, most: int, success: float) -> Floats:
 def success_of(needed: int, most: int, mean: float) -> float:
     """The probability that a slot carries something with which a message takes `mean` slots on average; 0 to 1."""
     low, high = 0.0, 1.0
-    slots = np.arange(most + 1)
     for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if slots @ slots_of_link(needed, most, middle) > mean else (low, middle)
+        middle = np.array([0.5 * (low + high)])
+        takes = link.delivered_slots(needed, most, middle) + most * link.lost(needed, most, middle)
+        low, high = (float(middle[0]), high) if takes[0] > mean else (low, float(middle[0]))
     return high
 
 

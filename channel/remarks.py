@@ -1,4 +1,4 @@
-"""What an engineer asks of a radio before take-off: its rate and noise, and what links of three lengths lose."""
+"""Remarks on a radio before take-off: its rate and noise, and the expected losses of links of three lengths."""
 
 from collections.abc import Iterator
 
@@ -21,8 +21,8 @@ def remarks(scenario: Scenario) -> Iterator[str]:
     Raises:
         BadInput: the scenario cannot be flown here.
     """
-    flown = plan_of(scenario).scenario
-    radio = flown.radio
+    plan = plan_of(scenario)
+    flown, radio = plan.scenario, plan.scenario.radio
     channel: Channel = plugins.create("channel", radio.model, radio.options, flown)
     efficiency = channel.bits_per_slot / (radio.coherence_time_s * radio.bandwidth_hz)
     yield (
@@ -30,7 +30,7 @@ def remarks(scenario: Scenario) -> Iterator[str]:
         f"{efficiency:.3g} bit/s/Hz, "
         f"{channel.bits_per_slot:,.0f} bits in a slot of {1e3 * radio.coherence_time_s:g} ms; access {radio.access}"
     )
-    bits = max((hop.codec.bits for hop in plan_of(scenario).hops), default=flown.state_numbers * radio.bits_per_float)
+    bits = max((hop.codec.bits for hop in plan.hops), default=flown.state_numbers * radio.bits_per_float)
     for distance in _DISTANCES_M:
         if (found := channel.expected(np.array([distance]), bits)) is not None:
             margin = f"margin {channel.margin_db(distance):.1f} dB, " if isinstance(channel, LinkBudget) else ""

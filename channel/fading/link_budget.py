@@ -11,6 +11,7 @@ from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
 from meanflock.channel.gains import Gains
 from meanflock.channel.link import slots_for
+from meanflock.channel.losses.model import Losses
 from meanflock.channel.propagation import Propagation
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
@@ -21,7 +22,7 @@ THERMAL_DBM_HZ = -174.0  # power density of the noise of a resistor at 290 K
 
 
 class Nodes(NamedTuple):
-    """What a radio of each node is: UAVs, then stations.
+    """Radios of all nodes: of the UAVs, then of the stations.
 
     station_m: (B, 3) places of the stations, m. power_dbm, gain_dbi, noise_figure_db: (N + B,).
     """
@@ -98,9 +99,7 @@ class LinkBudget(Channel):
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
         """Sums over links between UAVs at `start.height`, wherever they are: shadow and sight are random, too."""
-        path, height = self._air, np.full(len(distance_m), self.scenario.start.height)
-        geometry, _ = path.model.validity.clamped(distance_m, height, height)
-        losses = path.model.losses(geometry, path.carrier_ghz)
+        path, losses = self._air, self._between_uavs(distance_m)
         at_0_db = self._sent_dbm[0] - self._needed_dbm[0]
         needed = self.least_slots(bits)
         clear = self._curves.shadowed(needed, path.clear, at_0_db - losses.clear_db, path.sigma(losses.clear_sigma_db))
@@ -115,9 +114,14 @@ class LinkBudget(Channel):
 
     def margin_db(self, distance_m: float) -> float:
         """Mean SNR over the threshold, between two UAVs in sight at `start.height`, without shadow, dB."""
-        path, height = self._air, np.full(1, self.scenario.start.height)
-        at, _ = path.model.validity.clamped(np.array([distance_m]), height, height)
-        return float(self._sent_dbm[0] - self._needed_dbm[0] - path.model.losses(at, path.carrier_ghz).clear_db[0])
+        losses = self._between_uavs(np.array([distance_m]))
+        return float(self._sent_dbm[0] - self._needed_dbm[0] - losses.clear_db[0])
+
+    def _between_uavs(self, distance_m: Floats) -> Losses:
+        """Losses between UAVs at `start.height`, so far apart (K,)."""
+        model, height = self._air.model, np.full(len(distance_m), self.scenario.start.height)
+        geometry, _ = model.validity.clamped(distance_m, height, height)
+        return model.losses(geometry, self._air.carrier_ghz)
 
     def _state(self, message: Message) -> tuple[Floats, NDArray[np.intp], int]:
         """Margin of each link in dB (K,), index of its law of fading (K,), number of links outside the validity.
@@ -127,7 +131,9 @@ class LinkBudget(Channel):
         if self._last is None or self._last[0] is not message:
             low, high = np.minimum(message.source, message.target), np.maximum(message.source, message.target)
             place_m = self._places(message)
-            loss_db, law, clamped = np.empty(len(low)), np.empty(len(low), dtype=np.intp), 0
+            loss_db = np.empty(len(low))
+            law = np.empty(len(low), dtype=np.intp)
+            clamped = 0
             is_ground = high >= self.scenario.uavs
             for path, links in ((self._air, ~is_ground), (self._ground, is_ground)):
                 if links.any():

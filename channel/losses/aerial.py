@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from meanflock.channel.losses import terrestrial
-from meanflock.channel.losses.model import Geometry, Losses
+from meanflock.channel.losses.model import Geometry, Losses, sight_within, two_states
 from meanflock.channel.losses.plain import free_space_db
 from meanflock.swarm.state import Floats
 
@@ -64,12 +64,12 @@ def _uma_av(links: Geometry, carrier_ghz: float) -> Losses:
     clear = 28.0 + 22.0 * slant + 20.0 * np.log10(carrier_ghz)
     blocked = -17.5 + (46.0 - 7.0 * height) * slant + _at_1m_db(carrier_ghz)
     sight = _uma_sight(links.ground_m, links.uav_m)
-    return _losses(clear, blocked, sight, 4.64 * np.exp(-0.0066 * links.uav_m), 6.0)
+    return two_states(clear, blocked, sight, 4.64 * np.exp(-0.0066 * links.uav_m), 6.0)
 
 
 def _uma_sight(ground_m: Floats, height_m: Floats) -> Floats:
     height = np.log10(height_m)
-    sight = _sight(ground_m, 4300.0 * height - 3800.0, np.maximum(460.0 * height - 700.0, 18.0))
+    sight = sight_within(ground_m, np.maximum(460.0 * height - 700.0, 18.0), np.maximum(4300.0 * height - 3800.0, 1.0))
     return np.where(height_m > 100.0, 1.0, sight)
 
 
@@ -78,8 +78,10 @@ def _umi_av(links: Geometry, carrier_ghz: float) -> Losses:
     clear = 30.9 + (22.25 - 0.5 * height) * slant + frequency
     clear = np.maximum(clear, free_space_db(links.slant_m, carrier_ghz))
     blocked = 32.4 + (43.2 - 7.6 * height) * slant + frequency
-    sight = _sight(links.ground_m, 233.98 * height - 0.95, np.maximum(294.05 * height - 432.94, 18.0))
-    return _losses(clear, blocked, sight, np.maximum(5.0 * np.exp(-0.01 * links.uav_m), 2.0), 8.0)
+    sight = sight_within(
+        links.ground_m, np.maximum(294.05 * height - 432.94, 18.0), np.maximum(233.98 * height - 0.95, 1.0)
+    )
+    return two_states(clear, blocked, sight, np.maximum(5.0 * np.exp(-0.01 * links.uav_m), 2.0), 8.0)
 
 
 def _rma_av(links: Geometry, carrier_ghz: float) -> Losses:
@@ -87,20 +89,10 @@ def _rma_av(links: Geometry, carrier_ghz: float) -> Losses:
     clear = np.maximum(23.9 - 1.8 * height, 20.0) * slant + _at_1m_db(carrier_ghz)
     blocked = -12.0 + (35.0 - 5.3 * height) * slant + _at_1m_db(carrier_ghz)
     near_m = np.maximum(1350.8 * height - 1602.0, 18.0)
-    sight = _sight(links.ground_m, np.maximum(15021.0 * height - 16053.0, 1000.0), near_m)
+    sight = sight_within(links.ground_m, near_m, np.maximum(15021.0 * height - 16053.0, 1000.0))
     sight = np.where(links.uav_m > 40.0, 1.0, sight)
-    return _losses(clear, blocked, sight, 4.2 * np.exp(-0.0046 * links.uav_m), 6.0)
+    return two_states(clear, blocked, sight, 4.2 * np.exp(-0.0046 * links.uav_m), 6.0)
 
 
 def _at_1m_db(carrier_ghz: float) -> float:
     return float(20.0 * np.log10(40.0 * np.pi * carrier_ghz / 3.0))
-
-
-def _sight(ground_m: Floats, decay_m: Floats, near_m: Floats) -> Floats:
-    """Probability of sight: 1 up to d₁, then d₁/d + e^(−d/p₁) (1 − d₁/d); (K,)."""
-    share = near_m / np.maximum(ground_m, near_m)
-    return share + np.exp(-ground_m / np.maximum(decay_m, 1.0)) * (1.0 - share)
-
-
-def _losses(clear_db: Floats, blocked_db: Floats, sight: Floats, clear_sigma: Floats, sigma: float) -> Losses:
-    return Losses(clear_db, np.maximum(clear_db, blocked_db), sight, clear_sigma, np.full_like(clear_db, sigma))

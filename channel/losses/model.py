@@ -90,6 +90,20 @@ def geometry(ground_m: Floats, base_m: Floats, uav_m: Floats) -> Geometry:
     return Geometry(ground_m, base_m, uav_m, np.maximum(np.hypot(ground_m, uav_m - base_m), NEAREST_M))
 
 
+def sight_within(ground_m: Floats, near_m: Floats | float, decay_m: Floats | float) -> Floats:
+    """Probability of sight of 3GPP's tables: 1 up to d₁, then d₁/d + e^(−d/p) (1 − d₁/d); (K,)."""
+    share = near_m / np.maximum(ground_m, near_m)
+    return share + np.exp(-ground_m / decay_m) * (1.0 - share)
+
+
+def two_states(
+    clear_db: Floats, blocked_db: Floats, sight: Floats, clear_sigma_db: Floats | float, blocked_sigma_db: float
+) -> Losses:
+    """Losses with and without sight, of which the second is at least the first."""
+    ones = np.ones_like(clear_db)
+    return Losses(clear_db, np.maximum(clear_db, blocked_db), sight, clear_sigma_db * ones, blocked_sigma_db * ones)
+
+
 def one_state(loss_db: Floats) -> Losses:
     """Losses without states of sight and without shadow."""
     zero = np.zeros_like(loss_db)

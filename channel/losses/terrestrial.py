@@ -6,11 +6,12 @@ wide, and the effective height of the environment is 1 m.
 
 import numpy as np
 
-from meanflock.channel.losses.model import Geometry, Losses
+from meanflock.channel.losses.model import Geometry, Losses, sight_within, two_states
 from meanflock.swarm.state import Floats
 
 _LIGHT = 3.0e8  # m/s, as the tables have it
 BUILDING_M, STREET_M = 5.0, 20.0
+NEAR_M = 18.0  # up to which a terminal is in sight
 
 
 def uma(links: Geometry, carrier_ghz: float) -> Losses:
@@ -18,11 +19,11 @@ def uma(links: Geometry, carrier_ghz: float) -> Losses:
     slant, frequency = np.log10(links.slant_m), 20.0 * np.log10(carrier_ghz)
     clear = _broken(links, carrier_ghz, 28.0 + 22.0 * slant, 28.0 + 40.0 * slant, 9.0) + frequency
     blocked = 13.54 + 39.08 * slant + frequency - 0.6 * (links.uav_m - 1.5)
-    near = _near(links.ground_m, 63.0)
+    near = sight_within(links.ground_m, NEAR_M, 63.0)
     above = (np.maximum(links.uav_m - 13.0, 0.0) / 10.0) ** 1.5
     far = 1.25 * (links.ground_m / 100.0) ** 3 * np.exp(-links.ground_m / 150.0)
-    sight = np.where(links.ground_m > 18.0, near * (1.0 + above * far), 1.0)
-    return _losses(links, clear, blocked, np.minimum(sight, 1.0), 4.0, 6.0)
+    sight = np.where(links.ground_m > NEAR_M, near * (1.0 + above * far), 1.0)
+    return two_states(clear, blocked, np.minimum(sight, 1.0), 4.0, 6.0)
 
 
 def umi(links: Geometry, carrier_ghz: float) -> Losses:
@@ -30,7 +31,7 @@ def umi(links: Geometry, carrier_ghz: float) -> Losses:
     slant, frequency = np.log10(links.slant_m), np.log10(carrier_ghz)
     clear = _broken(links, carrier_ghz, 32.4 + 21.0 * slant, 32.4 + 40.0 * slant, 9.5) + 20.0 * frequency
     blocked = 22.4 + 35.3 * slant + 21.3 * frequency - 0.3 * (links.uav_m - 1.5)
-    return _losses(links, clear, blocked, _near(links.ground_m, 36.0), 4.0, 7.82)
+    return two_states(clear, blocked, sight_within(links.ground_m, NEAR_M, 36.0), 4.0, 7.82)
 
 
 def rma(links: Geometry, carrier_ghz: float, building_m: float = BUILDING_M) -> Losses:
@@ -48,7 +49,7 @@ def rma(links: Geometry, carrier_ghz: float, building_m: float = BUILDING_M) -> 
     blocked += (43.42 - 3.1 * base) * (np.log10(links.slant_m) - 3.0)
     blocked -= 3.2 * np.log10(11.75 * links.uav_m) ** 2 - 4.97
     sight = np.exp(-np.maximum(links.ground_m - 10.0, 0.0) / 1000.0)
-    return _losses(links, clear, blocked, sight, np.where(is_far, 6.0, 4.0), 8.0)
+    return two_states(clear, blocked, sight, np.where(is_far, 6.0, 4.0), 8.0)
 
 
 def _broken(links: Geometry, carrier_ghz: float, near_db: Floats, far_db: Floats, slope: float) -> Floats:
@@ -56,16 +57,3 @@ def _broken(links: Geometry, carrier_ghz: float, near_db: Floats, far_db: Floats
     break_m = 4.0e9 * (links.base_m - 1.0) * (links.uav_m - 1.0) * carrier_ghz / _LIGHT
     apart = break_m**2 + (links.base_m - links.uav_m) ** 2
     return np.where(links.ground_m <= break_m, near_db, far_db - slope * np.log10(np.maximum(apart, 1.0)))
-
-
-def _near(ground_m: Floats, decay_m: float) -> Floats:
-    """Probability of sight: 1 up to 18 m, then 18/d + e^(−d/decay) (1 − 18/d); (K,)."""
-    share = 18.0 / np.maximum(ground_m, 18.0)
-    return share + np.exp(-ground_m / decay_m) * (1.0 - share)
-
-
-def _losses(
-    links: Geometry, clear_db: Floats, blocked_db: Floats, sight: Floats, clear_sigma: Floats | float, sigma: float
-) -> Losses:
-    ones = np.ones_like(links.ground_m)
-    return Losses(clear_db, np.maximum(clear_db, blocked_db), sight, clear_sigma * ones, sigma * ones)

@@ -3,14 +3,11 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meanflock.federation.codec import Codec
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
-
-Indices = NDArray[np.intp]
 
 
 def channel_of(scenario: Scenario) -> Any:

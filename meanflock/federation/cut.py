@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,9 +126,9 @@ def longest(scenario: Scenario) -> int:
         ValueError: the channel fails.
     """
     limit, others = scenario.radio.latency_threshold_slots, scenario.uavs - 1
-    per_slot = channel_of(scenario).bits_per_slot
+    channel = channel_of(scenario)
     for slots in range(limit, 0, -1):
-        lost = _expected_losses(scenario, int(slots * per_slot / 8) * 8)
+        lost = _expected_losses(channel, scenario, int(slots * channel.bits_per_slot / 8) * 8)
         if lost is None:
             return max(1, limit // 4)
         if lost <= (1.0 - SUCCESS) * others:
@@ -142,16 +143,16 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    lost = _expected_losses(scenario, bits)
+    lost = _expected_losses(channel_of(scenario), scenario, bits)
     return 1.0 if lost is None or scenario.uavs == 1 else 1.0 - lost / (scenario.uavs - 1)
 
 
-def _expected_losses(scenario: Scenario, bits: int) -> float | None:
+def _expected_losses(channel: Any, scenario: Scenario, bits: int) -> float | None:
     """Expected losses of an upload of so many bits from every other UAV to the leader's, summed; None if unknown.
 
-    Raises as `longest`.
+    Raises ValueError if the channel fails.
     """
-    channel, leader = channel_of(scenario), scenario.federation.leader
+    leader = scenario.federation.leader
     source = np.delete(np.arange(scenario.uavs), leader)
     try:
         expected = channel.at_start(scenario, source, np.full_like(source, leader), bits)
@@ -173,4 +174,4 @@ def _fits(scenario: Scenario, bits: int) -> bool:
     except FAILURES as error:
         raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
-    return in_time and _expected_losses(scenario, bits) == 0.0
+    return in_time and _expected_losses(channel, scenario, bits) == 0.0

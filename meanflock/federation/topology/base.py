@@ -107,6 +107,14 @@ class Topology:
         """The codecs of uploads, averages and global models."""
         return Codecs(self.scenario, self.declared)
 
+    def must_end(self, codec: Codec) -> bool:
+        """Returns whether a round, of models written so, must be over before the next one opens.
+
+        Whole models that are sent once, each in a band of its own, do not get in each other's way.
+        """
+        scenario = self.scenario
+        return codec.count > 1 or scenario.federation.retries > 0 or scenario.radio.access != "fdma"
+
     def ticks(self, codec: Codec, senders: int = 1, receivers: int = 1) -> int:
         """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included.
 
@@ -121,18 +129,17 @@ class Topology:
         Raises:
             ValueError: no upload can be late.
         """
-        scenario, senders = self.scenario, self.scenario.participants
-        every = self.ticks(codec, senders, receivers)
+        scenario = self.scenario
+        one = attempt_ticks(scenario, codec, scenario.participants, receivers)
         if (deadline := scenario.federation.deadline) is None:
-            return every
-        one = attempt_ticks(scenario, codec, senders, receivers)
+            return (1 + scenario.federation.retries) * one
         in_time = codec.ticks - 1 + scenario.deadline_ticks
         if in_time > one:
             raise ValueError(
                 f"`federation.deadline` {deadline} s is later than an upload can arrive, {one * scenario.dt:g} s; "
                 "take less, or leave it out"
             )
-        return every - one + in_time
+        return scenario.federation.retries * one + in_time
 
     @abstractmethod
     def hops(self) -> tuple[Hop, ...]:

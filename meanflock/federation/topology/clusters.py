@@ -40,8 +40,7 @@ class Clusters(Topology):
         averages = self.codecs.relay(division.sizes[division.cluster])
         relays = self.upload_ticks(uploads)
         after = relays + self.ticks(averages, len(division.heads))
-        can_overlap = broadcasts.count == 1 and not scenario.federation.retries and scenario.radio.access == "fdma"
-        least = after + 1 if can_overlap else after + self.ticks(broadcasts, receivers=scenario.uavs - 1)
+        least = after + (self.ticks(broadcasts, receivers=scenario.uavs - 1) if self.must_end(broadcasts) else 1)
         if scenario.period_ticks < least:
             raise ValueError(
                 f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "

@@ -16,8 +16,7 @@ class LeaderTopology(Topology):
         scenario, codecs, leader = self.scenario, self.codecs, self.scenario.federation.leader
         after = self.upload_ticks(codecs.upload)
         ticks = after + self.ticks(codecs.broadcast, receivers=scenario.uavs - 1)
-        must_end = codecs.upload.count > 1 or scenario.federation.retries or scenario.radio.access != "fdma"
-        if ticks > scenario.period_ticks and must_end:
+        if ticks > scenario.period_ticks and self.must_end(codecs.upload):
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "
                 f"models go in {codecs.upload.count} fragment{'s' * (codecs.upload.count > 1)}; take at least {ticks}"
