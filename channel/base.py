@@ -191,8 +191,10 @@ def _not_written(*_: Any) -> Carried:
 
 
 class Fate(NamedTuple):
-    """What becomes of a message on its K links: slots on the air (K,), whether delivered (K,), and slots that the frame
-    waits before (K,)."""
+    """Outcome of a message on its K links.
+
+    slots: (K,) on the air. delivered: (K,) whether it arrives. waited: (K,) slots that the frame waits before.
+    """
 
     slots: NDArray[np.int64]
     delivered: NDArray[np.bool_]

@@ -158,7 +158,7 @@ class Medium(Stateful):
         """Send a message over links by radio; links longer than `reach`, in m, fail.
 
         Returns:
-            What becomes of it, and closed forms of outages and slots.
+            Its outcome, and closed forms of outages and slots.
         """
         count = len(links.pair)
         if not count:
@@ -185,7 +185,7 @@ class Medium(Stateful):
         return fate, expected
 
     def _queued(self, tick: int, links: Links, fate: Fate) -> Fate:
-        """What becomes of a message after its transmissions waited for the band, one after another."""
+        """Outcome of a message whose transmissions wait for the band, one after another, and then occupy it."""
         if self._scenario.radio.access == "fdma" or not len(links.first):
             return fate
         lasts = np.maximum.reduceat(fate.slots, links.first)
@@ -196,7 +196,7 @@ class Medium(Stateful):
         return fate._replace(waited=fate.waited + waits)
 
     def _failed(self, failed: NDArray[np.bool_], fate: Fate) -> Fate:
-        """What becomes of a message after the links `failed` (K,), which deliver nothing and spend all their slots."""
+        """Outcome of a message with links that `failed` (K,), which deliver nothing and spend all their slots."""
         slots = np.where(failed, self._scenario.radio.latency_threshold_slots, fate.slots)
         return fate._replace(slots=slots, delivered=fate.delivered & ~failed)
 
@@ -209,7 +209,7 @@ class Medium(Stateful):
         """Lengths of the links by radio, `(K,)`, m."""
         source, target = links.source, links.target
         if links.message is not None:  # each pair of UAVs once
-            source, target = links.record[:, 1:3].astype(np.intp).T
+            source, target = links.record[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].astype(np.intp).T
         squares = []
         for along in state.parts(state.position(states)):
             apart = along[source] - along[target]

@@ -28,9 +28,9 @@ class Links:
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
     sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
     transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
-    that has any. record: (J, 7) int32 of each pair of UAVs, with the
-    columns of `LinkColumn`, of which source, target and kind are set. message: (K,), the place of
-    each link in it; None: its own, J = K. Several rows of one UAV, the fragments of its model, are one message.
+    that has any. record: (J, 7) int32 of each pair of UAVs, with the columns of `LinkColumn`, of which source, target
+    and kind are set. message: (K,), the place of each link in it; None: its own, J = K. Several rows of one UAV, the
+    fragments of its model, are one message.
     """
 
     ends: NDArray[np.int32]
@@ -57,9 +57,9 @@ class Links:
         if not by_radio.all():
             row, source, target = row[by_radio], source[by_radio], target[by_radio]
         record = np.zeros((len(source), len(LinkColumn)), dtype=np.int32)
-        record[:, 1] = source
-        record[:, 2] = target
-        record[:, 3] = kind
+        record[:, LinkColumn.SOURCE] = source
+        record[:, LinkColumn.TARGET] = target
+        record[:, LinkColumn.KIND] = kind
         if is_unicast:
             transmissions, first = len(source), np.arange(len(source))
         else:

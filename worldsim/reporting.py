@@ -208,6 +208,7 @@ def _row_bytes(scenario: Scenario, diagnostics: int) -> int:
 
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:
     """The links without delivered states. `lost`: whether any state was lost."""
-    if links.item(0, 3) == links.item(-1, 3) == _STATE:  # links are sorted by kind, so all carry states
+    first, last = links[[0, -1], LinkColumn.KIND].tolist()
+    if first == last == _STATE:  # links are sorted by kind, so all carry states
         return links.compress(links[:, LinkColumn.DELIVERED] == 0, axis=0) if lost else links[:0]
-    return links.compress((links[:, LinkColumn.DELIVERED] == 0) | (links[:, 3] != _STATE), axis=0)
+    return links.compress((links[:, LinkColumn.DELIVERED] == 0) | (links[:, LinkColumn.KIND] != _STATE), axis=0)

@@ -56,9 +56,9 @@ class Account(msgspec.Struct, array_like=True):
         """Counts uploads on the air over links (K, 7): `rows` (K,) messages of each, the `ticks` (K,) after the opening
         in which they arrive, and which of them are late."""
         self.copies += int(rows.sum())
-        self.late.update(links[is_late, 1].tolist())
+        self.late.update(links[is_late, LinkColumn.SOURCE].tolist())
         arrive = links[:, LinkColumn.DELIVERED] > 0
-        place = np.searchsorted(self.sent, links[arrive, 1])
+        place = np.searchsorted(self.sent, links[arrive, LinkColumn.SOURCE])
         latest = np.array(self.ticks)
         np.maximum.at(latest, place, ticks[arrive])
         self.ticks = latest.tolist()

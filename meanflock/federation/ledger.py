@@ -350,8 +350,8 @@ class Ledger(Stateful):
             if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
                 continue
             count = np.bincount(batch.source, minlength=self._scenario.uavs)
-            used = links[(links[:, 3] == batch.kind) & (count[links[:, 1]] > 0)]
-            rows = count[used[:, 1]]
+            used = links[(links[:, LinkColumn.KIND] == batch.kind) & (count[links[:, LinkColumn.SOURCE]] > 0)]
+            rows = count[used[:, LinkColumn.SOURCE]]
             spent = used[:, LinkColumn.WAITED] + used[:, LinkColumn.SLOTS] // rows
             ticks = age + self._scenario.delivery_ticks(spent)
             is_late = (ticks > after) & (used[:, LinkColumn.DELIVERED] > 0)

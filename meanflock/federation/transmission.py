@@ -10,7 +10,7 @@ from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames, frames_of
+from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
 _BYTE_BITS, _ROUND_BITS = 8, 32  # an acknowledgement has the round, and a bit for each fragment
 
@@ -84,7 +84,8 @@ class Transmission:
         """Takes notice of the links (K, 7) over which it was transmitted in this tick; only if anything repeats."""
         if not self._repeats:
             return
-        used = links[links[:, 3] == self.hop.label, 1:3].astype(np.intp)
+        ends = [LinkColumn.SOURCE, LinkColumn.TARGET]
+        used = links[links[:, LinkColumn.KIND] == self.hop.label][:, ends].astype(np.intp)
         pairs = np.unique(np.concatenate([self._pairs, used[np.isin(used[:, 0], self.frames.source)]]), axis=0)
         if len(pairs) > len(self._pairs):
             place = _places(pairs, self._pairs)

@@ -90,8 +90,8 @@ class Trails:
 
 def link_rows(ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
     """Links (K, 7) as lines on the map, the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
-    links = links[np.argsort(links[:, 0], kind="stable")]
-    models = links[:, 3] != FrameKind.STATE
+    links = links[np.argsort(links[:, LinkColumn.TICK], kind="stable")]
+    models = links[:, LinkColumn.KIND] != FrameKind.STATE
     for entity, chosen in ((blueprint.MODEL_LINKS, links[models]), (blueprint.STATE_LINKS, links[~models])):
         if len(chosen):
             yield _link_lines(entity, ticks, positions, chosen)
@@ -99,11 +99,13 @@ def link_rows(ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
 
 def _link_lines(entity: str, ticks: Ticks, positions: Floats, links: Links) -> Sent:
     """A line from source to target for every transmission, green where delivered, red where in outage."""
-    _, first, count = np.unique(links[:, 0], return_index=True, return_counts=True)
+    _, first, count = np.unique(links[:, LinkColumn.TICK], return_index=True, return_counts=True)
     links = links[np.arange(len(links)) - np.repeat(first, count) < LINKS_PER_TICK]
-    at, count = np.unique(links[:, 0], return_counts=True)
-    row = np.clip(np.searchsorted(ticks, links[:, 0]), 0, len(ticks) - 1)
-    ends = np.stack([positions[row, links[:, 1]], positions[row, links[:, 2]]], axis=1)  # (K, 2, 2)
+    at, count = np.unique(links[:, LinkColumn.TICK], return_counts=True)
+    row = np.clip(np.searchsorted(ticks, links[:, LinkColumn.TICK]), 0, len(ticks) - 1)
+    ends = np.stack(
+        [positions[row, links[:, LinkColumn.SOURCE]], positions[row, links[:, LinkColumn.TARGET]]], axis=1
+    )  # (K, 2, 2)
     colors = np.where(links[:, LinkColumn.DELIVERED] > 0, drawing.GREEN, drawing.RED).astype(np.uint32)
     parts = (STRIPS, strips(ends)), (STRIP_COLORS, rr.components.ColorBatch(colors))
     columns = [rr.ComponentColumn(descriptor, batch, lengths=count) for descriptor, batch in parts]

@@ -65,12 +65,12 @@ class RoundRows:
     def _graphs(
         self, links: Links, events: Sequence[FlightEvent], ended: list[RoundEnded], lost: NDArray[np.bool_]
     ) -> Iterator[Sent]:
-        links = links[(links[:, 3] == FrameKind.UPLOAD) | (links[:, 3] == FrameKind.RELAY)]
+        links = links[(links[:, LinkColumn.KIND] == FrameKind.UPLOAD) | (links[:, LinkColumn.KIND] == FrameKind.RELAY)]
         refusals = [event for event in events if isinstance(event, UploadsRefused)]
-        at = sorted({*links[:, 0].tolist(), *(each.tick for each in ended)})
+        at = sorted({*links[:, LinkColumn.TICK].tolist(), *(each.tick for each in ended)})
         drawings: list[Drawing] = []
         for tick in at:
-            self._add(links[links[:, 0] == tick])
+            self._add(links[links[:, LinkColumn.TICK] == tick])
             colors, labels = self._provisional(), self._names
             self._refused.update(uav for event in refusals if event.tick == tick for uav in event.uavs)
             for each, is_lost in zip(ended, lost, strict=True):
@@ -86,7 +86,7 @@ class RoundRows:
         if not len(links):
             return
         tick = int(links[0, 0])
-        is_upload = bool((links[:, 3] == FrameKind.UPLOAD).any())
+        is_upload = bool((links[:, LinkColumn.KIND] == FrameKind.UPLOAD).any())
         if is_upload and (self._is_over or tick > self._last + 1):  # fragments are transmitted in ticks on end
             self._links, self._refused = _NO_LINKS, set()
         self._links = np.concatenate([self._links, links])
@@ -109,7 +109,7 @@ class RoundRows:
         late = self._late()
         through = links[:, LinkColumn.DELIVERED] > 0
         for name, chosen in (("lost", ~through), ("late", through & late), ("received", through & ~late)):
-            colors[links[chosen, 1]] = blueprint.OUTCOMES[name]
+            colors[links[chosen, LinkColumn.SOURCE]] = blueprint.OUTCOMES[name]
         if self._centre is not None:
             colors[self._centre] = blueprint.CENTRE
         return colors
@@ -121,7 +121,7 @@ class RoundRows:
         paused = faults.paused(scenario.faults, ended.opened, scenario.dt)
         silent = np.setdiff1d(drawn(scenario, ended.number), [*sent, *np.flatnonzero(lost), *paused])
         colors[silent] = blueprint.OUTCOMES["silent"]
-        own = np.setdiff1d(sent, self._links[:, 1])  # no UAV in range, or the UAV that averages
+        own = np.setdiff1d(sent, self._links[:, LinkColumn.SOURCE])  # no UAV in range, or the UAV that averages
         colors[own] = blueprint.OUTCOMES["received" if self._centre is not None else "lost"]
         colors[list(self._refused)] = blueprint.OUTCOMES["refused"]
         if self._centre is not None:
@@ -138,12 +138,12 @@ class RoundRows:
     def _delivered(self) -> Links:
         """The links of the round that delivered in time, between different UAVs."""
         links = self._links[(self._links[:, LinkColumn.DELIVERED] > 0) & ~self._late()]
-        return links[links[:, 1] != links[:, 2]]
+        return links[links[:, LinkColumn.SOURCE] != links[:, LinkColumn.TARGET]]
 
     def _edges(self) -> NDArray[np.int32]:
         """The pairs of UAVs between which an upload or an average was delivered, (E, 2), at most `EDGES`."""
         links, uavs = self._delivered(), self._scenario.uavs
-        pairs = np.unique(links[:, 1] * uavs + links[:, 2])[:EDGES]
+        pairs = np.unique(links[:, LinkColumn.SOURCE] * uavs + links[:, LinkColumn.TARGET])[:EDGES]
         return np.stack(np.divmod(pairs, uavs), axis=-1)
 
     def _columns(self, drawings: list[Drawing]) -> list[rr.ComponentColumn]:

@@ -190,8 +190,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             if drag is not None and self.dt * drag >= 2:
                 raise ValueError(f"`dt` {self.dt} s is unstable with `{name}` {drag} 1/s; keep dt·drag < 2")
         longest = self.radio.latency_threshold_slots * self.radio.coherence_time_s
-        alone = self.radio.access == "fdma"  # in one band uploads wait, and the plan says how long
-        if alone and (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
+        has_own_bands = self.radio.access == "fdma"  # in one band uploads wait, and the plan says how long
+        if has_own_bands and (deadline := self.federation.deadline) is not None and deadline > longest * (1 + 1e-9):
             raise ValueError(
                 f"`federation.deadline` {deadline} s is later than an upload can arrive, {longest:g} s: "
                 "`radio.latency_threshold_slots` times `radio.coherence_time_s`; take less, or leave it out"
