@@ -31,7 +31,7 @@ class Agent:
         self._declared = plan.declared
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(plan, "agent", self.uavs, self.problems, self)
-        self._row = np.full(self._scenario.uavs, -1)  # (N,) of each UAV that is here
+        self._row = np.full(self._scenario.nodes, -1)  # (N + B,) of each UAV that is here
         self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
@@ -180,6 +180,8 @@ class Agent:
             raise MessageRejected("wrong-shape", "frames for UAVs that are not here")
         if frames.kind != FrameKind.STATE:
             self._rounds.check(frames)
+        elif self._scenario.stations and frames.source.max() >= self._scenario.uavs:
+            raise MessageRejected("wrong-shape", "states of a station")
         return links
 
     # -- rounds: the methods of `NodeModels` --------------------------------------------------

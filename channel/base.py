@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel import queue
+from meanflock.federation.seat import seat
 from meanflock.swarm.errors import FAILURES, RunFailed, last_line
-from meanflock.swarm.mission import starts
+from meanflock.swarm.mission import starts, stations
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Vectors
@@ -28,10 +29,11 @@ class Message(NamedTuple):
     The uploads of a round are one Message, for example, and so are the states that all UAVs broadcast in a tick.
 
     tick: in which they are sent. bits: size of each frame. source, target: (K,) the UAVs at the ends of each link; the
-    leader is one of the UAVs. A pair comes several times if models are sent in fragments: once for each fragment.
-    distance_m: (K,) lengths of the links. position_m: (N, 2) of all UAVs, m. kind: "upload", "relay", "global" or
-    "state". place_m: (N, 3) of all UAVs in space, m; in a flight in the plane they are at `start.height`. first: (T,)
-    the first link of each transmission, ascending: a broadcast is one over several links. None: each link has its own.
+    leader is at one of the UAVs, or at a station, one of the nodes N, N + 1 … N + B − 1. A pair comes several times if
+    models are sent in fragments: once for each fragment. distance_m: (K,) lengths of the links, in space. position_m:
+    (N + B, 2) of all UAVs and stations, m. kind: "upload", "relay", "global" or "state". place_m: (N + B, 3) of them in
+    space, m; in a flight in the plane UAVs are at `start.height`. first: (T,) the first link of each transmission,
+    ascending: a broadcast is one over several links. None: each link has its own.
     """
 
     tick: int
@@ -56,6 +58,8 @@ class Channel:
     plugin_kind: ClassVar = "channel"
     name: ClassVar[str] = ""
 
+    stations: ClassVar[bool] = False  # whether `carry` knows that nodes after the N UAVs are stations
+
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Keys of `[radio.options]`, with units and bounds."""
 
@@ -68,13 +72,22 @@ class Channel:
         """`scenario`: its table `radio`, and whatever else the channel needs."""
         self.options, self.scenario = options, scenario
 
+    @classmethod
+    def bears_stations(cls) -> bool:
+        """Returns whether messages may go to and from stations: it declares so, or asks for nothing but distances."""
+        return cls.stations or cls.carry is Channel.carry
+
     @property
     def bits_per_slot(self) -> float:
         """Bits of a slot that carries anything, > 0, by which fragments are cut; by default of `[radio]`."""
         return self.scenario.radio.bits_per_slot
 
     def init(self, uavs: int) -> Memory:
-        """Returns the memory at take-off: arrays that checkpoints keep, of any shape. Empty by default."""
+        """Returns the memory at take-off: arrays that checkpoints keep, of any shape. Empty by default.
+
+        Args:
+            uavs: number of nodes: N UAVs and B stations.
+        """
         return {}
 
     def carry(
@@ -152,21 +165,25 @@ class Channel:
             ValueError: the channel's closed form is something else than it must be.
         """
         here = starts(scenario)[:, : scenario.dimensions]
+        place = in_space(here, scenario)
+        if scenario.stations:
+            here = place
         apart = np.linalg.norm(here[source] - here[target], axis=-1)
         near = apart <= within_m
-        message = Message(0, bits, source[near], target[near], apart[near], here, kind, in_space(here, scenario))
-        memory = self.init(scenario.uavs) if near.any() else {}
+        message = Message(0, bits, source[near], target[near], apart[near], place[:, :-1], kind, place)
+        memory = self.init(scenario.nodes) if near.any() else {}
         found = sums(self, message, memory)
         return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
 
     def queue_slots(self, scenario: Scenario, bits: int, transmissions: int, receivers: int) -> int:
         """Slots after which messages of `bits` that are transmitted one after another are through, but for one queue in
-        a thousand; each goes to so many receivers. All links are taken to be as those between the leader's UAV and the
-        others are on average before take-off. What the channel raises passes.
+        a thousand; each goes to so many receivers. All links are taken to be as those between where the leader averages
+        and the other UAVs are on average before take-off. What the channel raises passes.
         """
         most, needed = scenario.radio.latency_threshold_slots, self.least_slots(bits)
-        others = np.delete(np.arange(scenario.uavs), scenario.federation.leader)
-        found = self.at_start(scenario, others, np.full_like(others, scenario.federation.leader), bits)
+        averages = seat(scenario)
+        others = np.setdiff1d(np.arange(scenario.uavs), [averages])
+        found = self.at_start(scenario, others, np.full_like(others, averages), bits)
         if found is None or needed is None:  # so the longest that a message takes
             return transmissions * most
         lost, slots = found
@@ -179,10 +196,13 @@ class Channel:
 
 
 def in_space(positions: Vectors, scenario: Scenario) -> Floats:
-    """Places (N, 3) of UAVs at `positions` (N, 2) in the plane, m: at `start.height`."""
-    place = np.empty((len(positions), 3))
-    place[:, :2] = positions
-    place[:, 2] = scenario.start.height
+    """Places (N + B, 3) of all nodes, m: UAVs at `positions` (N, 2) in the plane fly at `start.height`."""
+    uavs = len(positions)
+    place = np.empty((uavs + len(scenario.stations), 3))
+    place[:uavs, :2] = positions
+    place[:uavs, 2] = scenario.start.height
+    if scenario.stations:
+        place[uavs:] = stations(scenario)
     return place
 
 

@@ -21,7 +21,9 @@ from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_memory
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
+from meanflock.swarm.state import Floats
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
@@ -39,20 +41,21 @@ class Medium(Stateful):
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
         scenario, hops = plan.scenario, plan.hops
         radio = scenario.radio
-        self.meter = Meter(radio, scenario.uavs)
+        self.meter = Meter(radio, scenario.uavs, len(scenario.stations))
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
-        self.memory = _begun(self._channel, radio.model, scenario.uavs)
+        self.memory = _begun(self._channel, radio.model, scenario)
         self.draw = generator(scenario.seed, "radio")
         self.free = 0  # slot since take-off from which the one band is free
-        self._targets = {hop.label: hop.targets for hop in hops}
+        self._hops = {hop.label: hop for hop in hops}
+        self._seat = plan.seat
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._reach = {hop.label: hop.range_m for hop in hops if hop.range_m is not None}
         self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
-        # By kind and number of a batch: its last senders, the mask of the UAVs that they reached (None: all), and their
-        # links. The next tick mostly uses the same links; fragments, those of the last round, which has two turns.
+        # By kind and number of a batch: its last senders, the UAVs that they reached or their targets (None: all), and
+        # the links. The next tick mostly uses the same ones; fragments, those of the last round, which has two turns.
         self._used: dict[tuple[FrameKind, int], deque[tuple[bytes, bytes | None, Links]]] = {}
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
@@ -91,7 +94,7 @@ class Medium(Stateful):
         Returns:
             The mask (K,) of those that arrive.
         """
-        links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.uavs, is_unicast=True)
+        links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.nodes, is_unicast=True)
         fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
@@ -164,9 +167,12 @@ class Medium(Stateful):
         if not count:
             return Fate(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)), (0.0, 0.0)
         try:
-            distance = self._distance(states, links)
             here, name = state.position(states), kind.name.lower()
             place = in_space(here, self._scenario)
+            axes: Sequence[Floats] = state.parts(here)
+            if self._scenario.stations:
+                here, axes = place[:, :-1], list(place.T)
+            distance = _distance(axes, links)
             message = Message(tick, bits, links.source, links.target, distance, here, name, place, links.first)
             for array in self.memory.values():
                 array.flags.writeable = False
@@ -205,30 +211,19 @@ class Medium(Stateful):
         if len(ends):
             self._in_flight[tick].append(Frames(batch.kind, batch.round, batch.source, batch.payload, ends, slots))
 
-    def _distance(self, states: state.States, links: Links) -> NDArray[np.float64]:
-        """Lengths of the links by radio, `(K,)`, m."""
-        source, target = links.source, links.target
-        if links.message is not None:  # each pair of UAVs once
-            source, target = links.record[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].astype(np.intp).T
-        squares = []
-        for along in state.parts(state.position(states)):
-            apart = along[source] - along[target]
-            squares.append(np.multiply(apart, apart, out=apart))
-        for square in squares[1:]:
-            squares[0] += square
-        length = np.sqrt(squares[0], out=squares[0])
-        return length if links.message is None else length[links.message]
-
     def _links(self, batch: Frames, states: state.States) -> Links:
-        """The links that a batch uses; those of an earlier tick if sources and reached UAVs are the same."""
+        """The links that a batch uses; those of an earlier tick if sources and targets are the same."""
         kind = batch.kind
         sources = batch.source.astype(np.intp)
-        uavs = self._scenario.uavs
+        uavs, nodes = self._scenario.uavs, self._scenario.nodes
         senders, mask = sources.tobytes(), None
         is_broadcast = kind in self._reach
         reached = self._in_range(sources, states, self._reach[kind]) if is_broadcast else None
         if reached is not None:
             mask = reached.tobytes()
+        hop, targets = self._hops.get(kind), None
+        if hop is not None and (targets := hop.targets_of(sources, self._seat(batch.round))) is not None:
+            mask = targets.tobytes()
         number, turns = (batch.round, 1) if kind == FrameKind.STATE else (0, 2)
         used = self._used.setdefault((kind, number), deque(maxlen=turns))
         for earlier in used:
@@ -237,15 +232,15 @@ class Medium(Stateful):
         rows = np.arange(len(sources))
         if reached is not None:
             row, target = reached.nonzero()
-            links = Links.between(kind, sources, row, target, uavs)
-        elif (target_of := self._targets.get(kind)) is not None:
-            several = target_of[sources]
-            links = Links.between(kind, sources, rows.repeat(several.shape[1]), several.ravel(), uavs, is_unicast=True)
+            links = Links.between(kind, sources, row, target, nodes)
+        elif targets is not None:
+            row = rows.repeat(targets.shape[1])
+            links = Links.between(kind, sources, row, targets.ravel(), nodes, is_unicast=True)
         elif is_broadcast:
             target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
-            links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), uavs)
+            links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), nodes)
         else:
-            links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), uavs)
+            links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), nodes)
         used.append((senders, mask, links))
         return links
 
@@ -268,20 +263,35 @@ class Medium(Stateful):
         return bool(state.squared(sides) <= reach * reach)
 
 
-def _begun(channel: Channel, name: str, uavs: int) -> Memory:
+def _begun(channel: Channel, name: str, scenario: Scenario) -> Memory:
     """The memory of a channel at take-off; raises BadInput if it is none, or too large for a checkpoint."""
     try:
-        memory = channel.init(uavs)
+        memory = channel.init(scenario.nodes)
         check_memory("`init`: memory", memory)
     except FAILURES as error:
         raise BadInput(f"channel {name!r}: {last_line(error)}") from error
     size = sum(array.nbytes for array in memory.values())
     if size > MAX_MEMORY_BYTES:
         raise BadInput(
-            f"channel {name!r}: a memory of {size / 2**20:.0f} MiB for {uavs} UAVs; a checkpoint keeps up to "
+            f"channel {name!r}: a memory of {size / 2**20:.0f} MiB for {scenario.uavs} UAVs; a checkpoint keeps up to "
             f"{MAX_MEMORY_BYTES >> 20} MiB: fly fewer UAVs, or let it keep less"
         )
     return memory
+
+
+def _distance(axes: Sequence[Floats], links: Links) -> Floats:
+    """Lengths of the links by radio, (K,), m; `axes`: coordinates of all nodes, (N,) or (N + B,) each."""
+    source, target = links.source, links.target
+    if links.message is not None:  # each pair of nodes once
+        source, target = links.record[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].astype(np.intp).T
+    squares = []
+    for along in axes:
+        apart = along[source] - along[target]
+        squares.append(np.multiply(apart, apart, out=apart))
+    for square in squares[1:]:
+        squares[0] += square
+    length: Floats = np.sqrt(squares[0], out=squares[0])
+    return length if links.message is None else length[links.message]
 
 
 def _only(message: Message, links: NDArray[np.bool_]) -> Message:

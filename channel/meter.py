@@ -26,11 +26,11 @@ class Links:
     """The L links of a batch, K of them by radio, sorted by source, then by target. The arrays are never written to.
 
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
-    sends to itself. source, target: (K,) UAVs at the ends of the links by radio. pair: (K,), source · N + target.
-    transmissions: number of transmissions on the bill. first: index of the first link by radio of each transmission
-    that has any. record: (J, 7) int32 of each pair of UAVs, with the columns of `LinkColumn`, of which source, target
-    and kind are set. message: (K,), the place of each link in it; None: its own, J = K. Several rows of one UAV, the
-    fragments of its model, are one message.
+    sends to itself. source, target: (K,) nodes at the ends of the links by radio. pair: (K,), source · (N + B) +
+    target. transmissions: number of transmissions on the bill. first: index of the first link by radio of each
+    transmission that has any. record: (J, 7) int32 of each pair of nodes, with the columns of `LinkColumn`, of which
+    source, target and kind are set. message: (K,), the place of each link in it; None: its own, J = K. Several rows of
+    one UAV, the fragments of its model, are one message.
     """
 
     ends: NDArray[np.int32]
@@ -45,10 +45,10 @@ class Links:
 
     @classmethod
     def between(
-        cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, uavs: int, is_unicast: bool = False
+        cls, kind: FrameKind, sources: Indices, row: Indices, target: Indices, nodes: int, is_unicast: bool = False
     ) -> "Links":
-        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `uavs`: N. `is_unicast`: each link is a
-        transmission of its own, so a source that is its own target transmits nothing."""
+        """Links from `sources[row]` to `target`, (L,) each, rows ascending; `nodes`: N + B. `is_unicast`: each link
+        is a transmission of its own, so a source that is its own target transmits nothing."""
         ends = np.empty((len(row), 2), dtype=np.int32)
         ends[:, 0] = row
         ends[:, 1] = target
@@ -66,7 +66,7 @@ class Links:
             begins = np.ones(len(row), dtype=bool)
             np.not_equal(row[1:], row[:-1], out=begins[1:])
             transmissions, first = len(sources), begins.nonzero()[0]
-        pair = source * uavs + target
+        pair = source * nodes + target
         message = None
         if (sources[1:] == sources[:-1]).any():
             _, at, message = np.unique(pair, return_index=True, return_inverse=True)
@@ -78,7 +78,7 @@ class Links:
 class Used:
     """The K links that were used so far, ascending: much fewer than N² where all talk to one.
 
-    pair: (K,), source · N + target. sent, outages: (K,).
+    pair: (K,), source · (N + B) + target. sent, outages: (K,).
     """
 
     pair: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -124,9 +124,9 @@ class Meter(Stateful):
 
     stored = ("totals", "table", "marked")
 
-    def __init__(self, radio: Radio, uavs: int) -> None:
+    def __init__(self, radio: Radio, uavs: int, stations: int = 0) -> None:
         self.traffic = {kind: Traffic() for kind in FrameKind}
-        self.radio, self.uavs = radio, uavs
+        self.radio, self.uavs, self.nodes = radio, uavs, uavs + stations
         self._used = Used()
         self._last: Links | None = None  # last batch; its counts are added to those of the links later
         self._rows: Indices = np.zeros(0, dtype=np.intp)  # of its links in `_used`
@@ -227,13 +227,13 @@ class Meter(Stateful):
         """`links` as an array `(K, 4)`."""
         self._enter()
         used = self._used
-        return np.stack([*np.divmod(used.pair, self.uavs), used.sent, used.outages], axis=-1).astype(np.int32)
+        return np.stack([*np.divmod(used.pair, self.nodes), used.sent, used.outages], axis=-1).astype(np.int32)
 
     @table.setter
     def table(self, stored: NDArray[np.int32]) -> None:
         self._last, self._times = None, 0
         source, target, sent, outages = stored.T
-        self._used = Used(source.astype(np.intp) * self.uavs + target, sent.astype(np.int32), outages.astype(np.int32))
+        self._used = Used(source.astype(np.intp) * self.nodes + target, sent.astype(np.int32), outages.astype(np.int32))
 
     def _enter(self) -> None:
         if self._last is not None:

@@ -4,9 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.medium import Cut, Indices
+from meanflock.federation.seat import missing_stations
 from meanflock.swarm import state
 from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
 from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
+from meanflock.swarm.mission import stations
 from meanflock.swarm.scenario import Scenario
 
 
@@ -44,6 +46,12 @@ class Script:
         mask[paused(self._faults, tick, self._dt)] = True
         return mask
 
+    def present_stations(self, tick: int) -> NDArray[np.bool_]:
+        """(B,), stations that are neither lost nor paused in a tick."""
+        present = np.ones(len(self._scenario.stations), dtype=bool)
+        present[missing_stations(self._scenario, tick)] = False
+        return present
+
     def cut(self, tick: int, states: state.States) -> Cut | None:
         """Function that says which links fail with the UAVs at `states` (N, 4); None: no link fails."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Partition | Jam)]
@@ -53,13 +61,14 @@ class Script:
         def fails(sources: Indices, targets: Indices) -> NDArray[np.bool_]:
             failed = np.zeros(len(sources), dtype=bool)
             for fault in acting:
-                named = np.zeros(len(states), dtype=bool)
+                named = np.zeros(self._scenario.nodes, dtype=bool)
                 named[list(fault.uavs)] = True
+                named[[self._scenario.uavs + station for station in fault.stations]] = True
                 if isinstance(fault, Partition):
                     failed |= named[sources] | named[targets]
                 else:
                     failed |= named[sources] & named[targets]
-                    inside = _inside(fault, states)
+                    inside = np.concatenate([_inside(fault, states), self._stations_inside(fault)])
                     failed |= inside[sources] | inside[targets]
             return failed
 
@@ -78,6 +87,10 @@ class Script:
                 hit[:] = True
             pushed[hit] += fault.acceleration
         return pushed
+
+    def _stations_inside(self, fault: Jam) -> NDArray[np.bool_]:
+        """(B,), stations in the area of a jam."""
+        return _inside(fault, state.at_rest(stations(self._scenario)[:, :2]))
 
     def _acting(self, tick: int) -> list[Fault]:
         return [fault for fault in self._faults if fault.acts(tick, self._dt)]
@@ -106,6 +119,8 @@ def words(fault: Fault) -> str:
     words = kind(fault)
     if uavs := getattr(fault, "uavs", ()):
         words += f" of UAV {', '.join(map(str, uavs))}"
+    if stations := getattr(fault, "stations", ()):
+        words += f"{' and' if uavs else ' of'} station {', '.join(map(str, stations))}"
     if isinstance(fault, Jam | Gust) and fault.centre is not None:
         words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
     if isinstance(fault, Gust):

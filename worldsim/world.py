@@ -113,7 +113,8 @@ class World(Stateful):
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
         flight, tick = self.flight, self.flight.tick
         killed, leaders_killed, awake = self._begin_faults(tick)
-        due = self.ledger.deliver(tick, self.air.due(tick), awake)
+        present = self._present(tick, awake)
+        due = self.ledger.deliver(tick, self.air.due(tick), present)
         report = tick % REPORT_EVERY_TICKS == 0
         every = self._checkpoint_every
         self._senses = Senses(
@@ -125,7 +126,7 @@ class World(Stateful):
             heard=_reaching(due, awake) if due else due,
             letters=self.ledger.letters,
             newest=self.ledger.newest,
-            leads=self.ledger.leader_is_due(tick, awake),
+            leads=self.ledger.leader_is_due(tick, present),
             rule_record=self.ledger.rule_record,
             report=report,
             checkpoint=report and every > 0 and tick % every == 0,
@@ -148,19 +149,20 @@ class World(Stateful):
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
         if len(diverged):
             flight.lose(diverged, Diverged, "an answer beyond all bounds")
-        frames, rejected = self._merger.merged(tick, acts.outbox, awake, self.air.meter)
+        present = self._present(tick, awake)
+        frames, rejected = self._merger.merged(tick, acts.outbox, present, self.air.meter)
         for error, where in rejected:
             self._drop(error, where)
         if flight.idle is not None:
             self.commands.accelerations[flight.idle] = 0.0
         self.models.add(frames)
         cut = self._script.cut(tick, states)
-        on_air = ledger.transmitted(tick, frames, awake, partial(self.air.acknowledge, tick, states, cut))
+        on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut))
         clamped = self.air.clamped
         links = self.air.send(tick, on_air, states, cut)
         if self.air.clamped > clamped == 0:
             self.note(LinksClamped(tick, self.air.clamped))
-        for ended in ledger.close(tick, frames, on_air, links, awake, acts.has_leader, self.note):
+        for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):
             completed = self._completed(ended, awake & ~absent)
             flight.events.append(completed)
             if self.target.is_met(completed):
@@ -246,6 +248,12 @@ class World(Stateful):
         killed = self._script.killed(tick)
         flight.lose(killed, Lost, KILLED)
         return killed, self._script.leaders_lost(tick), ~flight.lost & ~self._script.paused(tick)
+
+    def _present(self, tick: int, awake: Mask) -> Mask:
+        """Mask (N + B,) of the nodes that send and receive: UAVs that are `awake` (N,), then stations."""
+        if not self.scenario.stations:
+            return awake
+        return np.concatenate([awake, self._script.present_stations(tick)])
 
     def _take(self, acts: Acts) -> None:
         """Take what the nodes say but commands and frames."""

@@ -24,10 +24,9 @@ THERMAL_DBM_HZ = -174.0  # power density of the noise of a resistor at 290 K
 class Nodes(NamedTuple):
     """Radios of all nodes: of the UAVs, then of the stations.
 
-    station_m: (B, 3) places of the stations, m. power_dbm, gain_dbi, noise_figure_db: (N + B,).
+    power_dbm, gain_dbi, noise_figure_db: (N + B,).
     """
 
-    station_m: Floats
     power_dbm: Floats
     gain_dbi: Floats
     noise_figure_db: Floats
@@ -48,7 +47,7 @@ class LinkBudget(Channel):
         super().__init__(options, scenario)
         radio, uavs = scenario.radio, scenario.uavs
         self._nodes = nodes_of(scenario, options)
-        stations = len(self._nodes.station_m)
+        stations = len(scenario.stations)
         budget.check_effects(options, stations)
         self._rate = (
             rates.cqi(options.cqi) if options.rate == "cqi" else rates.shannon(radio.target_snr_db, options.gap_db)
@@ -130,7 +129,8 @@ class LinkBudget(Channel):
         """
         if self._last is None or self._last[0] is not message:
             low, high = np.minimum(message.source, message.target), np.maximum(message.source, message.target)
-            place_m = self._places(message)
+            place_m = message.place_m
+            assert place_m is not None
             loss_db = np.empty(len(low))
             law = np.empty(len(low), dtype=np.intp)
             clamped = 0
@@ -159,22 +159,17 @@ class LinkBudget(Channel):
             blocked,
         )
 
-    def _places(self, message: Message) -> Floats:
-        """Places of all nodes, (N + B, 3), m."""
-        place_m = in_space(message.position_m, self.scenario) if message.place_m is None else message.place_m
-        return np.concatenate([place_m, self._nodes.station_m])
-
     def _check_starts(self) -> None:
         """Raises BadInput if a path loss does not hold for the UAVs at their starts.
 
         Of the distances between UAVs, it takes the longer side of the box around them.
         """
         uavs, options = self.scenario.uavs, self.options
-        place_m = in_space(position(starts(self.scenario)), self.scenario)
+        place_m, station_m = np.split(in_space(position(starts(self.scenario)), self.scenario), [uavs])
         uav_m, side_m = place_m[:, 2], np.ptp(place_m[:, :2], axis=0).max(keepdims=True)
         air = self._air.model.validity
         faults = {"air_loss": air.fault(side_m, uav_m, uav_m, options.carrier_ghz) if uavs > 1 else None}
-        for station in self._nodes.station_m:
+        for station in station_m:
             ground_m = np.hypot(*(place_m[:, :2] - station[:2]).T)
             fault = self._ground.model.validity.fault(ground_m, station[2:], uav_m, options.carrier_ghz)
             faults["loss"] = faults.get("loss") or fault
@@ -189,10 +184,13 @@ class LinkBudget(Channel):
 
 def nodes_of(scenario: Scenario, options: budget.Options) -> Nodes:
     """The radios of all nodes of a scenario."""
-    every = np.ones(scenario.uavs)
+
+    def by_node(of_uavs: float, key: str) -> Floats:
+        own = [getattr(station, key) for station in scenario.stations]
+        return np.array([of_uavs] * scenario.uavs + [of_uavs if value is None else value for value in own])
+
     return Nodes(
-        np.zeros((0, 3)),
-        scenario.radio.tx_power_dbm * every,
-        options.gain_dbi * every,
-        options.noise_figure_db * every,
+        by_node(scenario.radio.tx_power_dbm, "tx_power_dbm"),
+        by_node(options.gain_dbi, "gain_dbi"),
+        by_node(options.noise_figure_db, "noise_figure_db"),
     )

@@ -75,7 +75,7 @@ class Observer:
             RunFailed: the world is gone without a summary.
         """
         expected: int | None = None
-        end = math.inf
+        end, flown = math.inf, self.scenario
         while self.summary is None:
             delivery = self._bus.receive(_STEP_S)
             if self._clock() > end:
@@ -89,7 +89,7 @@ class Observer:
             try:
                 message = control.decode(delivery.payload)
                 if isinstance(message, Telemetry) and message.run == self._fingerprint:
-                    block = inbound.check(message, self.scenario.uavs)
+                    block = inbound.check(message, flown.uavs, flown.uavs + len(flown.stations))
                     if expected is not None and block.block > expected:
                         log.warning("%d blocks before tick %d did not arrive", block.block - expected, block.first_tick)
                     expected = block.block + 1

@@ -23,8 +23,10 @@ _COLORS: dict[Status, Color] = {
 }
 _GOAL: Color = (0.20, 0.73, 0.40)
 _OBSTACLE: Color = (0.55, 0.55, 0.58)
+_STATION: Color = (0.93, 0.94, 0.96)
 _LENGTH_M = 4.0  # of the arrow of a UAV
 _HEIGHT_M = 4.0  # of an obstacle
+_MAST_M = 0.5  # radius of a station's cylinder
 _LETTERS_M = 3.0  # height of the letters
 _STILL = ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0)
 _AHEAD = ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -74,12 +76,14 @@ def uavs(status: Sequence[int]) -> Any:
 
 
 def goals_and_obstacles(flown: Mission) -> Any:
-    """A disc for each goal, and a cylinder for each obstacle."""
+    """A disc for each goal, and a cylinder for each obstacle and, thin and as high as its antenna, for each station."""
     goals = np.unique(mission.goals(flown), axis=0).tolist()
     radius = flown.destination.radius
     discs = [("goals", number, x, y, radius, 0.1, _GOAL, 0.4) for number, (x, y) in enumerate(goals)]
     for number, (x, y, width) in enumerate(mission.obstacles(flown).tolist()):
         discs.append(("obstacles", number, x, y, width, _HEIGHT_M, _OBSTACLE, 0.6))
+    for number, (x, y, height) in enumerate(mission.stations(flown).tolist()):
+        discs.append(("stations", number, x, y, _MAST_M, max(height, _MAST_M), _STATION, 0.9))
     cylinder = ros.visualization_msgs__msg__Marker.CYLINDER
     markers = [
         _marker(kind, number, cylinder, (x, y, 0.0), (2 * width, 2 * width, height), color, alpha)

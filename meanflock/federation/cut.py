@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meanflock.federation.band import channel_of
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, FragmentForm
 from meanflock.federation.codings.base import Coding
+from meanflock.federation.seat import seat
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.errors import FAILURES, last_line
@@ -118,14 +119,14 @@ def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterabl
 def longest(scenario: Scenario) -> int:
     """Slots of the longest fragments of which 95 % are expected to be delivered, at least 1.
 
-    The expectation is that of the links between the leader's UAV and all others at take-off. A channel without closed
-    forms gets a quarter of the latency threshold.
+    The expectation is that of the links between the node where the leader averages and all other UAVs at take-off. A
+    channel without closed forms gets a quarter of the latency threshold.
 
     Raises:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
-    limit, others = scenario.radio.latency_threshold_slots, scenario.uavs - 1
+    limit, others = scenario.radio.latency_threshold_slots, _uploaders(scenario)
     channel = channel_of(scenario)
     for slots in range(limit, 0, -1):
         lost = _expected_losses(channel, scenario, int(slots * channel.bits_per_slot / 8) * 8)
@@ -137,25 +138,33 @@ def longest(scenario: Scenario) -> int:
 
 
 def share_delivered(scenario: Scenario, bits: int) -> float:
-    """Expected share of messages of so many bits that are delivered to the leader's UAV at take-off; 1 if unknown.
+    """Expected share of messages of so many bits that are delivered to where the leader averages, at take-off; 1 if
+    unknown.
 
     Raises:
         BadInput: the channel is not installed, or its options do not fit.
         ValueError: the channel fails.
     """
     lost = _expected_losses(channel_of(scenario), scenario, bits)
-    return 1.0 if lost is None or scenario.uavs == 1 else 1.0 - lost / (scenario.uavs - 1)
+    others = _uploaders(scenario)
+    return 1.0 if lost is None or not others else 1.0 - lost / others
+
+
+def _uploaders(scenario: Scenario) -> int:
+    """Number of UAVs whose uploads go by radio."""
+    return scenario.uavs - (seat(scenario) < scenario.uavs)
 
 
 def _expected_losses(channel: Any, scenario: Scenario, bits: int) -> float | None:
-    """Expected losses of an upload of so many bits from every other UAV to the leader's, summed; None if unknown.
+    """Expected losses of an upload of so many bits from every other UAV to where the leader averages, summed; None if
+    unknown.
 
     Raises ValueError if the channel fails.
     """
-    leader = scenario.federation.leader
-    source = np.delete(np.arange(scenario.uavs), leader)
+    target = seat(scenario)
+    source = np.setdiff1d(np.arange(scenario.uavs), [target])
     try:
-        expected = channel.at_start(scenario, source, np.full_like(source, leader), bits)
+        expected = channel.at_start(scenario, source, np.full_like(source, target), bits)
     except FAILURES as error:
         raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     return None if expected is None else float(expected[0])

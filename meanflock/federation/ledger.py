@@ -13,6 +13,7 @@ from meanflock.federation.averager import RuleVerdict, verdict_of
 from meanflock.federation.mailbox import Letter, Mailbox, links_of
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
+from meanflock.federation.seat import name_of
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.federation.transmission import Acknowledge, Reception, Transmission
 from meanflock.swarm import plugins
@@ -66,10 +67,10 @@ class Ledger(Stateful):
         self._is_asked_void = getattr(rule, "asked_void", False)
         self._attempts = scenario.federation.retries
         self._transmissions: list[Transmission] = []
-        self._reception = Reception(scenario.uavs)
+        self._reception = Reception(scenario.nodes)
         self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
-        self._boxes = [(hop, Mailbox(hop, scenario.uavs)) for hop in self._hops if hop.mail is not None]
+        self._boxes = [(hop, Mailbox(hop, scenario.nodes)) for hop in self._hops if hop.mail is not None]
         self._mailboxes = [box for _, box in self._boxes]
         self._open: list[Mailbox] = []  # those that mail was sent to
         # Ticks from the opening of a round until its uploads are averaged, by their label
@@ -78,7 +79,7 @@ class Ledger(Stateful):
     # -- before a tick's requests -------------------------------------------------------------------------------
 
     def deliver(self, tick: int, due: Sequence[Frames], awake: NDArray[np.bool_]) -> list[Frames]:
-        """Keeps the mail among the frames that arrive now, for UAVs that are `awake` (N,); returns the rest."""
+        """Keeps the mail among the frames that arrive now, for nodes that are `awake` (N + B,); returns the rest."""
         rest = []
         for frames in due:
             if (arrived := self._new(frames, awake)) is None:
@@ -108,9 +109,11 @@ class Ledger(Stateful):
         return tuple(letter for box in self._open for letter in box.letters)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
-        """Returns whether the leader has anything to do in this tick. It has not while its UAV is lost or paused."""
-        return self._schedule.is_open(tick) and any(
-            bool(awake[hop.senders].any()) for hop in self._hops if hop.role == "leader"
+        """Returns whether the leader has anything to do in this tick. It has not while its UAV or station is lost or
+        paused."""
+        number = self._schedule.open_round(tick)
+        return number > 0 and any(
+            bool(awake[self._schedule.senders(hop, number)].any()) for hop in self._hops if hop.role == "leader"
         )
 
     # -- the frames that nodes send -----------------------------------------------------------------------------
@@ -189,7 +192,7 @@ class Ledger(Stateful):
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
     def transmitted(self, tick: int, frames: list[Frames], awake: Mask, acknowledge: Acknowledge) -> list[Frames]:
-        """Frames of UAVs that are awake (N,) on the air in this tick: of `frames`, sent just now, and earlier ones.
+        """Frames of nodes that are awake (N + B,) on the air now: of `frames`, sent in this tick, and earlier ones.
 
         Of models, as many fragments go in a tick as their slots hold; all else goes at once. After the last round that
         the aggregation rule wants, no model goes.
@@ -248,7 +251,8 @@ class Ledger(Stateful):
         """Closes the hops in which nodes sent `frames` in this tick; returns the rounds that end, and notes the rest.
 
         Args:
-            on_air: what was transmitted in this tick, over `links` (K, 7). has_leader: whether a node leads.
+            on_air: what was transmitted in this tick, over `links` (K, 7). awake: (N + B,). has_leader: whether a node
+                leads.
         """
         is_busy = self._schedule.is_busy(tick)
         if is_busy:
@@ -257,7 +261,7 @@ class Ledger(Stateful):
         ended: list[RoundEnded] = []
         if not is_busy:
             return ended
-        if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake))):
+        if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake, last))):
             note(FragmentsReceived(tick, last, *end))
         for hop, box in self._boxes:
             if not (number := self._schedule.number(hop, tick)):
@@ -267,8 +271,9 @@ class Ledger(Stateful):
             self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
             if hop.is_local:
-                received = box.receivers(number) & awake
-                isolated, averaging = (int(np.count_nonzero(uavs)) for uavs in (awake & ~received, received))
+                received = (box.receivers(number) & awake)[hop.senders]
+                isolated = int(np.count_nonzero(awake[hop.senders] & ~received))
+                averaging = int(np.count_nonzero(received))
                 self.isolated += isolated
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
@@ -311,10 +316,11 @@ class Ledger(Stateful):
     def restored(self) -> None:
         self._list_open()
 
-    def _other(self, awake: Mask) -> Mask:
-        """The UAVs that are awake (N,), without the one that averages for all."""
+    def _other(self, awake: Mask, number: int) -> Mask:
+        """The UAVs among the nodes that are awake (N + B,), without the one that averages a round for all."""
         others = awake.copy()
-        others[self._hops[-1].senders] = False
+        others[self._scenario.uavs :] = False
+        others[self._schedule.senders(self._hops[-1], number)] = False
         return others
 
     def _list_open(self) -> None:
@@ -349,7 +355,7 @@ class Ledger(Stateful):
             after = self._uploads.get(batch.kind, 0)
             if account is None or (age := self._schedule.age(batch.round, tick)) >= after:
                 continue
-            count = np.bincount(batch.source, minlength=self._scenario.uavs)
+            count = np.bincount(batch.source, minlength=self._scenario.nodes)
             used = links[(links[:, LinkColumn.KIND] == batch.kind) & (count[links[:, LinkColumn.SOURCE]] > 0)]
             rows = count[used[:, LinkColumn.SOURCE]]
             spent = used[:, LinkColumn.WAITED] + used[:, LinkColumn.SLOTS] // rows
@@ -375,26 +381,30 @@ class Ledger(Stateful):
         """
         account = self._accounts.pop(number, Account(0, 0, []))
         received = account.received
-        has_others = bool(received - account.refused - {self._scenario.federation.leader})
-        leads = hop.role == "leader"
+        seat = self._schedule.seat(number)
+        has_others = bool(received - account.refused - {seat})
+        leads, is_awake = hop.role == "leader", bool(awake[self._schedule.senders(hop, number)].any())
         outcome: Literal["averaged", "waiting", "void"] = "void"
         reason = ""
         if averaged or (leads and self._verdict.is_done and not self._has_failed):
             self.rounds += 1
             self._averaged = number
             outcome = "averaged"
-        elif leads and awake[hop.senders].any() and has_leader and has_others and not self._has_failed:
+        elif leads and is_awake and has_leader and has_others and not self._has_failed:
             outcome = "waiting"
         else:
             self.rounds_void += 1
             reason = "no model of another UAV was averaged"
-            if leads and not awake[hop.senders].any():
-                reason = f"UAV {self._scenario.federation.leader}, which averages, is lost or paused"
+            if leads and not is_awake:
+                reason = f"{name_of(self._scenario, seat)}, which averages, is lost or paused"
             elif leads and not has_leader:
                 reason = "there is no leader"
             elif has_others:
                 reason = "the aggregation rule failed"
         receiver, copy = self._terms
+        if receiver is not None and self._hops[0].seats is not None:
+            receiver = seat
+        station = None if receiver is None or receiver < self._scenario.uavs else receiver - self._scenario.uavs
         return RoundEnded(
             tick,
             number,
@@ -407,7 +417,8 @@ class Ledger(Stateful):
             received=tuple(sorted(received)),
             late=tuple(sorted(account.late - received)),
             refused=tuple(sorted(account.refused)),
-            receiver=receiver,
+            receiver=receiver if station is None else None,
+            station=station,
             copies=account.copies,
             arrived=account.arrived,
             copy=copy,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.cut import WHOLE, coding_of
+from meanflock.federation.seat import seat
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
@@ -66,6 +67,7 @@ class Plan:
         self._check_resumable()
         self._check_until()
         self._check_silence()
+        self._check_stations()
         self.hops = self._hops()
         for one in (scenario, self.scenario):
             vars(one)[_PLAN] = self
@@ -79,6 +81,10 @@ class Plan:
     def period_ticks(self) -> int:
         """Ticks between rounds, n0."""
         return self.scenario.period_ticks
+
+    def seat(self, number: int) -> int:
+        """The node where the leader averages a round: a UAV, or a station."""
+        return seat(self.scenario, number * self.period_ticks)
 
     @property
     def keeps_residuals(self) -> bool:
@@ -157,6 +163,32 @@ class Plan:
             raise BadInput(
                 f"scenario: `federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models "
                 "have settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
+            )
+
+    def _check_stations(self) -> None:
+        """Validates that channel and topology know stations, if there are any."""
+        scenario = self.scenario
+        if not scenario.stations:
+            return
+        channel: Any = plugins.load("channel", scenario.radio.model)
+        about = f"scenario: there are `[[stations]]`, and the channel {scenario.radio.model}"
+        if not channel.bears_stations():
+            raise BadInput(
+                f"{about} has a `carry` that knows UAVs only; remove them, or let the channel declare `stations = True`"
+            )
+        own = next((number for number, station in enumerate(scenario.stations) if station.has_own_radio), None)
+        if not channel.stations and own is not None:
+            raise BadInput(
+                f"{about} has one radio for all; remove tx_power_dbm, gain_dbi, noise_figure_db and bandwidth_hz of "
+                f"`stations[{own}]`, or take the channel link-budget"
+            )
+        name = topology_of(scenario)
+        if scenario.federation.station is not None and not getattr(
+            plugins.load("topology", name), "bears_station", False
+        ):
+            raise BadInput(
+                f"scenario: `federation.station` is {scenario.federation.station}, and the topology {name} has its "
+                "leader aboard a UAV; remove that key, or take the topology leader"
             )
 
     def _hops(self) -> tuple[Hop, ...]:

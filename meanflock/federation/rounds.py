@@ -126,7 +126,9 @@ class Rounds:
             outbox += self._uploads(self._first, number)
         for averager in self._averagers:
             if number := self._schedule.number(averager.hop, tick):
-                averages = averager.average(number, self._speaking(averager.uavs), self._own_models(averager, number))
+                averages = averager.average(
+                    number, self._speaking(averager, number), self._own_models(averager, number)
+                )
                 refused += averages.refused
                 self.problems += averages.problems
                 outbox += self._sent_averages(averager, number, averages)
@@ -229,11 +231,11 @@ class Rounds:
             )
         return frames
 
-    def _speaking(self, uavs: NDArray[np.intp]) -> Mask:
-        """Mask of these UAVs that are not silent now."""
+    def _speaking(self, averager: Averager, number: int) -> Mask:
+        """Mask of the nodes that average a round: UAVs that are not silent now, or that of the leader."""
         if self._models is None:
-            return np.ones(len(uavs), dtype=bool)
-        return ~contains(self._uavs[self._models.silent()], uavs)
+            return contains(self._schedule.senders(averager.hop, number), averager.uavs)
+        return ~contains(self._uavs[self._models.silent()], averager.uavs)
 
 
 class _Copies:

@@ -28,6 +28,7 @@ class Schedule:
 
     def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
         """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
+        self._plan = plan
         self._scenario = scenario = plan.scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self.hops: tuple[Hop, ...] = plan.hops
@@ -73,9 +74,22 @@ class Schedule:
         """Ticks since a round opened."""
         return tick - number * self.period
 
-    def is_open(self, tick: int) -> bool:
-        """Returns whether mail of a round may arrive in this tick, or its last hop transmit."""
-        return self.period > 0 and tick > self.period and (tick - 1) % self.period < self.hops[-1].after
+    def open_round(self, tick: int) -> int:
+        """The round whose mail may arrive in this tick, or whose last hop transmits; or 0."""
+        if not self.period:
+            return 0
+        number, age = divmod(tick - 1, self.period)
+        return number if number > 0 and age < self.hops[-1].after else 0
+
+    def seat(self, number: int) -> int:
+        """The node where the leader averages a round."""
+        return self._plan.seat(number)
+
+    def senders(self, hop: Hop, number: int) -> NDArray[np.intp]:
+        """The nodes (S,) that may transmit in a hop of a round: its senders, or the one where the leader averages."""
+        if hop.role == "agent" or self._scenario.federation.station is None:
+            return hop.senders
+        return np.array([self.seat(number)])
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""

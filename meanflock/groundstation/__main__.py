@@ -64,7 +64,9 @@ def _run() -> None:
             flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
             outputs = stack.enter_context(Outputs(flown, folder.name, flight, so_far))
             first_block = so_far.next_block if so_far is not None else None
-            station = Station(bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs)
+            station = Station(
+                bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs, nodes=flown.nodes
+            )
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
         print(json.dumps(outputs.summary, indent=1), flush=True)
         if every_uav_was_lost(flown, outputs.summary):

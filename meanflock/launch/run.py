@@ -215,7 +215,7 @@ def _processes(
     try:
         outputs.progress.say("joining")
         first_block = 0 if start is None else start.block + 1
-        station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs)
+        station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs, nodes=scenario.nodes)
         _listen(bus, station, swarm, interrupted, outputs)
     except BadInput as error:
         if outputs.folder.last_tick < 0:

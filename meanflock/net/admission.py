@@ -312,6 +312,7 @@ class Admission:
                     initial_states=self._starts,
                     memory=b"" if past is None else past.memory(uavs),
                     plugins=self._plugins,
+                    stations=len(self._scenario.stations),
                 )
             )
         )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.plan import Plan
+from meanflock.federation.seat import order_of_seats
 from meanflock.net import keys
 from meanflock.net import tick as wire
 from meanflock.net.bus import Bus
@@ -37,7 +38,7 @@ class Replies:
         self._weights = declared.weights
         self._broadcast_numbers = declared.broadcast_numbers
         self._float = FLOAT_OF_BITS[scenario.radio.bits_per_float]
-        self._leader = np.array([scenario.federation.leader])
+        self._seats = np.sort(order_of_seats(scenario))
 
     def table(self) -> Floats:
         """Zeros of the shape (N, 2 + K) of the numbers of all UAVs in a tick."""
@@ -108,7 +109,7 @@ class Replies:
                 raise MessageRejected("wrong-shape", f"payload: expected floats {self._float}, got {payload.dtype}")
             if not 0 < payload.shape[1] <= self._broadcast_numbers or frames.round >= MAX_BROADCASTS:
                 raise MessageRejected("wrong-shape", f"broadcast {frames.round} of {payload.shape[1]} numbers")
-        own = self._leader if member.role == LEADER else member.uavs
+        own = self._seats if member.role == LEADER else member.uavs
         of_uavs = contains(own, source).all() if kind != FrameKind.STATE else _ascending_part(own, source)
         if not len(source) or not (_equal(own, source) or of_uavs):
             raise MessageRejected("wrong-shape", f"frames of {member.name} name UAVs {source.tolist()}")

@@ -76,7 +76,7 @@ class NodeClient:
             raise BusError(f"the world of run {self._run!r} answered with {type(welcome).__name__}")
         self._act_key = keys.act(self._run, welcome.node)
         self._blank = np.zeros((len(welcome.uavs), welcome.initial_states.shape[-1]))  # of the states of a Sense
-        self._everyone = len(welcome.initial_states)
+        self._nodes = len(welcome.initial_states) + welcome.stations
         try:
             _check_plugins(welcome, request.role)
             self._node = make(welcome)
@@ -125,7 +125,7 @@ class NodeClient:
     def _asked(self, key: str, raw: bytes) -> None:
         """Reply to one message of a tick, while no other thread calls the node."""
         try:
-            sense = tick.read_sense(raw, self._blank.copy(), self._everyone)
+            sense = tick.read_sense(raw, self._blank.copy(), self._nodes)
             if sense.run != self._fingerprint:
                 raise MessageRejected("wrong-run", f"run {sense.run:#x}, this is {self._fingerprint:#x}")
             if sense.tick < self._last_tick:

@@ -30,7 +30,7 @@ def read_sense(raw: bytes, states: Floats | None = None, uavs: int = 0) -> Sense
 
     Args:
         states: (M, 4), array to which the states are written, which must have this shape; None: none.
-        uavs: number of UAVs of the swarm, to check whom the frames name; 0: unchecked.
+        uavs: number of UAVs and stations of the swarm, to check whom the frames name; 0: unchecked.
 
     Raises:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.

@@ -14,6 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from meanflock.federation.plan import plan_of
+from meanflock.federation.seat import seat
 from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.clusters import Division
 from meanflock.recording import drawing, mission_map, plots
@@ -88,7 +89,7 @@ OUTCOMES = {  # of the uploads of a round: name and colour of a node
     "silent": drawing.GREY,
     "no part": drawing.DISC,
 }
-CENTRE = drawing.WHITE  # of the UAV that averages for all
+CENTRE = drawing.WHITE  # of the node that averages for all
 
 
 def lane(uav: int, now: Lane) -> str:
@@ -97,9 +98,15 @@ def lane(uav: int, now: Lane) -> str:
 
 
 def centre(scenario: Scenario) -> int | None:
-    """The UAV that averages the models of a round at last; None if each UAV averages for itself."""
+    """The node that averages the models of a round at last; None if each UAV averages for itself."""
     hops = _hops(scenario)
-    return None if hops and hops[-1].is_local else scenario.federation.leader
+    return None if hops and hops[-1].is_local else seat(scenario)
+
+
+def nodes(scenario: Scenario) -> list[str]:
+    """Names of the nodes in the graph of a round: the UAVs by number, then the stations."""
+    stations = [f"station {number}" for number in range(len(scenario.stations))]
+    return [*map(str, range(scenario.uavs)), *stations]
 
 
 def _hops(scenario: Scenario) -> tuple[Hop, ...]:
@@ -110,11 +117,11 @@ def _hops(scenario: Scenario) -> tuple[Hop, ...]:
 
 
 def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of the nodes in the graph of a round, and their places, (N + outcomes, 2): the UAVs, then the key.
+    """Names of the nodes in the graph of a round, and their places, (N + B + outcomes, 2): all nodes, then the key.
 
     Heads are between their UAVs and the leader.
     """
-    angle = np.arange(scenario.uavs) * (2 * math.pi / scenario.uavs)
+    angle = np.arange(scenario.nodes) * (2 * math.pi / scenario.nodes)
     radius = max(80.0, 9.0 * scenario.uavs)
     places = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius
     middle = centre(scenario)
@@ -122,7 +129,7 @@ def graph(scenario: Scenario) -> tuple[list[str], NDArray[np.float64]]:
         places[Division(scenario).heads] *= 0.5
         places[middle] = 0.0
     key = np.stack([np.full(len(OUTCOMES), 1.5), np.linspace(-0.8, 0.8, len(OUTCOMES))], axis=-1) * radius
-    return [*map(str, range(scenario.uavs)), *OUTCOMES], np.concatenate([places, key])
+    return [*nodes(scenario), *OUTCOMES], np.concatenate([places, key])
 
 
 def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
@@ -137,7 +144,8 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=size(0.3), draw_order=14.0))
     log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[drawing.COLLISION], radii=size(1.2), draw_order=40.0))
     log(OBSTACLE_HITS, rr.LineStrips2D.from_fields(colors=[drawing.HIT], radii=size(1.5), draw_order=40.0))
-    log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[drawing.WHITE], draw_order=20.0))
+    if scenario.federation.station is None:
+        log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[drawing.WHITE], draw_order=20.0))
     log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map
     log(HEADS, rr.Points2D.from_fields(radii=size(5.5), colors=[drawing.HEAD], draw_order=19.0))
     log(HALOS, rr.Points2D.from_fields(radii=size(6.5), draw_order=18.0))
@@ -181,7 +189,7 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
     close_up = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
         contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label", f"- /{WORDS}"],
-        name=f"leader, UAV {leader}; discs: r_coll {radius:g} m",
+        name=f"{'leader, ' * (scenario.federation.station is None)}UAV {leader}; discs: r_coll {radius:g} m",
         background=_CANVAS,
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
         overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},

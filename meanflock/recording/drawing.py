@@ -24,6 +24,7 @@ _SCALARS = rr.Scalars.descriptor_scalars()
 # Shapes around the origin, of radius 1, as one line each: (points, 2).
 _CORNERS = np.arange(11) * (math.pi / 5) + math.pi / 2
 STAR = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)], axis=-1) * np.where(np.arange(11) % 2, 0.4, 1.0)[:, None]
+TRIANGLE = np.array([(-0.9, -1.0), (0.9, -1.0), (0.0, 1.0), (-0.9, -1.0)])
 CROSS = np.array([(-1.0, -1.0), (1.0, 1.0), (0.0, 0.0), (-1.0, 1.0), (1.0, -1.0)]) * math.sqrt(0.5)
 
 # Readers with any common colour vision can tell delivered messages from outages, and the lines of a plot.
@@ -39,6 +40,7 @@ ICE = 0x8FE9FFFF
 COLLISION = PINK
 HIT = ORANGE
 HEAD = BLUE
+STATION = WHITE
 LINES = (ORANGE, BLUE, GREEN, VIOLET, WHITE, GREY, RED, PINK, ICE)  # of a plot, in this order, then from the start
 DISC, BREEZE = 0x3A4150FF, 0xF4A25966  # an obstacle; the wind at a place
 FROZEN = ICE

@@ -12,7 +12,7 @@ from meanflock.results.disk import LARGE_SWARM
 from meanflock.results.event_log import event_level, event_text
 from meanflock.results.quantities import PHI_G
 from meanflock.results.series import COLUMN, Reported
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
@@ -88,8 +88,16 @@ class Trails:
             yield blueprint.TRAILS, ticks[ends - begun], cut(pieces, *parts)
 
 
+def with_stations(positions: Floats, scenario: Scenario) -> Floats:
+    """The positions (T, N + B, 2) of all nodes, m, of UAVs at `positions` (T, N, 2)."""
+    if not scenario.stations:
+        return positions
+    there = mission.stations(scenario)[:, :2].astype(positions.dtype)
+    return np.concatenate([positions, np.broadcast_to(there, (len(positions), *there.shape))], axis=1)
+
+
 def link_rows(ticks: Ticks, positions: Floats, links: Links) -> Iterator[Sent]:
-    """Links (K, 7) as lines on the map, the UAVs being at `positions` (T, N, 2), m, at ticks (T,)."""
+    """Links (K, 7) as lines on the map, the nodes being at `positions` (T, N + B, 2), m, at ticks (T,)."""
     links = links[np.argsort(links[:, LinkColumn.TICK], kind="stable")]
     models = links[:, LinkColumn.KIND] != FrameKind.STATE
     for entity, chosen in ((blueprint.MODEL_LINKS, links[models]), (blueprint.STATE_LINKS, links[~models])):

@@ -24,6 +24,7 @@ KEY_PX = 260.0  # width of the key, enough for its words in every window
 _WINDOW_PX = 1920.0  # width of the window for which the key is laid out
 _SINGLE_PX = 960.0, 545.0  # size there of a flight's map beside its plots
 _MAPS_PX, _TITLE_PX = 730.0, 30.0  # heights there of the maps of several flights together, and of the title of each
+STATION = 0.02  # half the height of a station's triangle, as a share of the longer side of the map
 ARROWS = 14  # of the wind, along the longer side of the map
 ARROW = 0.8  # length of the longest arrow, as a share of their distance
 _COLUMNS = 2  # of the key
@@ -55,13 +56,16 @@ def is_about_its_start(scenario: Scenario) -> bool:
 
 
 def box(scenario: Scenario) -> Corners:
-    """The mission on the map: all starts, all obstacles, all goals with room to overshoot."""
+    """The mission on the map: all starts, all obstacles and stations, all goals with room to overshoot."""
     first, last = start_box(scenario)
     goals, discs = mission.goals(scenario), mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
     for x, y, radius in discs.tolist():
         low, high = np.minimum(low, (x - radius, y - radius)), np.maximum(high, (x + radius, y + radius))
+    if scenario.stations:
+        places = mission.stations(scenario)[:, :2]
+        low, high = np.minimum(low, places.min(axis=0)), np.maximum(high, places.max(axis=0))
     return low, high
 
 
@@ -120,6 +124,7 @@ def log(part: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> No
     _log_obstacles(part, scenario)
     _log_start(part, scenario)
     _log_goals(part, scenario)
+    _log_stations(part, scenario)
     _log_key(part, scenario, reported, maps)
 
 
@@ -155,6 +160,15 @@ def _log_obstacles(part: Part, scenario: Scenario) -> None:
     edges = [circle((x, y), radius) for x, y, radius in discs.tolist()]
     outline = rr.LineStrips2D(edges, colors=[drawing.GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0)
     part.log("map/obstacles/edges", outline)
+
+
+def _log_stations(part: Part, scenario: Scenario) -> None:
+    """Logs a triangle for each station, with its number and height."""
+    size = STATION * float(np.subtract(*box(scenario)[::-1]).max())
+    for number, (x, y, height) in enumerate(mission.stations(scenario).tolist()):
+        part.line(f"map/stations/{number}", size * drawing.TRIANGLE + (x, y), drawing.STATION, 2.0)
+        word = f"station {number}, {height:g} m up"
+        part.label(f"map/stations/{number}/label", (x, y + size), word, drawing.STATION)
 
 
 def _log_field(part: Part, scenario: Scenario) -> None:
@@ -214,6 +228,8 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
         Gust: ("gust", drawing.GUST, across, 1.0),
         Kill: ("lost", drawing.GREY, ring, 2.0),
     }
+    if scenario.stations:
+        samples.append(("station", drawing.STATION, 0.7 * drawing.TRIANGLE, 2.0))
     kinds = {type(fault) for fault in scenario.faults}
     return samples + [sample for kind, sample in of_faults.items() if kind in kinds]
 

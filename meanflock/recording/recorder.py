@@ -21,7 +21,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.recording import blueprint, mission_map
 from meanflock.recording.disturbances import Disturbances
 from meanflock.recording.drawing import Part, Sent, Ticks
-from meanflock.recording.flight import Trails, event_rows, link_rows, uav_colors, uav_rows
+from meanflock.recording.flight import Trails, event_rows, link_rows, uav_colors, uav_rows, with_stations
 from meanflock.recording.plots import plot_rows, report_rows
 from meanflock.recording.rounds import RoundRows
 from meanflock.recording.viewer import await_listener, listening_address
@@ -127,7 +127,7 @@ class Writer:
             self._send(uav_rows(rows, states[chosen], colors[chosen], self._scenario.federation.leader))
             self._send(self._disturbances.rows(rows, states[chosen]))
         self._send(self._trails.rows(ticks, positions, colors))
-        self._send(link_rows(ticks, positions, links))
+        self._send(link_rows(ticks, with_stations(positions, self._scenario), links))
         self._send(self._rounds.rows(ticks, links, events, status))
         self._send(report_rows(blocks, self._reported))
         self._send(event_rows(ticks, positions, swarm, events))

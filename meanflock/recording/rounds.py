@@ -32,7 +32,7 @@ _NO_LINKS = np.zeros((0, len(LinkColumn)), dtype=np.int32)
 
 
 class Drawing(NamedTuple):
-    """The graph of a round in a tick: colours of the UAVs (N,), their labels, and the edges, (E, 2)."""
+    """The graph of a round in a tick: colours of the nodes (N + B,), their labels, and the edges, (E, 2)."""
 
     colors: Colors
     labels: list[str]
@@ -45,7 +45,7 @@ class RoundRows:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._is_drawn = scenario.uavs <= LARGE_SWARM
-        self._names = [str(uav) for uav in range(scenario.uavs)]
+        self._names = blueprint.nodes(scenario)
         self._centre = blueprint.centre(scenario)
         self._links = _NO_LINKS  # of the last round
         self._last, self._is_over = -1, True  # tick of its last links, and whether its event has come
@@ -103,9 +103,9 @@ class RoundRows:
         return np.asarray(is_upload & (scenario.delivery_ticks(spent) > scenario.deadline_ticks))
 
     def _provisional(self) -> Colors:
-        """Colours by the links alone, (N,)."""
+        """Colours by the links alone, (N + B,)."""
         links = self._links
-        colors = np.full(self._scenario.uavs, blueprint.OUTCOMES["no part"], dtype=np.uint32)
+        colors = np.full(len(self._names), blueprint.OUTCOMES["no part"], dtype=np.uint32)
         late = self._late()
         through = links[:, LinkColumn.DELIVERED] > 0
         for name, chosen in (("lost", ~through), ("late", through & late), ("received", through & ~late)):
@@ -115,7 +115,7 @@ class RoundRows:
         return colors
 
     def _final(self, ended: RoundEnded, lost: Mask) -> Colors:
-        """Colours at the end of the round, (N,). lost: the UAVs that are lost, (N,)."""
+        """Colours at the end of the round, (N + B,). lost: the UAVs that are lost, (N,)."""
         colors, scenario = self._provisional(), self._scenario
         sent = np.array(ended.sent, dtype=np.intp)
         paused = faults.paused(scenario.faults, ended.opened, scenario.dt)
@@ -142,9 +142,9 @@ class RoundRows:
 
     def _edges(self) -> NDArray[np.int32]:
         """The pairs of UAVs between which an upload or an average was delivered, (E, 2), at most `EDGES`."""
-        links, uavs = self._delivered(), self._scenario.uavs
-        pairs = np.unique(links[:, LinkColumn.SOURCE] * uavs + links[:, LinkColumn.TARGET])[:EDGES]
-        return np.stack(np.divmod(pairs, uavs), axis=-1)
+        links, count = self._delivered(), len(self._names)
+        pairs = np.unique(links[:, LinkColumn.SOURCE] * count + links[:, LinkColumn.TARGET])[:EDGES]
+        return np.stack(np.divmod(pairs, count), axis=-1)
 
     def _columns(self, drawings: list[Drawing]) -> list[rr.ComponentColumn]:
         """The columns of some graphs, each with all nodes, those of the key included."""

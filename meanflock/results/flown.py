@@ -16,7 +16,7 @@ from meanflock.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start
+from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start, Station
 
 _MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
@@ -33,6 +33,7 @@ class FlownKeys(msgspec.Struct):
     destination: Destination = field(default_factory=Destination)
     metrics: Metrics = field(default_factory=Metrics)
     obstacles: tuple[Obstacle, ...] = ()
+    stations: tuple[Station, ...] = ()
 
 
 def flown_keys(folder: Path) -> FlownKeys:

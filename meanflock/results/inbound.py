@@ -18,8 +18,10 @@ from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Li
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
 
-def check(block: Telemetry, uavs: int | None) -> Telemetry:
+def check(block: Telemetry, uavs: int | None, nodes: int | None = None) -> Telemetry:
     """Check that the arrays of a block have the same T ≥ 1 rows and `uavs` UAVs (None: as many as its states).
+
+    `nodes`: number of UAVs and stations, between which there are links; None: there are no stations.
 
     Raises:
         MessageRejected: `wrong-shape` or `non-finite`.
@@ -51,8 +53,8 @@ def check(block: Telemetry, uavs: int | None) -> Telemetry:
     if (block.status > max(Status)).any():
         raise MessageRejected("wrong-shape", "an invalid status")
     ends, kinds = block.links[:, [LinkColumn.SOURCE, LinkColumn.TARGET]], block.links[:, LinkColumn.KIND]
-    if ((ends < 0) | (ends >= n)).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
-        raise MessageRejected("wrong-shape", "links of UAVs or frames that are not there")
+    if ((ends < 0) | (ends >= (nodes or n))).any() or ((kinds < 0) | (kinds > max(FrameKind))).any():
+        raise MessageRejected("wrong-shape", "links of nodes or frames that are not there")
     for event in block.events:
         if not all(map(math.isfinite, _floats(event))):
             raise MessageRejected("non-finite", f"{event.kind}: a number that is not finite")

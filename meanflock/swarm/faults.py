@@ -12,6 +12,9 @@ from msgspec import Meta
 from meanflock.swarm.toml import Table
 
 Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs that it hits")]
+Stations: TypeAlias = Annotated[
+    tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the stations that it hits, numbered from 0")
+]
 Duration: TypeAlias = Annotated[float, Meta(gt=0, description="duration of the fault, s")]
 
 
@@ -44,9 +47,15 @@ class _Fault(Table, frozen=True, tag_field="kind", omit_defaults=True):
 
 
 class _OfSome(_Fault, frozen=True, kw_only=True):
-    """A fault of named UAVs."""
+    """A fault of named UAVs and stations."""
 
-    uavs: Annotated[Uavs, Meta(min_length=1)]
+    uavs: Uavs = ()
+    stations: Stations = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.uavs and not self.stations:
+            raise ValueError("a fault hits `uavs` or `stations`: name one at least")
 
 
 class _Where(_Fault, frozen=True, kw_only=True):
@@ -64,28 +73,33 @@ class _Where(_Fault, frozen=True, kw_only=True):
 
 
 class Kill(_OfSome, frozen=True, kw_only=True, tag="kill"):
-    """UAVs are lost for good, without commands and radio. A node gets Stop when all its UAVs are lost."""
+    """UAVs and stations are lost for good, without commands and radio. A node gets Stop when all its UAVs are lost."""
 
 
 class Pause(_OfSome, frozen=True, kw_only=True, tag="pause"):
-    """UAVs keep their last command, and neither receive, send nor learn, like a stopped computer."""
+    """UAVs keep their last command, and neither receive, send nor learn, like a stopped computer; stations average
+    nothing."""
 
     duration_s: Duration
 
 
 class Partition(_OfSome, frozen=True, kw_only=True, tag="partition"):
-    """Every radio link from or to these UAVs fails, links between them included; the slots are spent."""
+    """Every radio link from or to these UAVs and stations fails, links between them included; the slots are spent."""
 
     duration_s: Duration
 
 
 class Jam(_Where, frozen=True, kw_only=True, tag="jam"):
-    """Links between two of the named UAVs, or with an end in the area, fail; the slots are spent."""
+    """Links between two of the named UAVs and stations, or with an end in the area, fail; the slots are spent."""
+
+    stations: Stations = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (len(self.uavs) < 2) == (self.centre is None):
-            raise ValueError("a jam needs either two or more `uavs`, or an area of `centre` and `radius_m`")
+        if (len(self.uavs) + len(self.stations) < 2) == (self.centre is None):
+            raise ValueError(
+                "a jam needs either two or more `uavs` and `stations`, or an area of `centre` and `radius_m`"
+            )
 
 
 class Gust(_Where, frozen=True, kw_only=True, tag="gust"):

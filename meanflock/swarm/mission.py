@@ -40,6 +40,10 @@ class Mission(Protocol):
     def obstacles(self) -> Any:
         """`[[obstacles]]`."""
 
+    @property
+    def stations(self) -> Any:
+        """`[[stations]]`."""
+
 
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 4) in m and m/s. All UAVs are at rest."""
@@ -127,6 +131,11 @@ def launches(mission: Mission) -> NDArray[np.intp]:
 def obstacles(mission: Mission) -> Floats:
     """Obstacles, (K, 3): x, y and radius of each disc in m."""
     return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
+
+
+def stations(mission: Mission) -> Floats:
+    """Places of the stations, (B, 3) in m."""
+    return np.array([station.place for station in mission.stations], dtype=np.float64).reshape(-1, 3)
 
 
 def check(mission: Mission) -> None:

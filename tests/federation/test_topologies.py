@@ -240,7 +240,7 @@ def test_every_round_that_opens_closes_once_in_order_while_it_is_open(
     waits = {end - begin for (begin, _), (end, _) in zip(opened, closed, strict=False)}
     assert waits == {max(1, int(np.ceil(np.round(slots * coherence / 0.1, 9))))}
     wanted = {tick for (begin, _), (end, _) in zip(opened, closed, strict=False) for tick in range(begin + 1, end + 1)}
-    assert {tick for tick in range(max(wanted) + 1) if rounds.is_open(tick)} == wanted
+    assert {tick for tick in range(max(wanted) + 1) if rounds.open_round(tick)} == wanted
 
 
 @pytest.mark.parametrize(("uavs", "fraction", "expected"), [(25, 0.8, 20), (1, 0.8, 1), (7, 1.0, 7), (10, 0.01, 1)])

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from meanflock.federation.band import attempt_ticks
 from meanflock.federation.codec import Codec
 from meanflock.federation.cut import Codecs
+from meanflock.federation.seat import order_of_seats, seat
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import contains
 from meanflock.swarm.wire.messages import FrameKind
 
 Role: TypeAlias = Literal["agent", "leader"]
@@ -27,8 +29,11 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         label: kind of the frames, by which the radio bills them and orders their random draws.
         after: ticks from the opening of the round to the transmission.
         role: the nodes that transmit for these UAVs.
-        senders: (S,) the UAVs that may transmit, ascending.
-        targets: (N, T) the UAVs that each one transmits to, ascending; itself needs no radio. None: everyone.
+        senders: (S,) the UAVs that may transmit, ascending; of the leader's hops the nodes where it may average, of
+            which one transmits.
+        targets: (N, T) the nodes that each UAV transmits to, ascending; itself needs no radio. None: all UAVs.
+        seats: (A,) nodes, ascending, to one of which all transmit: that where the leader averages the round. `targets`
+            has the one before any fault. None: it is always the same.
         codec: how the models are written.
         averages: what arrives by the hop before, and is averaged: `nothing`, so that the participants send their own
             models; `models`, by the scenario's aggregation rule; `means`, each by what stands behind it.
@@ -51,9 +56,18 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     mail: Optional["Hop"] = None
     is_last: bool = False
     attempt_ticks: int = 0
+    seats: Indices | None = None
+
+    def targets_of(self, sources: Indices, seat: int) -> Indices | None:
+        """The nodes (S, T) that UAVs (S,) transmit to while the leader averages at the node `seat`; None: all UAVs."""
+        if self.seats is not None:
+            return np.full((len(sources), 1), seat)
+        return None if self.targets is None else self.targets[sources]
 
     def reaches(self, source: NDArray[np.integer], target: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Returns whether a transmission of UAV `source` (K,) is meant for UAV `target` (K,); `(K,)`."""
+        """Returns whether a transmission of UAV `source` (K,) may be meant for node `target` (K,); `(K,)`."""
+        if self.seats is not None:
+            return contains(self.seats, target)
         if self.targets is None:
             return np.ones(len(source), dtype=bool)
         return np.asarray((self.targets[source] == target[:, None]).any(axis=-1))
@@ -91,6 +105,7 @@ class Topology:
     plugin_kind: ClassVar[Literal["topology"]] = "topology"
     name: ClassVar[str] = ""  # value of `federation.topology`
     bears_clusters: ClassVar[bool] = True  # false: with `federation.clusters` > 1 it is refused
+    bears_station: ClassVar[bool] = False  # whether its leader averages at `federation.station`, or it has no leader
     Options: ClassVar[type[msgspec.Struct]] = Options
 
     def __init__(self, options: Any, scenario: Scenario, declared: Declared) -> None:
@@ -106,6 +121,16 @@ class Topology:
     def codecs(self) -> Codecs:
         """The codecs of uploads, averages and global models."""
         return Codecs(self.scenario, self.declared)
+
+    @cached_property
+    def seats(self) -> Indices:
+        """(A,) the nodes where the leader may average, ascending: `senders` of its hops."""
+        return np.sort(order_of_seats(self.scenario))
+
+    def to_seat(self) -> dict[str, Any]:
+        """`targets` and `seats` of a hop to the node where the leader averages."""
+        targets = np.full((self.scenario.uavs, 1), seat(self.scenario))
+        return {"targets": targets, "seats": self.seats if len(self.seats) > 1 else None}
 
     def must_end(self, codec: Codec) -> bool:
         """Returns whether a round, of models written so, must be over before the next one opens.

@@ -14,7 +14,8 @@ class Division:
 
     Attributes:
         cluster: (N,) the cluster ⌊iK/N⌋ of UAV i. sizes: (K,) UAVs in each. heads: (K,) UAVs, ascending: the leader's
-        UAV h in its own cluster, the lowest in every other. head_of: (N,) the UAV that heads the cluster of UAV i.
+        UAV h in its own cluster, unless a station averages; the lowest in every other. head_of: (N,) the UAV that heads
+        the cluster of UAV i.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -22,7 +23,8 @@ class Division:
         self.cluster = np.arange(scenario.uavs) * count // scenario.uavs
         self.sizes = np.bincount(self.cluster, minlength=count)
         self.heads = np.searchsorted(self.cluster, np.arange(count))
-        self.heads[self.cluster[leader]] = leader
+        if scenario.federation.station is None:
+            self.heads[self.cluster[leader]] = leader
         self.head_of = self.heads[self.cluster]
 
 
@@ -30,10 +32,10 @@ class Clusters(Topology):
     """Participants upload to the heads of their clusters; the leader averages and broadcasts the heads' means."""
 
     name = "clusters"
+    bears_station = True
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
-        leader = scenario.federation.leader
         self._check()
         division = Division(scenario)
         uploads, broadcasts = self.codecs.upload, self.codecs.broadcast
@@ -46,11 +48,11 @@ class Clusters(Topology):
                 f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "
                 f"{scenario.period_ticks} has no room for two hops of up to {after} ticks in all; take at least {least}"
             )
-        to_heads, to_leader = division.head_of[:, None], np.full((scenario.uavs, 1), leader)
+        to_heads = division.head_of[:, None]
         return (
             Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), to_heads, uploads),
-            Hop(FrameKind.RELAY, relays, "agent", division.heads, to_leader, averages, "models"),
-            Hop(FrameKind.GLOBAL, after, "leader", np.array([leader]), None, broadcasts, "means"),
+            Hop(FrameKind.RELAY, relays, "agent", division.heads, codec=averages, averages="models", **self.to_seat()),
+            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, broadcasts, "means"),
         )
 
     def _check(self) -> None:

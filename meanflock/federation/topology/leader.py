@@ -7,13 +7,14 @@ from meanflock.swarm.wire.messages import FrameKind
 
 
 class LeaderTopology(Topology):
-    """Participants upload to the leader's UAV, which broadcasts the average to all."""
+    """Participants upload to the leader's UAV, or to a station, which broadcasts the average to all."""
 
     name = "leader"
     bears_clusters = False
+    bears_station = True
 
     def hops(self) -> tuple[Hop, ...]:
-        scenario, codecs, leader = self.scenario, self.codecs, self.scenario.federation.leader
+        scenario, codecs = self.scenario, self.codecs
         after = self.upload_ticks(codecs.upload)
         ticks = after + self.ticks(codecs.broadcast, receivers=scenario.uavs - 1)
         if ticks > scenario.period_ticks and self.must_end(codecs.upload):
@@ -21,8 +22,7 @@ class LeaderTopology(Topology):
                 f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "
                 f"models go in {codecs.upload.count} fragment{'s' * (codecs.upload.count > 1)}; take at least {ticks}"
             )
-        to_leader = np.full((scenario.uavs, 1), leader)
         return (
-            Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), to_leader, codecs.upload),
-            Hop(FrameKind.GLOBAL, after, "leader", np.array([leader]), None, codecs.broadcast, "models"),
+            Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), codec=codecs.upload, **self.to_seat()),
+            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, codecs.broadcast, "models"),
         )

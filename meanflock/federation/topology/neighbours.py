@@ -14,6 +14,7 @@ class Neighbours(Topology):
 
     name = "neighbours"
     bears_clusters = False
+    bears_station = True
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario

@@ -79,6 +79,7 @@ CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E6
 INK = "#222222"
 PALE = "#9A9A9A"
 GOAL = "#2E8B57"
+TRIANGLE: dict[str, Any] = {**STAR, "marker": "^", "markersize": 6.0, "color": INK}  # a station
 RING: dict[str, Any] = {  # the goal, in a legend
     "linestyle": "",
     "marker": "o",

@@ -127,12 +127,15 @@ def _events(path: Path) -> list[dict[str, Any]]:
 
 
 def _draw_mission(ax: Axes, flown: FlownKeys | Scenario) -> None:
-    """Draws goals and obstacles over the paths, and names them in the legend."""
+    """Draws goals, obstacles and stations over the paths, and names them in the legend."""
     goals, radius = mission.goals(flown), flown.destination.radius
     for x, y, size in mission.obstacles(flown).tolist():
         ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
     if len(flown.obstacles):
         ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
+    if len(flown.stations):
+        places = mission.stations(flown)[:, :2]
+        ax.plot(*places.T, **plotstyle.TRIANGLE, label=f"station{'s' * (len(places) > 1)}")
     if (goals == goals[0]).all():
         for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
             ax.add_patch(Circle(tuple(goals[0]), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))

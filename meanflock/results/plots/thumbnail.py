@@ -1,4 +1,4 @@
-"""A small SVG drawing of a run: paths on the map, starts, goals, obstacles and collisions."""
+"""A small SVG drawing of a run: paths on the map, starts, goals, obstacles, stations and collisions."""
 
 from collections.abc import Iterable
 
@@ -36,7 +36,7 @@ def thumbnail(run: RunPicture) -> str:
     if not np.isfinite(position).all():
         raise BadInput("positions that are not finite; bring the time series back, or fly the run again")
     goals = np.unique(mission.goals(flown), axis=0)
-    view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2]])
+    view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2], mission.stations(flown)[:, :2]])
     parts = [
         *_discs(view, flown),
         *_paths(view, position, plotstyle.colour(flown.method)),
@@ -44,6 +44,7 @@ def thumbnail(run: RunPicture) -> str:
         *_circles(view, position[-1], 1.8, f'fill="{plotstyle.INK}"'),
         *_circles(view, places_of(run.events, "collision", position), 3.0, f'fill="{plotstyle.STAR["color"]}"'),
         *_goals(view, goals, flown.destination.radius),
+        *_triangles(view, mission.stations(flown)[:, :2]),
         _scale_bar(view),
     ]
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(parts)}</svg>'
@@ -95,6 +96,12 @@ def _discs(view: _MapScale, flown: FlownKeys | Scenario) -> list[str]:
     look = f'fill="{plotstyle.PALE}" fill-opacity=".5"'
     discs = mission.obstacles(flown)
     return [circle for disc in discs for circle in _circles(view, disc[None, :2], float(disc[2]) * view.scale, look)]
+
+
+def _triangles(view: _MapScale, places: Floats) -> list[str]:
+    """The stations."""
+    look = f'fill="{plotstyle.INK}"'
+    return [f'<path d="M{x - 3:.1f} {y + 3:.1f}h6l-3 -6z" {look}/>' for x, y in view(places)]
 
 
 def _goals(view: _MapScale, goals: Floats, radius_m: float) -> list[str]:

@@ -16,7 +16,7 @@ class RoundEnded(BaseEvent, frozen=True):
         sent: UAVs that sent, ascending. received: those whose upload, or a part of it, was there when the round was
             averaged. late: those whose upload was not, and came later. refused: those whose upload was received and
             could not be averaged.
-        receiver: the UAV that receives all uploads; None if there are several.
+        receiver: the UAV that receives all uploads; None if there are several, or a station does.
         copies: messages over links to other UAVs; a model in fragments is one message for each. arrived: those that
             were there in time. copy: name of a copy, if an upload has several; else empty.
         earlier: late uploads of the round before, which count in this one.
@@ -30,6 +30,7 @@ class RoundEnded(BaseEvent, frozen=True):
         metrics: numbers that the aggregation rule reports, by name.
         shares: of each upload of `sent`, the share that was there when the round was averaged.
         delays_s: time after the opening at which its last part arrived, s; None if nothing did. Late ones count.
+        station: the station that receives all uploads; None if UAVs do.
     """
 
     meanings = {
@@ -63,6 +64,7 @@ class RoundEnded(BaseEvent, frozen=True):
     metrics: dict[str, float] = {}
     shares: tuple[float, ...] = ()
     delays_s: tuple[float | None, ...] = ()
+    station: int | None = None
 
     @property
     def kind(self) -> str:
@@ -106,6 +108,8 @@ class RoundEnded(BaseEvent, frozen=True):
     @property
     def _account(self) -> str:
         at = "" if self.receiver is None else f" by UAV {self.receiver}"
+        if self.station is not None:
+            at = f" by station {self.station}"
         parts = [
             f"{len(self.sent)} of {self.participants} participants sent",
             _some(self.silent, "silent"),

@@ -20,6 +20,7 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     Radio,
     Sharing,
     Start,
+    Station,
     Truth,
     VehicleTable,
     Wind,

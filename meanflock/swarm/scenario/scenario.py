@@ -20,6 +20,8 @@ from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, w
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
+_LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
+
 
 class _Validating(msgspec.StructMeta):
     """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
@@ -120,6 +122,16 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     training: Annotated[tables.Training, LATER] = field(default_factory=tables.Training)
     federation: tables.Federation = field(default_factory=tables.Federation)
     radio: tables.Radio = field(default_factory=tables.Radio)
+    stations: Annotated[
+        tuple[tables.Station, ...],
+        key(
+            "nodes of the radio on the ground; they do not fly, learn or count in any metric of the flight",
+            OURS,
+            "the paper has none",
+            later=True,
+            max_length=tables.MOST_STATIONS,
+        ),
+    ] = ()
     vehicle: tables.VehicleTable = field(default_factory=tables.VehicleTable)
     energy: Annotated[tables.Energy, LATER] = field(default_factory=tables.Energy)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
@@ -182,6 +194,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             raise ValueError(
                 f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
             )
+        self._check_stations()
         if self.until is not None:
             Until.of_text(self.until)
         if self.duration < self.dt:
@@ -206,6 +219,29 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         for number, fault in enumerate(self.faults):
             if any(uav >= self.uavs for uav in getattr(fault, "uavs", ())):
                 raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{self.uavs - 1}")  # type: ignore[union-attr]
+            for station in getattr(fault, "stations", ()):
+                if station >= len(self.stations):
+                    raise ValueError(
+                        f"`faults[{number}].stations` names station {station}, and there are {len(self.stations)} "
+                        "`[[stations]]`, numbered from 0"
+                    )
+
+    def _check_stations(self) -> None:
+        """Raises ValueError where a station is named that is not there, or stands where a UAV starts."""
+        if (station := self.federation.station) is not None and station >= len(self.stations):
+            raise ValueError(
+                f"`federation.station` is {station}, and there are {len(self.stations)} `[[stations]]`, numbered from "
+                "0; add it, or name another one"
+            )
+        starts = state.position(mission.starts(self))
+        for number, one in enumerate(self.stations):
+            x, y, z = one.place
+            apart = np.hypot(np.hypot(*(state.flat(starts) - (x, y)).T), self.start.height - z)
+            if (near := float(apart.min())) < _LEAST_FROM_STATION_M:
+                raise ValueError(
+                    f"`stations[{number}]` stands {near:.2g} m from the start of UAV {apart.argmin()}, at a height of "
+                    f"{self.start.height:g} m; move it {_LEAST_FROM_STATION_M:g} m away or more"
+                )
 
     @property
     def dimensions(self) -> int:
@@ -216,6 +252,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     def state_numbers(self) -> int:
         """Numbers of a state, 2d: of position and velocity."""
         return 2 * self.dimensions
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes of the radio, N + B: the UAVs, then the stations, which are nodes N, N + 1, …"""
+        return self.uavs + len(self.stations)
 
     @property
     def period_ticks(self) -> int:

@@ -88,6 +88,7 @@ class Welcome(_ControlMessage, frozen=True, tag="welcome"):
     initial_states: np.ndarray  # (N, 4) floats of the radio: the mission plan, known to all UAVs
     memory: bytes = b""  # in a resumed run: a record of the memory of the node's UAVs
     plugins: tuple[tuple[PluginKind, str, str], ...] = ()  # kind, name and fingerprint of the plug-ins of the run
+    stations: int = 0  # nodes of the radio after the UAVs
 
 
 class Refusal(_ControlMessage, frozen=True, tag="refusal"):

@@ -5,5 +5,6 @@ from meanflock.swarm.scenario.tables.mission import Destination, Metrics, Obstac
 from meanflock.swarm.scenario.tables.pace import Pace  # noqa: F401
 from meanflock.swarm.scenario.tables.radio import Radio  # noqa: F401
 from meanflock.swarm.scenario.tables.sharing import POLICIES, FilterTable, Sharing, SharingRule  # noqa: F401
+from meanflock.swarm.scenario.tables.station import MOST_STATIONS, Station  # noqa: F401
 from meanflock.swarm.scenario.tables.training import Training  # noqa: F401
 from meanflock.swarm.scenario.tables.vehicle import Energy, VehicleTable  # noqa: F401

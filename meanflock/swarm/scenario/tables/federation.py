@@ -26,6 +26,20 @@ class Federation(_Table, frozen=True):
     ) = None
     fraction: Annotated[float, key("N_h / N, share of the UAVs that upload in a round", PRINTED, "", gt=0, le=1)] = 0.8
     leader: Annotated[int, key("h, the UAV that carries the leader", SILENT, "any UAV will do", ge=0)] = 0
+    station: (
+        Annotated[
+            int,
+            key(
+                "the station where the leader averages; if it is lost, the next one in order, and without any the UAV "
+                "`federation.leader` carries the leader again; unset: that UAV carries it",
+                OURS,
+                "the paper's leader flies",
+                later=True,
+                ge=0,
+            ),
+        ]
+        | None
+    ) = None
     state_period: Annotated[
         int,
         key(
