@@ -130,7 +130,8 @@ class LinkBudget(Channel):
         if self._last is None or self._last[0] is not message:
             low, high = np.minimum(message.source, message.target), np.maximum(message.source, message.target)
             place_m = message.place_m
-            assert place_m is not None
+            if place_m is None:
+                place_m = in_space(message.position_m[: self.scenario.uavs], self.scenario)
             loss_db = np.empty(len(low))
             law = np.empty(len(low), dtype=np.intp)
             clamped = 0

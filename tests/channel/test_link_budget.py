@@ -8,7 +8,6 @@ import pytest
 
 import meanflock as mf
 from meanflock.channel.base import Message
-from meanflock.channel.fading import link_budget
 from meanflock.channel.fading.link_budget import LinkBudget
 from meanflock.channel.losses.models import MODELS
 from meanflock.swarm import plugins
@@ -23,24 +22,10 @@ MAST_M = {"rma": 35.0, "rma-av": 35.0, "uma": 25.0, "uma-av": 25.0, "umi": 10.0,
 LOW = ("uma", "umi", "rma")  # their terminals stand near the ground
 
 
-def scenario(*settings: str, uavs: int = UAVS) -> Scenario:
-    return load(None, [f"uavs={uavs}", "radio.coherence_time_s=0.001", "federation.leader=0", *settings])
-
-
-@pytest.fixture
-def mast(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Puts a station at a height beside the origin, 150 m from it."""
-
-    def put(height_m: float) -> None:
-        plain = link_budget.nodes_of
-
-        def nodes_of(scenario: Scenario, options: Any) -> link_budget.Nodes:
-            _, *radios = plain(scenario, options)
-            return link_budget.Nodes(np.array([[150.0, 0.0, height_m]]), *(np.append(one, one[0]) for one in radios))
-
-        monkeypatch.setattr(link_budget, "nodes_of", nodes_of)
-
-    return put
+def scenario(*settings: str, uavs: int = UAVS, mast_m: float | None = None) -> Scenario:
+    """`mast_m`: height of a station 150 m from the origin; None: there is no station."""
+    stations = [] if mast_m is None else [f"stations=[{{place=[150.0, 0.0, {mast_m}]}}]"]
+    return load(None, [f"uavs={uavs}", "radio.coherence_time_s=0.001", "federation.leader=0", *stations, *settings])
 
 
 def made(flown: Scenario, **options: Any) -> LinkBudget:
@@ -75,20 +60,19 @@ CASES = [
 
 
 @pytest.mark.parametrize(("kind", "loss", "sigma_db", "fading"), CASES)
-def test_what_happens_is_what_is_foreseen(kind: str, loss: str, sigma_db: float | None, fading: str, mast: Any) -> None:
+def test_what_happens_is_what_is_foreseen(kind: str, loss: str, sigma_db: float | None, fading: str) -> None:
     prefix, height = ("air_", 40.0) if kind == "air" else ("", 1.5 if loss in LOW else 40.0)
     options: dict[str, Any] = {f"{prefix}loss": loss, f"{prefix}fading": fading}
     if sigma_db is not None:
         options[f"{prefix}sigma_db"] = sigma_db
-    if kind == "ground":
-        mast(MAST_M.get(loss, 1.5))
+    mast_m = MAST_M.get(loss, 1.5) if kind == "ground" else None
     walk, rng = np.random.default_rng(4), np.random.default_rng(3)
     position_m = walk.uniform(-120, 120, (UAVS, 2))
     message = between_uavs if kind == "air" else to_station
     shape = (f"start.height={height}", "radio.latency_threshold_slots=6")
-    at_0_dbm = made(scenario(*shape, "radio.tx_power_dbm=0"), **options)
+    at_0_dbm = made(scenario(*shape, "radio.tx_power_dbm=0", mast_m=mast_m), **options)
     median_db = np.median(at_0_dbm._state(message(position_m))[0])
-    channel = made(scenario(*shape, f"radio.tx_power_dbm={3.0 - median_db}"), **options)
+    channel = made(scenario(*shape, f"radio.tx_power_dbm={3.0 - median_db}", mast_m=mast_m), **options)
     memory, apart = channel.init(UAVS), np.zeros((BLOCKS, MESSAGES, 2))
     share = 0.0
     for tick in range(BLOCKS * MESSAGES):
@@ -165,10 +149,9 @@ def test_shannon_s_rate_has_the_scenario_s_threshold() -> None:
     assert channel.bits_per_slot == pytest.approx(0.001 * 2e6 * np.log2(1 + 10**0.7))
 
 
-def test_both_directions_fare_the_same_and_a_second_channel_sees_the_same_world(mast: Any) -> None:
-    mast(25.0)
+def test_both_directions_fare_the_same_and_a_second_channel_sees_the_same_world() -> None:
     options = {"loss": "uma-av", "air_loss": "air-to-air", "air_sigma_db": 8.0}
-    one, other = (made(scenario("radio.tx_power_dbm=-5"), **options) for _ in range(2))
+    one, other = (made(scenario("radio.tx_power_dbm=-5", mast_m=25.0), **options) for _ in range(2))
     position_m = np.random.default_rng(2).uniform(-200, 200, (UAVS, 2))
     up = np.concatenate([np.repeat(np.arange(UAVS), UAVS), np.arange(UAVS)])
     down = np.concatenate([np.tile(np.arange(UAVS), UAVS), np.full(UAVS, UAVS)])
@@ -178,9 +161,8 @@ def test_both_directions_fare_the_same_and_a_second_channel_sees_the_same_world(
     np.testing.assert_array_equal(there, back)
 
 
-def test_links_outside_the_validity_are_counted_and_treated_as_at_its_end(mast: Any) -> None:
-    mast(25.0)
-    channel = made(scenario(), loss="uma-av")
+def test_links_outside_the_validity_are_counted_and_treated_as_at_its_end() -> None:
+    channel = made(scenario(mast_m=25.0), loss="uma-av")
     position_m = np.zeros((UAVS, 2))
     position_m[:3, 0] = 150.0 + 4000.0, 150.0 + 5000.0, 9e9
     message = to_station(position_m)
@@ -229,17 +211,16 @@ def test_bad_options_are_refused(options: dict[str, Any], text: str) -> None:
     assert text in str(raised.value)
 
 
-def test_starts_outside_the_validity_are_refused(mast: Any) -> None:
-    mast(25.0)
+def test_starts_outside_the_validity_are_refused() -> None:
     with pytest.raises(
         BadInput, match=r"radio\.options\.loss = 'uma-av': a height of the UAV of 400 m is outside 1\.5"
     ):
-        made(scenario("start.height=400"), loss="uma-av")
+        made(scenario("start.height=400", mast_m=25.0), loss="uma-av")
     with pytest.raises(BadInput, match=r"'uma-av': a horizontal distance of .* is outside 0 to 4000 m"):
-        made(scenario("start.centre=[9000,0]"), loss="uma-av")
+        made(scenario("start.centre=[9000,0]", mast_m=25.0), loss="uma-av")
     with pytest.raises(BadInput, match=r"'umi': a height of the station or lower UAV of 25 m is outside 10 to 10 m"):
-        made(scenario("start.height=1.5"), loss="umi")
+        made(scenario("start.height=1.5", mast_m=25.0), loss="umi")
     with pytest.raises(BadInput, match=r"air_loss = 'air-to-air': a height of the station or lower UAV of 1 m"):
-        made(scenario("start.height=1"), loss="free-space", air_loss="air-to-air")
+        made(scenario("start.height=1", mast_m=25.0), loss="free-space", air_loss="air-to-air")
     with pytest.raises(BadInput, match=r"'air-to-air' is of UAVs only; set radio\.options\.loss"):
-        made(scenario(), air_loss="air-to-air")
+        made(scenario(mast_m=25.0), air_loss="air-to-air")
