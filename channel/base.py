@@ -141,6 +141,11 @@ class Channel:
         """
         return self.expected(message.distance_m, message.bits)
 
+    def signal_db(self, message: Message) -> Floats:
+        """Mean strength of the signal on each link (K,), up to a constant, dB, by which a UAV chooses its station; by
+        default that of free space, so that the nearest one serves it."""
+        return np.asarray(-20.0 * np.log10(np.maximum(message.distance_m, 1e-3)))
+
     def clamped(self, memory: Memory) -> int:
         """Number of links so far whose places were beyond what the channel's sources hold for; 0 by default."""
         return 0

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from meanflock.channel.base import MOST_SLOTS, Channel, Fate, Memory, Message, carried, failed, in_space, sums
 from meanflock.channel.meter import Links, Meter
+from meanflock.channel.serving import Serving
 from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import check_memory
+from meanflock.swarm.plugins.guard import check_array, check_memory
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
@@ -35,7 +36,7 @@ Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,)
 class Medium(Stateful):
     """The emulated radio of one run."""
 
-    stored = ("draw", "memory", "under_way", "meter", "free")
+    stored = ("draw", "memory", "under_way", "meter", "free", "serving")
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
@@ -46,6 +47,7 @@ class Medium(Stateful):
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self.memory = _begun(self._channel, radio.model, scenario)
         self.draw = generator(scenario.seed, "radio")
+        self.serving = Serving(scenario)
         self.free = 0  # slot since take-off from which the one band is free
         self._hops = {hop.label: hop for hop in hops}
         self._seat = plan.seat
@@ -77,6 +79,24 @@ class Medium(Stateful):
         ordered = sorted(frames, key=lambda batch: (batch.kind, batch.round))
         records = [self._send(tick, batch, states, cut) for batch in ordered]
         return records[0] if len(records) == 1 else np.concatenate(records)
+
+    def serve(self, tick: int, states: state.States, present: Mask) -> None:
+        """Chooses the station of each UAV, if the topology lets stations serve UAVs.
+
+        Args:
+            states: (N, 4), where the UAVs are. present: (N + B,), nodes that are neither lost nor paused.
+        """
+        if not any(hop.by_station for hop in self._hops.values()):
+            return
+        uavs, nodes = self._scenario.uavs, self._scenario.nodes
+        rows, stations = np.repeat(np.arange(uavs), nodes - uavs), np.tile(np.arange(uavs, nodes), uavs)
+        links = Links.between(FrameKind.UPLOAD, np.arange(uavs), rows, stations, nodes, is_unicast=True)
+        try:
+            signal_db = self._channel.signal_db(self._message(tick, FrameKind.UPLOAD, 1, links, states))
+            check_array("`signal_db`", signal_db, (len(rows),), np.float64)
+        except FAILURES as error:
+            raise failed(self._scenario.radio.model, error) from error
+        self.serving.update(signal_db.reshape(uavs, -1), present[uavs:])
 
     def acknowledge(
         self,
@@ -167,19 +187,13 @@ class Medium(Stateful):
         if not count:
             return Fate(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)), (0.0, 0.0)
         try:
-            here, name = state.position(states), kind.name.lower()
-            place = in_space(here, self._scenario)
-            axes: Sequence[Floats] = state.parts(here)
-            if self._scenario.stations:
-                here, axes = place[:, :-1], list(place.T)
-            distance = _distance(axes, links)
-            message = Message(tick, bits, links.source, links.target, distance, here, name, place, links.first)
+            message = self._message(tick, kind, bits, links, states)
             for array in self.memory.values():
                 array.flags.writeable = False
             answer = self._channel.carry(dict(self.memory), message, self.draw)
             self.memory, fate = carried(answer, self.memory, count)
             within = count
-            if reach < math.inf and (beyond := distance > reach).any():
+            if reach < math.inf and (beyond := message.distance_m > reach).any():
                 fate = self._failed(beyond, fate)
                 message = _only(message, ~beyond)
                 within = len(message.distance_m)
@@ -189,6 +203,15 @@ class Medium(Stateful):
         if expected is not None:
             expected = expected[0] + (count - within), expected[1]
         return fate, expected
+
+    def _message(self, tick: int, kind: FrameKind, bits: int, links: Links, states: state.States) -> Message:
+        here = state.position(states)
+        place = in_space(here, self._scenario)
+        axes: Sequence[Floats] = state.parts(here)
+        if self._scenario.stations:
+            here, axes = place[:, :-1], list(place.T)
+        distance = _distance(axes, links)
+        return Message(tick, bits, links.source, links.target, distance, here, kind.name.lower(), place, links.first)
 
     def _queued(self, tick: int, links: Links, fate: Fate) -> Fate:
         """Outcome of a message whose transmissions wait for the band, one after another, and then occupy it."""
@@ -222,7 +245,10 @@ class Medium(Stateful):
         if reached is not None:
             mask = reached.tobytes()
         hop, targets = self._hops.get(kind), None
-        if hop is not None and (targets := hop.targets_of(sources, self._seat(batch.round))) is not None:
+        if hop is not None and hop.by_station:
+            mask = self.serving.node.tobytes()
+            targets = self.serving.node[sources][:, None] if kind == FrameKind.UPLOAD else None
+        elif hop is not None and (targets := hop.targets_of(sources, self._seat(batch.round))) is not None:
             mask = targets.tobytes()
         number, turns = (batch.round, 1) if kind == FrameKind.STATE else (0, 2)
         used = self._used.setdefault((kind, number), deque(maxlen=turns))
@@ -239,6 +265,9 @@ class Medium(Stateful):
         elif is_broadcast:
             target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
             links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), nodes)
+        elif hop is not None and hop.by_station:
+            row, target = (self.serving.node == sources[:, None]).nonzero()
+            links = Links.between(kind, sources, row, target, nodes)
         else:
             links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), nodes)
         used.append((senders, mask, links))

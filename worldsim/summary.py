@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from meanflock import kernels
+from meanflock.channel.medium import Medium
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
+from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
@@ -59,11 +61,12 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
     }
 
 
-def radio_summary(meter: Meter, clamped: int, *, all_arrived: bool) -> dict[str, Any]:
+def radio_summary(air: Medium, backhaul: Backhaul, *, all_arrived: bool) -> dict[str, Any]:
     """Fields from the radio: bits, and observed outages and latency beside their closed forms.
 
     `bits_to_arrival` counts until the last arrival if all UAVs arrived, else until the end.
     """
+    meter = air.meter
     to_arrival = meter.marked if all_arrived and meter.marked is not None else meter.bits()
     links = meter.links()
     total = meter.all_kinds()
@@ -77,7 +80,9 @@ def radio_summary(meter: Meter, clamped: int, *, all_arrived: bool) -> dict[str,
         "radio": {
             **_observed(total),
             "airtime_s": total.airtime_s,
-            "clamped": clamped,
+            "clamped": air.clamped,
+            "handovers": air.serving.handovers,
+            "backhaul_bits": backhaul.bits,
             "band_time_Hz_s": band_time_Hz_s(meter, total),
             "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
             "links_used": len(links),
@@ -179,7 +184,7 @@ def summary(
         run: its name. mode: how its nodes ran. schedule: of a flight in real time. can_be_steered: whether clients
             could steer UAVs. blocks_dropped: blocks of telemetry that were given up.
     """
-    flight, scenario, meter = world.flight, world.scenario, world.air.meter
+    flight, scenario = world.flight, world.scenario
     return {
         "schema": SCHEMA,
         "run_id": run,
@@ -194,7 +199,7 @@ def summary(
         "wall_time_s": wall_time_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
-        **radio_summary(meter, world.air.clamped, all_arrived=bool((flight.arrival_tick >= 0).all())),
+        **radio_summary(world.air, world.backhaul, all_arrived=bool((flight.arrival_tick >= 0).all())),
         **world.energies(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
         "until": world.target.summary(),

@@ -8,6 +8,7 @@ from msgspec import structs
 
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
+from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
@@ -49,13 +50,14 @@ class World(Stateful):
         flight: states, energies and metrics of the UAVs.
         air: the radio.
         ledger: the rounds.
+        backhaul: the wire between stations.
         models: the hash of the models that were shared.
         target: the metric at which the flight ends.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
 
-    stored = ("flight", "air", "counters", "ledger", "models", "target", "commands")
+    stored = ("flight", "air", "counters", "ledger", "backhaul", "models", "target", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -74,6 +76,7 @@ class World(Stateful):
         self.flight = Flight(scenario)
         self.air = Medium(plan)
         self.ledger = Ledger(plan)
+        self.backhaul = Backhaul(plan)
         self.models = ModelsHash(plan)
         self.target = MetricTarget(scenario)
         self.counters = Counters()
@@ -114,7 +117,7 @@ class World(Stateful):
         flight, tick = self.flight, self.flight.tick
         killed, leaders_killed, awake = self._begin_faults(tick)
         present = self._present(tick, awake)
-        due = self.ledger.deliver(tick, self.air.due(tick), present)
+        due = self.ledger.deliver(tick, self.backhaul.gathered(self.air.due(tick), present), present)
         report = tick % REPORT_EVERY_TICKS == 0
         every = self._checkpoint_every
         self._senses = Senses(
@@ -159,7 +162,8 @@ class World(Stateful):
         cut = self._script.cut(tick, states)
         on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut))
         clamped = self.air.clamped
-        links = self.air.send(tick, on_air, states, cut)
+        self.air.serve(tick, states, present)
+        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node), states, cut)
         if self.air.clamped > clamped == 0:
             self.note(LinksClamped(tick, self.air.clamped))
         for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):

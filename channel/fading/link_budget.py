@@ -83,6 +83,9 @@ class LinkBudget(Channel):
     def clamped(self, memory: Memory) -> int:
         return int(memory["clamped"][0])
 
+    def signal_db(self, message: Message) -> Floats:
+        return self._state(message)[0]
+
     def carry(self, memory: Memory, message: Message, rng: np.random.Generator) -> tuple[Memory, Any, Any]:
         margin_db, law, clamped = self._state(message)
         most = self.scenario.radio.latency_threshold_slots

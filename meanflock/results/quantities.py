@@ -222,6 +222,10 @@ SUMMARY = (
         "links over which a message was sent at places for which the channel's path loss does not hold",
         optional=True,
     ),
+    Field("radio.handovers", "1", "changes of a UAV from one station to another", optional=True),
+    Field(
+        "radio.backhaul_bits", PAYLOAD, "models over the wire between stations; no radio carries these", optional=True
+    ),
     Field(
         "radio.band_time_Hz_s",
         "Hz·s",

@@ -34,6 +34,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         targets: (N, T) the nodes that each UAV transmits to, ascending; itself needs no radio. None: all UAVs.
         seats: (A,) nodes, ascending, to one of which all transmit: that where the leader averages the round. `targets`
             has the one before any fault. None: it is always the same.
+        by_station: every UAV transmits to the station that serves it, and hears that one; `targets` does not count.
         codec: how the models are written.
         averages: what arrives by the hop before, and is averaged: `nothing`, so that the participants send their own
             models; `models`, by the scenario's aggregation rule; `means`, each by what stands behind it.
@@ -57,6 +58,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     is_last: bool = False
     attempt_ticks: int = 0
     seats: Indices | None = None
+    by_station: bool = False
 
     def targets_of(self, sources: Indices, seat: int) -> Indices | None:
         """The nodes (S, T) that UAVs (S,) transmit to while the leader averages at the node `seat`; None: all UAVs."""

@@ -1,0 +1,67 @@
+"""Backhaul: the wire between stations, over which models go to the station where the leader averages, and back."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.plan import Plan
+from meanflock.swarm.state import Mask
+from meanflock.swarm.stateful import Stateful
+from meanflock.swarm.wire.messages import FrameKind, Frames
+
+
+class Backhaul(Stateful):
+    """Carries models between stations at once, without losses, and counts them.
+
+    Attributes:
+        messages: models, or fragments of them, that went from one station to another. bits: of these.
+    """
+
+    stored = ("messages", "bits")
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._kinds = {hop.label for hop in plan.hops if hop.by_station}
+        self.messages = 0
+        self.bits = 0
+
+    def gathered(self, due: Sequence[Frames], present: Mask) -> Sequence[Frames]:
+        """The frames that arrive now, uploads to other stations at the one where the leader averages.
+
+        Args:
+            present: (N + B,), nodes that are neither lost nor paused; what arrives at others is lost.
+        """
+        if not self._kinds:
+            return due
+        return [part for frames in due if (part := self._gathered(frames, present)) is not None]
+
+    def _gathered(self, frames: Frames, present: Mask) -> Frames | None:
+        if frames.kind not in self._kinds or frames.kind == FrameKind.GLOBAL:
+            return frames
+        links, seat = links_of(frames), self._plan.seat(frames.round)
+        arrive = present[links[:, 1]]
+        if not arrive.any():
+            return None
+        there, slots = links[arrive], None if frames.slots is None else frames.slots[arrive]
+        self._count(frames, int(np.count_nonzero(there[:, 1] != seat)))
+        there[:, 1] = seat
+        return only(frames, there, slots)
+
+    def spread(self, on_air: Iterable[Frames], serving: NDArray[np.intp]) -> list[Frames]:
+        """The frames that go on the air now, global models from all nodes that serve a UAV; `serving`: (N,) nodes."""
+        if not self._kinds:
+            return list(on_air)
+        return [self._spread(frames, serving) for frames in on_air]
+
+    def _spread(self, frames: Frames, serving: NDArray[np.intp]) -> Frames:
+        if frames.kind not in self._kinds or frames.kind != FrameKind.GLOBAL:
+            return frames
+        nodes, rows = np.unique(serving).astype(np.int32), len(frames.source)
+        self._count(frames, rows * int(np.count_nonzero(nodes != frames.source[0])))
+        return Frames(frames.kind, frames.round, nodes.repeat(rows), np.tile(frames.payload, (len(nodes), 1)))
+
+    def _count(self, frames: Frames, messages: int) -> None:
+        self.messages += messages
+        self.bits += messages * 8 * frames.payload.itemsize * frames.payload.shape[1]
