@@ -6,7 +6,7 @@ from typing import Any
 from meanflock.agent.node import Agent
 from meanflock.federation.plan import plan_of
 from meanflock.launch import engine
-from meanflock.launch.station import Station
+from meanflock.launch.station import RecordingStation
 from meanflock.leader.node import Leader
 from meanflock.net.bus import Bus, MemoryNetwork
 from meanflock.net.client import Node, NodeClient
@@ -43,7 +43,7 @@ class MemorySwarm(NetworkedRun):
         if sinks:
             bus = self.network.endpoint()
             first = 0 if resume is None else resume.block + 1
-            self.station = Station(bus, run, sinks, first_block=first, uavs=scenario.uavs)
+            self.station = RecordingStation(bus, run, sinks, first_block=first, uavs=scenario.uavs)
             bus.handler = self.station.handle
         size = scenario.uavs if uavs_per_node is None else uavs_per_node
         sizes = [size] * -(-scenario.uavs // size) if isinstance(size, int) else size

@@ -18,7 +18,8 @@ Uavs: TypeAlias = NDArray[np.intp]
 class Senses(NamedTuple):
     """What all UAVs are told in a tick.
 
-    states: (N, 4). awake: (N,), UAVs that take part in the tick, neither lost nor paused. lost: (N,).
+    states: (N, 4). awake: (N,), UAVs that take part in the tick, neither lost nor paused. present: (N + B,), these and
+    the stations that are neither. lost: (N,).
     idle: (N,), UAVs that no command moves: lost ones, and those on the ground; None for no UAV.
     heard: frames that arrived at UAVs that are awake, with their links. letters: models that wait to be averaged, see
     `mailbox.mail_for`. newest: number of the last letter. leads: whether a round needs the leader in this tick.
@@ -30,6 +31,7 @@ class Senses(NamedTuple):
     tick: int
     states: States
     awake: Mask
+    present: Mask
     lost: Mask
     idle: Mask | None
     heard: list[Frames]

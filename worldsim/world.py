@@ -124,6 +124,7 @@ class World(Stateful):
             tick=tick,
             states=flight.states,
             awake=awake,
+            present=present,
             lost=flight.lost,
             idle=flight.idle,
             heard=_reaching(due, awake) if due else due,
@@ -146,13 +147,12 @@ class World(Stateful):
             absent: (N,), UAVs without an answer; they keep their last command.
         """
         assert self._senses is not None
-        flight, ledger, (tick, states, awake, *_) = self.flight, self.ledger, self._senses
+        flight, ledger, (tick, states, awake, present, *_) = self.flight, self.ledger, self._senses
         self.learn(acts.news)
         self._take(acts)
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
         if len(diverged):
             flight.lose(diverged, Diverged, "an answer beyond all bounds")
-        present = self._present(tick, awake)
         frames, rejected = self._merger.merged(tick, acts.outbox, present, self.air.meter)
         for error, where in rejected:
             self._drop(error, where)

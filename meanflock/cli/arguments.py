@@ -182,7 +182,7 @@ _OF_A_SCENARIO = {
         expose_value=False,
         is_eager=True,  # before --set, which overrides it
         shell_complete=completion.scenarios,
-        help="Fly with the radio of another scenario: its table [radio] and start.height, e.g. radio-sky.",
+        help="Fly with the radio of another scenario: [radio], [[stations]], federation.station and start.height.",
     ),
     "until": click.option(
         "--until",

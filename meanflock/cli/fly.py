@@ -86,8 +86,8 @@ def run(
 
     \b
     crowd, faults, gusts, hierarchical, lossy, obstacles, paper,
-    paper-exchanged, paper-printed, paper-slow, radio-sky, radio-thin,
-    streams, swap, unknown, windmap, windy.
+    paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
+    radio-street, radio-thin, streams, swap, unknown, windmap, windy.
 
     Results are written to OUT/<id>/: summary, time series, events, recording.
 

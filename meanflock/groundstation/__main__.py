@@ -15,7 +15,7 @@ from meanflock.swarm.errors import needed
 with needed("the ground station", "ground"):
     from meanflock.launch.options import Options, records
     from meanflock.launch.outputs import Outputs
-    from meanflock.launch.station import Station
+    from meanflock.launch.station import RecordingStation
     from meanflock.net import keys
     from meanflock.net.access import STATION, Address
     from meanflock.net.bus import Bus
@@ -64,7 +64,7 @@ def _run() -> None:
             flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
             outputs = stack.enter_context(Outputs(flown, folder.name, flight, so_far))
             first_block = so_far.next_block if so_far is not None else None
-            station = Station(
+            station = RecordingStation(
                 bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs, nodes=flown.nodes
             )
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
@@ -76,7 +76,7 @@ def _run() -> None:
 
 
 def _listen(
-    bus: Bus, station: Station, folder: RunFolder, given: Namespace, interrupted: Interrupted
+    bus: Bus, station: RecordingStation, folder: RunFolder, given: Namespace, interrupted: Interrupted
 ) -> dict[str, Any]:
     """Record until the summary arrives. Zenoh reopens a lost session, and the world then sends the missed blocks."""
     lost: float | None = None

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from meanflock.launch.outputs import Outputs
     from meanflock.launch.processes import Swarm
     from meanflock.launch.resume import Back
-    from meanflock.launch.station import Station
+    from meanflock.launch.station import RecordingStation
     from meanflock.net.session import ZenohBus
     from meanflock.worldsim.reporting import BlockSink
 
@@ -199,7 +199,7 @@ def _processes(
     interrupted: Interrupted,
     start: Resumption | None,
 ) -> dict[str, Any]:
-    from meanflock.launch.station import Station
+    from meanflock.launch.station import RecordingStation
 
     outputs.kill = swarm.kill
     outputs.progress.say("starting processes")
@@ -215,7 +215,9 @@ def _processes(
     try:
         outputs.progress.say("joining")
         first_block = 0 if start is None else start.block + 1
-        station = Station(bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs, nodes=scenario.nodes)
+        station = RecordingStation(
+            bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs, nodes=scenario.nodes
+        )
         _listen(bus, station, swarm, interrupted, outputs)
     except BadInput as error:
         if outputs.folder.last_tick < 0:
@@ -266,7 +268,9 @@ def _look_after(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs", en
         )
 
 
-def _listen(bus: "ZenohBus", station: "Station", swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> None:
+def _listen(
+    bus: "ZenohBus", station: "RecordingStation", swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs"
+) -> None:
     asked = checked = ended = 0.0
     while station.summary is None:
         delivery = bus.receive(0.05)

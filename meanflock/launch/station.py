@@ -32,7 +32,7 @@ class StoredTelemetry:
         self.blocks.append(block)
 
 
-class Station:
+class RecordingStation:
     """One recording listener."""
 
     def __init__(

@@ -13,7 +13,7 @@ import pytest
 import meanflock as mf
 from meanflock.bridge.observer import Observer
 from meanflock.launch.processes import free_endpoint
-from meanflock.launch.station import Station, StoredTelemetry
+from meanflock.launch.station import RecordingStation, StoredTelemetry
 from meanflock.net import keys
 from meanflock.net.access import WORLD
 from meanflock.net.bus import MemoryNetwork
@@ -30,7 +30,7 @@ RUN = "observed"
 
 
 def test_an_observer_gets_every_row_though_nobody_acknowledges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Station, "_acknowledge", lambda *_: None)
+    monkeypatch.setattr(RecordingStation, "_acknowledge", lambda *_: None)
     recorded, seen = StoredTelemetry(), StoredTelemetry()
     flown = scenario.load(None, ["uavs=5", "duration=100", "seed=7"])
     engine = MemorySwarm(flown, RUN, sinks=[recorded])

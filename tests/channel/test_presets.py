@@ -13,7 +13,7 @@ from meanflock.swarm import toml
 from meanflock.swarm.scenario import load
 from tests.faults.dying import LATER, dead, resumed, steady
 
-PRESETS = ("radio-sky", "radio-thin")
+PRESETS = ("radio-mast", "radio-sky", "radio-street", "radio-thin")
 
 
 @pytest.mark.parametrize("name", PRESETS)

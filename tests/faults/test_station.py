@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meanflock.groundstation.__main__ import LATEST, _folder
-from meanflock.launch.station import Station
+from meanflock.launch.station import RecordingStation
 from meanflock.net import keys, outbox
 from meanflock.net.bus import Delivery
 from meanflock.results.run_folder import SUMMARY
@@ -25,7 +25,7 @@ LONG = scenario("duration=35")
 
 def listen(lab: Lab, **options: Any) -> Record:
     record, bus = Record(), lab.engine.network.endpoint()
-    bus.handler = Station(bus, RUN, [record], **options).handle
+    bus.handler = RecordingStation(bus, RUN, [record], **options).handle
     return record
 
 
@@ -105,7 +105,7 @@ def test_the_world_waits_for_a_slow_station_that_takes_something_now_and_then(
     lab.engine.network.endpoints[1].close()
     now = [0.0]
     bus, slow = lab.engine.network.endpoint(), Record()
-    station, waiting = Station(bus, RUN, [slow]), []
+    station, waiting = RecordingStation(bus, RUN, [slow]), []
     bus.handler = waiting.append
 
     def wait(timeout_s: float) -> None:

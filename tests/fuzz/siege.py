@@ -10,7 +10,7 @@ from typing import Any
 
 import psutil
 
-from meanflock.launch.station import Station
+from meanflock.launch.station import RecordingStation
 from meanflock.leader.node import Leader
 from meanflock.net import keys, tick
 from meanflock.net.bus import Delivery, MemoryNetwork
@@ -206,8 +206,8 @@ class Siege:
             return False
         return True
 
-    def _station(self) -> Station:
-        return Station(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=self._flown.uavs)
+    def _station(self) -> RecordingStation:
+        return RecordingStation(MemoryNetwork().endpoint(), RUN, self._sinks, uavs=self._flown.uavs)
 
     def _at_station(self, raw: bytes, message: Any) -> None:
         """A station of its own, with real files: telemetry that fits is kept, whatever numbers it has."""

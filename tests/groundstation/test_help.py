@@ -104,7 +104,7 @@ def test_words_are_completed(line: str, offered: set[str], tmp_path, monkeypatch
     ("words", "offered"),
     [
         ("run --set filter.kind = e", "ecbf"),  # the three words that Bash makes of one
-        ("run --set federation.topology =", "clusters leader neighbours"),
+        ("run --set federation.topology =", "clusters leader neighbours stations"),
         ("run --set method = rls --set controller.share = t", "true"),
         ("sweep method = plan,orc", "plan,orca"),
         ("run --method = windm", "windmap"),
