@@ -266,12 +266,12 @@ def closed_form(answer: Any, links: int, method: str) -> tuple[float, float] | N
     try:
         lost, slots = (np.asarray(each, dtype=np.float64) for each in answer)
         is_each = lost.shape == slots.shape == (links,)
-        outages, spent = (float(each.sum() if is_each else each) for each in (lost, slots))
+        outages, spent = (float(np.add.reduce(each) if is_each else each) for each in (lost, slots))
     except FAILURES:
         outages = spent = math.nan
     if not math.isfinite(outages + spent):
         raise ValueError(f"`{method}` returns {answer!r}; expected two finite numbers, or None where unknown")
-    if is_each and links and not 0.0 <= lost.min() <= lost.max() <= 1.0:
+    if is_each and links and not 0.0 <= np.minimum.reduce(lost) <= np.maximum.reduce(lost) <= 1.0:
         raise ValueError(f"`{method}` returns losses from {lost.min():g} to {lost.max():g}; they are in [0, 1]")
     return outages, spent
 

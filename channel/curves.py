@@ -3,11 +3,15 @@
 The margin is the mean SNR over the SNR that a slot needs, in dB.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel import link, tails
-from meanflock.channel.gains import Gains
+from meanflock.channel.gains import Gain
+from meanflock.channel.losses.model import Each
 from meanflock.swarm.state import Floats
 
 LOWEST_DB, HIGHEST_DB, PER_DB = -40, 60, 20  # margins beyond are taken as the nearest of these
@@ -18,14 +22,15 @@ WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()
 
 
 class Curves:
-    """Loss and slots of messages over links with some laws of fading, which send in `most` slots at most."""
+    """Success, loss and slots of messages over links with some laws of fading, which send in `most` slots at most."""
 
-    def __init__(self, gains: Gains, most: int) -> None:
-        self._gains, self._most = gains, most
-        self._is_steady = np.array([law.is_steady for law in gains.laws])
-        self._success: Floats | None = None  # (laws, margins)
-        self._found: dict[int, tuple[Floats, Floats]] = {}  # by needed slots
-        self._averaged: dict[tuple[int, int, float], tuple[Floats, Floats]] = {}
+    def __init__(self, laws: Sequence[Gain], most: int) -> None:
+        self._laws, self._most = tuple(laws), most
+        self._is_step = np.array([law.is_steady for law in laws])
+        self._has_steps = bool(self._is_step.any())
+        self._success: Floats | None = None  # (laws · margins,)
+        self._found: dict[int, Floats] = {}  # by needed slots
+        self._averaged: dict[tuple[int, int, float], Floats] = {}
 
     def at(self, needed: int, law: NDArray[np.intp], margin_db: Floats) -> tuple[Floats, Floats]:
         """Probability of loss, and E[slots; delivered], of links with given margins; each (K,).
@@ -33,42 +38,48 @@ class Curves:
         Args:
             needed: good slots that the message takes. law: (K,) index of each link's law, or a single one.
         """
-        lost, slots = self._of(needed)
-        place = np.clip((margin_db - LOWEST_DB) * PER_DB, 0.0, len(MARGINS_DB) - 1.0)
-        index = np.minimum(place.astype(np.intp), len(MARGINS_DB) - 2)
-        part = np.where(self._is_steady[law], np.floor(place - index), place - index)  # a step has no middle
-        first = law * len(MARGINS_DB) + index
-        return tuple(  # type: ignore[return-value]
-            table.take(first) + part * (table.take(first + 1) - table.take(first)) for table in (lost, slots)
-        )
+        return self.chances(needed, law, margin_db)[1:]
 
-    def shadowed(self, needed: int, law: int, margin_db: Floats, sigma_db: Floats) -> tuple[Floats, Floats]:
-        """The same on average over a shadow that is held for the whole message, with deviations (K,) in dB."""
+    def chances(self, needed: int, law: NDArray[np.intp], margin_db: Floats) -> tuple[Floats, Floats, Floats]:
+        """Probability that a slot is good, and then what `at` returns; each (K,)."""
+        place = (margin_db - LOWEST_DB) * PER_DB
+        if self._has_steps:  # which have no middle
+            np.floor(place, out=place, where=self._is_step.take(law))
+        found = np.empty((3, len(place)))
+        kernels.interpolate(self._of(needed), law, place, found)
+        success, lost, slots = found
+        return success, lost, slots
+
+    def shadowed(self, needed: int, law: int, margin_db: Floats, sigma_db: Each) -> tuple[Floats, Floats]:
+        """The same on average over a shadow that is held for the whole message, with deviations in dB."""
+        sigma_db = np.broadcast_to(sigma_db, margin_db.shape)
         lost, slots = np.empty(len(margin_db)), np.empty(len(margin_db))
         for sigma in np.unique(sigma_db).tolist():
             links = sigma_db == sigma
             if sigma == 0.0:
-                lost[links], slots[links] = self.at(needed, np.array(law), margin_db[links])
+                lost[links], slots[links] = self._alike(needed, law, margin_db[links])
                 continue
-            if self._is_steady[law]:  # P[margin + shadow ≥ 0], where the even grid would have steps
+            if self._laws[law].is_steady:  # P[margin + shadow ≥ 0], where the even grid would have steps
                 share = tails.normal_below(margin_db[links] / sigma) if needed <= self._most else 0.0
                 lost[links], slots[links] = 1.0 - share, needed * share
                 continue
             key = (needed, law, sigma)
             if key not in self._averaged:
-                shaded = self.at(needed, np.array(law), MARGINS_DB[:, None] + sigma * NODES)
-                self._averaged[key] = (shaded[0] * WEIGHTS).sum(axis=-1), (shaded[1] * WEIGHTS).sum(axis=-1)
+                shaded = self._alike(needed, law, np.add.outer(MARGINS_DB, sigma * NODES).ravel())
+                self._averaged[key] = (np.reshape(shaded, (2, len(MARGINS_DB), -1)) * WEIGHTS).sum(axis=-1)
             lost[links], slots[links] = (np.interp(margin_db[links], MARGINS_DB, of) for of in self._averaged[key])
         return lost, slots
 
-    def _of(self, needed: int) -> tuple[Floats, Floats]:
-        """Tables of loss and slots over margins, the laws one after another."""
+    def _alike(self, needed: int, law: int, margin_db: Floats) -> tuple[Floats, Floats]:
+        """Loss and slots of links of one law."""
+        return self.at(needed, np.full(len(margin_db), law), margin_db)
+
+    def _of(self, needed: int) -> Floats:
+        """Tables of success, loss and slots over margins, with a row for each law: (3, laws, margins)."""
         if needed not in self._found:
             if self._success is None:
                 least = 10.0 ** (-MARGINS_DB / 10.0)
-                self._success = np.concatenate([law.success(least) for law in self._gains.laws])
-            self._found[needed] = (
-                link.lost(needed, self._most, self._success),
-                link.delivered_slots(needed, self._most, self._success),
-            )
+                self._success = np.concatenate([law.success(least) for law in self._laws])
+            forms = [form(needed, self._most, self._success) for form in (link.lost, link.delivered_slots)]
+            self._found[needed] = np.reshape([self._success, *forms], (3, len(self._laws), -1))
         return self._found[needed]

@@ -10,9 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel import tails
 from meanflock.swarm.seeds import generator
-from meanflock.swarm.state import Floats
+from meanflock.swarm.state import Floats, distinct
 
 WAVES = 64  # measured over 300 seeds, the covariance is within 0.02 of the exact one
 
@@ -38,35 +39,28 @@ class GaussianField:
             place_m: (nodes, 3) of UAVs and then stations, m. low, high: (K,) the UAV and the station, or two UAVs.
             is_ground: which of these.
         """
+        place = place_m[: self._uavs, :2] / distance_m
         if not is_ground:
-            values = self._at(0, place_m, (low, high), distance_m)
-            return math.sqrt(0.5) * (values[low] + values[high])
+            values = self._at(0, place)
+            return math.sqrt(0.5) * (values.take(low) + values.take(high))
         found, station = np.empty(len(low)), high - self._uavs
-        for index in np.unique(station).tolist():
+        for index in distinct(station).tolist():
             links = station == index
-            found[links] = self._at(1 + index, place_m, (low[links],), distance_m)[low[links]]
+            found[links] = self._at(1 + index, place)[low[links]]
         return found
 
-    def _at(self, index: int, place_m: Floats, nodes: tuple[NDArray[np.intp], ...], distance_m: float) -> Floats:
-        """The values of a field at the places of nodes, by node; those of all other nodes are 0."""
-        values = np.zeros(len(place_m))
-        for ends in nodes:
-            values[ends] = 1.0
-        rows = values.nonzero()[0]
-        vectors, phase = self._waves[index]
-        x, y = (place_m[rows, :2] / distance_m).T
-        angle = x[:, None] * vectors[:, 0]
-        angle += y[:, None] * vectors[:, 1]
-        angle += phase
-        values[rows] = math.sqrt(2.0 / WAVES) * np.cos(angle, out=angle).sum(axis=-1)
-        return values
+    def _at(self, index: int, place: Floats) -> Floats:
+        """The values of a field (N,) at places (N, 2), in units of its correlation distance."""
+        sums = np.empty(len(place))
+        kernels.waves(place, *self._waves[index], sums)
+        return math.sqrt(2.0 / WAVES) * sums
 
 
 def _waves(rng: np.random.Generator, is_smooth: bool) -> tuple[Floats, Floats]:
-    """Wave vectors (WAVES, 2) of a correlation distance of 1 m, and phases (WAVES,)."""
+    """Wave vectors (2, WAVES) in turns over a correlation distance, and phases (WAVES,) in turns."""
     normal, scale = rng.standard_normal((WAVES, 2)), rng.standard_normal((WAVES, 1))
     vectors = math.sqrt(2.0) * normal if is_smooth else normal / np.abs(scale)  # of Gauss, of Cauchy
-    return vectors, rng.uniform(0.0, 2.0 * np.pi, WAVES)
+    return np.ascontiguousarray(vectors.T) / (2.0 * np.pi), rng.random(WAVES)
 
 
 _NORMAL = np.linspace(-8.0, 8.0, 2049)

@@ -1,8 +1,9 @@
-"""One link: its SNR threshold, the slots that a message needs, and closed forms of outage and latency."""
+"""One link: its SNR threshold, the slots that a message needs, closed forms of outage and latency, and their draw."""
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock.channel import tails
 from meanflock.swarm.scenario import Radio
@@ -63,6 +64,32 @@ def delivered_slots(needed: int, slots: int, success: Floats) -> Floats:
         return np.zeros_like(success)
     reached = tails.binomial_at_most(slots - needed, slots + 1, 1.0 - success, success)  # slots that failed
     return np.divide(needed * reached, success, out=np.zeros_like(success), where=success > 0)
+
+
+def drawn(
+    needed: int, slots: int, success: Floats, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Slots (K,) that a message takes on links, and whether it is delivered (K,), of which the above are closed forms.
+
+    Draws one number in every slot for each link that is still busy, in link order; none if no link can deliver.
+    """
+    links = len(success)
+    if needed > slots:
+        return np.full(links, slots, dtype=np.int64), np.zeros(links, dtype=bool)
+    taken = np.empty(links, dtype=np.int64)
+    delivered = np.ones(links, dtype=bool)
+    busy, missing = np.arange(links), np.full(links, needed)
+    for slot in range(1, slots + 1):
+        taken[busy] = slot
+        missing -= rng.random(len(busy)) < success
+        still = missing.nonzero()[0]
+        if not len(still):
+            break
+        if len(still) < len(busy):
+            busy, missing, success = busy.take(still), missing.take(still), success.take(still)
+    else:
+        delivered[busy] = False
+    return taken, delivered
 
 
 def expected(radio: Radio, distance_m: Floats, bits: int) -> tuple[float, float]:

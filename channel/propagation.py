@@ -1,13 +1,13 @@
 """Propagation over one kind of link: mean loss, state of sight, shadow, and the law of fading of each link."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.channel.fields import GaussianField, normal_with
-from meanflock.channel.losses.model import Model
-from meanflock.swarm.state import Floats
+from meanflock.channel.losses.model import Each, Model
+from meanflock.swarm.state import Floats, Mask, squared
 
 Indices = NDArray[np.intp]
 CORRELATION_M = 37.0  # of a shadow whose source has none: UMa's with sight
@@ -17,56 +17,65 @@ class Propagation(NamedTuple):
     """Kind of link, between UAVs or from UAVs to stations.
 
     sigma_db, correlation_m: of the shadow; None: those of the path loss. shadow, sight: fields of places. clear,
-    blocked: index of the law of fading with and without sight. by_elevation: `clear` is the law of 0°, and one for
-    each degree follows.
+    blocked: index of the law of fading with and without sight. is_ground: whether it leads to stations. by_elevation:
+    `clear` is the law of 0°, and one for each degree follows.
     """
 
     model: Model
-    carrier_ghz: float
     sigma_db: float | None
+    carrier_ghz: float
     correlation_m: float | None
     shadow: GaussianField
     sight: GaussianField
     clear: int
     blocked: int
+    is_ground: bool
     by_elevation: bool = False
 
-    def over(self, place_m: Floats, low: Indices, high: Indices, is_ground: bool) -> tuple[Floats, Indices, int]:
-        """Loss with shadow in dB (K,), index of each link's law (K,), and the number of links outside the validity.
+    def over(self, place_m: Floats, low: Indices, high: Indices) -> tuple[Floats, Indices | int, Mask]:
+        """Propagation between P pairs of nodes.
 
         Args:
-            place_m: (nodes, 3), m. low, high: (K,) the UAV and the station, or two UAVs. is_ground: which of these.
-        """
-        apart = place_m[low, :2] - place_m[high, :2]
-        one, other = place_m[low, 2], place_m[high, 2]
-        base_m, uav_m = (other, one) if is_ground else (np.minimum(one, other), np.maximum(one, other))
-        geometry, outside = self.model.validity.clamped(np.hypot(apart[:, 0], apart[:, 1]), base_m, uav_m)
-        losses = self.model.losses(geometry, self.carrier_ghz)
-        law = np.full(len(low), self.clear)
-        if self.by_elevation:
-            law += np.rint(np.degrees(np.arctan2(np.abs(uav_m - base_m), geometry.ground_m))).astype(np.intp)
-        links = place_m, low, high, is_ground
-        if self.model.has_sight:
-            in_sight = self.sight.between(*links, self.model.sight_m) < normal_with(losses.sight)
-        if not self.model.has_sight or in_sight.all():
-            loss_db = losses.clear_db + self._shadow_db(losses.clear_sigma_db, 0, *links)
-        else:
-            law[~in_sight] = self.blocked
-            clear_db = losses.clear_db + self._shadow_db(losses.clear_sigma_db, 0, *links)
-            blocked_db = losses.blocked_db + self._shadow_db(losses.blocked_sigma_db, 1, *links)
-            loss_db = np.where(in_sight, clear_db, blocked_db)
-        return loss_db, law, int(outside.sum())
+            place_m: (nodes, 3), m. low, high: (P,) the UAV and the station, or two UAVs.
 
-    def sigma(self, tabulated_db: Floats) -> Floats:
-        """Standard deviations of the shadow, (K,), dB."""
-        return tabulated_db if self.sigma_db is None else np.full_like(tabulated_db, self.sigma_db)
+        Returns:
+            Loss with shadow in dB (P,); index of the law of fading (P,), or a single one; and the mask (P,) of pairs
+            outside the validity of the path loss.
+        """
+        x, y, z = np.ascontiguousarray(place_m.T)
+        ground_m = np.sqrt(squared((x.take(low) - x.take(high), y.take(low) - y.take(high))))
+        geometry, outside = self.model.validity.clamped(ground_m, *self._heights(z, low, high))
+        losses = self.model.losses(geometry, self.carrier_ghz)
+        law: Any = self.clear
+        if self.by_elevation:
+            rise_m = np.abs(z.take(low) - z.take(high))
+            law = law + np.rint(np.degrees(np.arctan2(rise_m, geometry.ground_m))).astype(np.intp)
+        pairs = place_m, low, high, self.is_ground
+        loss_db = losses.clear_db + self._shadow_db(losses.clear_sigma_db, 0, *pairs)
+        if self.model.has_sight:
+            blocked = self.sight.between(*pairs, self.model.sight_m) >= normal_with(np.asarray(losses.sight))
+            if np.count_nonzero(blocked):
+                blocked_db = losses.blocked_db + self._shadow_db(losses.blocked_sigma_db, 1, *pairs)
+                loss_db, law = np.where(blocked, blocked_db, loss_db), np.where(blocked, self.blocked, law)
+        return loss_db, law, outside
+
+    def _heights(self, z: Floats, low: Indices, high: Indices) -> tuple[Each, Each]:
+        """Heights of the station or lower UAV, and of the UAV above, of pairs; a single number if all are the same."""
+        if not np.count_nonzero(z != z[0]):
+            return z[0], z[0]
+        one, other = z.take(low), z.take(high)
+        return (other, one) if self.is_ground else (np.minimum(one, other), np.maximum(one, other))
+
+    def sigma(self, tabulated_db: Each) -> Each:
+        """Standard deviations of the shadow, each or a single one, dB."""
+        return tabulated_db if self.sigma_db is None else np.float64(self.sigma_db)
 
     def _shadow_db(
-        self, tabulated_db: Floats, state: int, place_m: Floats, low: Indices, high: Indices, is_ground: bool
-    ) -> Floats:
-        """The shadow of links in sight (`state` 0) or without (1), (K,), dB."""
+        self, tabulated_db: Each, state: int, place_m: Floats, low: Indices, high: Indices, is_ground: bool
+    ) -> Each:
+        """The shadow of pairs in sight (`state` 0) or without (1), (P,), or 0 if there is none, dB."""
         sigma_db = self.sigma(tabulated_db)
-        if not sigma_db.any():
-            return sigma_db
+        if not np.count_nonzero(sigma_db):
+            return np.float64(0.0)
         tabulated_m = (self.model.correlation_m or (CORRELATION_M, CORRELATION_M))[state]
         return sigma_db * self.shadow.between(place_m, low, high, is_ground, self.correlation_m or tabulated_m)

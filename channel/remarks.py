@@ -34,8 +34,9 @@ def remarks(scenario: Scenario) -> Iterator[str]:
     for distance in _DISTANCES_M:
         if (found := channel.expected(np.array([distance]), bits)) is not None:
             margin = f"margin {channel.margin_db(distance):.1f} dB, " if isinstance(channel, LinkBudget) else ""
-            lost = f"{100 * found[0]:.3g}" if found[0] >= 1e-8 else "0"
-            yield f"between UAVs at {distance:.0f} m: {margin}{lost} % of messages of {bits:,} bits lost"
+            yield f"between UAVs at {distance:.0f} m: {margin}{_percent(found[0])} of messages of {bits:,} bits lost"
+    if isinstance(channel, LinkBudget):
+        yield from _to_stations(channel, flown, bits)
     if efficiency > MOST_EFFICIENT:
         whose = "the paper's; " if radio.model == _OF_THE_PAPER else ""
         yield (
@@ -44,3 +45,19 @@ def remarks(scenario: Scenario) -> Iterator[str]:
         )
     if radio.model == _OF_THE_PAPER and radio.noise_psd_dbm_hz < THERMAL_DBM_HZ:
         yield f"a noise of {radio.noise_psd_dbm_hz:g} dBm/Hz is below that of a resistor, {THERMAL_DBM_HZ:g} dBm/Hz"
+
+
+def _to_stations(channel: LinkBudget, flown: Scenario, bits: int) -> Iterator[str]:
+    """Lines about the links from UAVs to each station, over all shadows and lines of sight."""
+    for number, station in enumerate(flown.stations):
+        node, height = flown.uavs + number, station.place[2]
+        for distance in _DISTANCES_M:
+            lost = channel.expected_to(node, np.array([distance]), bits)[0]
+            yield (
+                f"to station {number}, {height:g} m up, {distance:.0f} m away on the ground: margin in sight "
+                f"{channel.margin_db(distance, node):.1f} dB, {_percent(lost)} of such messages lost"
+            )
+
+
+def _percent(lost: float) -> str:
+    return f"{100 * lost:.3g} %" if lost >= 1e-8 else "0 %"

@@ -1,22 +1,20 @@
 """Channel with a link budget: power, antennas, path loss, shadow, fading and noise decide the SNR of each slot."""
 
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meanflock.channel import budget, rates
-from meanflock.channel.base import Carried, Channel, Foreseen, Memory, Message, in_space
+from meanflock.channel import budget, link, rates
+from meanflock.channel.base import Channel, Foreseen, Memory, Message, in_space
 from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
-from meanflock.channel.gains import Gains
-from meanflock.channel.link import slots_for
 from meanflock.channel.losses.model import Losses
-from meanflock.channel.propagation import Propagation
+from meanflock.channel.propagation import Indices, Propagation
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, position
+from meanflock.swarm.state import Floats, Mask, distinct, position
 
 THERMAL_DBM_HZ = -174.0  # power density of the noise of a resistor at 290 K
 
@@ -24,12 +22,44 @@ THERMAL_DBM_HZ = -174.0  # power density of the noise of a resistor at 290 K
 class Nodes(NamedTuple):
     """Radios of all nodes: of the UAVs, then of the stations.
 
-    power_dbm, gain_dbi, noise_figure_db: (N + B,).
+    power_dbm, gain_dbi, noise_figure_db, bandwidth_hz: (N + B,), the last one of what a node sends.
     """
 
     power_dbm: Floats
     gain_dbi: Floats
     noise_figure_db: Floats
+    bandwidth_hz: Floats
+
+
+class Ends(NamedTuple):
+    """Ends of the K links of a message, whose pairs of nodes come once: both directions and all fragments of a pair
+    share loss, sight and shadow.
+
+    source, target: (K,) as in the message. budget_db: (K,) margin without losses. pair: (K,) the pair of each link.
+    pairs: their number. kinds: of each kind of link its propagation, which pairs it has, and their lower and higher
+    nodes.
+    """
+
+    source: Indices
+    target: Indices
+    budget_db: Floats
+    pair: Indices
+    pairs: int
+    kinds: list[tuple[Propagation, slice, Indices, Indices]]
+
+
+class Condition(NamedTuple):
+    """Condition of K links during a message.
+
+    margin_db: (K,) mean SNR over the threshold. success: (K,) probability that a slot is good. lost, slots: (K,)
+    probability of a loss, and E[slots; delivered]. clamped: number of links outside the validity of their path loss.
+    """
+
+    margin_db: Floats
+    success: Floats
+    lost: Floats
+    slots: Floats
+    clamped: int
 
 
 class LinkBudget(Channel):
@@ -53,19 +83,29 @@ class LinkBudget(Channel):
             rates.cqi(options.cqi) if options.rate == "cqi" else rates.shannon(radio.target_snr_db, options.gap_db)
         )
         noise_dbm = THERMAL_DBM_HZ + 10.0 * np.log10(radio.bandwidth_hz) + self._nodes.noise_figure_db
-        self._sent_dbm = self._nodes.power_dbm + self._nodes.gain_dbi
+        self._is_one_band = bool((self._nodes.bandwidth_hz == radio.bandwidth_hz).all())
+        wider_db = 10.0 * np.log10(self._nodes.bandwidth_hz / radio.bandwidth_hz)  # more noise
+        self._sent_dbm = self._nodes.power_dbm + self._nodes.gain_dbi - wider_db
         self._needed_dbm = noise_dbm + self._rate.threshold_db - self._nodes.gain_dbi  # at the antenna of a receiver
         shadow = GaussianField(scenario.seed, "shadow", uavs, stations)
         sight = GaussianField(scenario.seed, "sight", uavs, stations, is_smooth=True)
         laws = budget.laws_of(options.air_fading, options.air_k_db, options.air_m, options)
-        self._air = self._propagation(options.air_loss, options.air_sigma_db, shadow, sight, clear=1, blocked=0)
+        of_both = options.carrier_ghz, options.correlation_m, shadow, sight
+        air = budget.model_of(options.air_loss, options)
+        self._air = Propagation(air, options.air_sigma_db, *of_both, clear=1, blocked=0, is_ground=False)
         ground = budget.laws_of(options.fading, options.k_db, options.m, options) if stations else []
-        self._ground = self._propagation(
-            options.loss or options.air_loss, options.sigma_db, shadow, sight, clear=len(laws) + 1, blocked=len(laws)
-        )._replace(by_elevation=options.fading == "rice-elevation")
-        self._gains = Gains([*laws, *ground])
-        self._curves = Curves(self._gains, radio.latency_threshold_slots)
-        self._last: tuple[Message, tuple[Floats, NDArray[np.intp], int]] | None = None
+        self._ground = Propagation(
+            budget.model_of(options.loss or options.air_loss, options),
+            options.sigma_db,
+            *of_both,
+            clear=len(laws) + 1,
+            blocked=len(laws),
+            is_ground=True,
+            by_elevation=options.fading == "rice-elevation",
+        )
+        self._curves = Curves([*laws, *ground], radio.latency_threshold_slots)
+        self._ends: dict[str, Ends] = {}  # of the last message of each kind; the next one mostly has the same
+        self._last: tuple[Message, Condition] | None = None
         self._check_starts()
 
     @property
@@ -74,7 +114,7 @@ class LinkBudget(Channel):
         return radio.coherence_time_s * radio.bandwidth_hz * self._rate.efficiency
 
     def least_slots(self, bits: int) -> int:
-        return slots_for(bits, self.bits_per_slot)
+        return link.slots_for(bits, self.bits_per_slot)
 
     def init(self, nodes: int) -> Memory:
         """The number of links whose geometry was moved to the end of the validity of their path loss, (1,)."""
@@ -84,25 +124,29 @@ class LinkBudget(Channel):
         return int(memory["clamped"][0])
 
     def signal_db(self, message: Message) -> Floats:
-        return self._state(message)[0]
+        return self._state(message).margin_db
 
     def carry(self, memory: Memory, message: Message, rng: np.random.Generator) -> tuple[Memory, Any, Any]:
-        margin_db, law, clamped = self._state(message)
+        state = self._state(message)
         most = self.scenario.radio.latency_threshold_slots
-        sent: Carried = self._gains.transmit(
-            law, 10.0 ** (-margin_db / 10.0), self.least_slots(message.bits), most, rng
-        )
-        return {"clamped": memory["clamped"] + clamped}, *sent
+        slots, delivered = np.empty(len(message.source), dtype=np.int64), np.empty(len(message.source), dtype=bool)
+        for needed, links in self._bands(message):
+            slots[links], delivered[links] = link.drawn(needed, most, state.success[links], rng)
+        return {"clamped": memory["clamped"] + state.clamped}, slots, delivered
 
     def foreseen(self, memory: Memory, message: Message) -> Foreseen:
         """Given the places, and so shadow and sight, only the fading is random."""
-        margin_db, law, _ = self._state(message)
-        return self._curves.at(self.least_slots(message.bits), law, margin_db)
+        state = self._state(message)
+        return state.lost, state.slots
 
     def expected(self, distance_m: Floats, bits: int) -> tuple[float, float]:
         """Sums over links between UAVs at `start.height`, wherever they are: shadow and sight are random, too."""
-        path, losses = self._air, self._between_uavs(distance_m)
-        at_0_db = self._sent_dbm[0] - self._needed_dbm[0]
+        return self.expected_to(0, distance_m, bits)
+
+    def expected_to(self, node: int, distance_m: Floats, bits: int) -> tuple[float, float]:
+        """The same from UAV 0 to a UAV or a station, at horizontal distances (K,)."""
+        path, losses = self._losses_to(node, distance_m)
+        at_0_db = self._sent_dbm[0] - self._needed_dbm[node]
         needed = self.least_slots(bits)
         clear = self._curves.shadowed(needed, path.clear, at_0_db - losses.clear_db, path.sigma(losses.clear_sigma_db))
         blocked = self._curves.shadowed(
@@ -114,54 +158,69 @@ class LinkBudget(Channel):
         )
         return lost, slots
 
-    def margin_db(self, distance_m: float) -> float:
-        """Mean SNR over the threshold, between two UAVs in sight at `start.height`, without shadow, dB."""
-        losses = self._between_uavs(np.array([distance_m]))
-        return float(self._sent_dbm[0] - self._needed_dbm[0] - losses.clear_db[0])
+    def margin_db(self, distance_m: float, node: int = 0) -> float:
+        """Mean SNR over the threshold from UAV 0 to a UAV or a station in sight, without shadow, dB."""
+        _, losses = self._losses_to(node, np.array([distance_m]))
+        return float(self._sent_dbm[0] - self._needed_dbm[node] - losses.clear_db[0])
 
-    def _between_uavs(self, distance_m: Floats) -> Losses:
-        """Losses between UAVs at `start.height`, so far apart (K,)."""
-        model, height = self._air.model, np.full(len(distance_m), self.scenario.start.height)
-        geometry, _ = model.validity.clamped(distance_m, height, height)
-        return model.losses(geometry, self._air.carrier_ghz)
+    def _losses_to(self, node: int, distance_m: Floats) -> tuple[Propagation, Losses]:
+        """Propagation and losses from a UAV at `start.height` to another UAV or a station, at distances (K,)."""
+        scenario, height = self.scenario, np.full(len(distance_m), self.scenario.start.height)
+        is_uav = node < scenario.uavs
+        path = self._air if is_uav else self._ground
+        base = height if is_uav else np.full_like(height, scenario.stations[node - scenario.uavs].place[2])
+        geometry, _ = path.model.validity.clamped(distance_m, base, height)
+        return path, path.model.losses(geometry, path.carrier_ghz)
 
-    def _state(self, message: Message) -> tuple[Floats, NDArray[np.intp], int]:
-        """Margin of each link in dB (K,), index of its law of fading (K,), number of links outside the validity.
-
-        They depend on the message alone; `carry` and `foreseen` ask for the same one.
-        """
+    def _state(self, message: Message) -> Condition:
+        """Condition of the links. It depends on the message alone; `carry` and `foreseen` ask for the same one."""
         if self._last is None or self._last[0] is not message:
-            low, high = np.minimum(message.source, message.target), np.maximum(message.source, message.target)
-            place_m = message.place_m
+            ends, place_m = self._ends_of(message), message.place_m
             if place_m is None:
                 place_m = in_space(message.position_m[: self.scenario.uavs], self.scenario)
-            loss_db = np.empty(len(low))
-            law = np.empty(len(low), dtype=np.intp)
-            clamped = 0
-            is_ground = high >= self.scenario.uavs
-            for path, links in ((self._air, ~is_ground), (self._ground, is_ground)):
-                if links.any():
-                    some = slice(None) if links.all() else links
-                    loss_db[some], law[some], outside = path.over(place_m, low[some], high[some], path is self._ground)
-                    clamped += outside
-            margin_db = self._sent_dbm[message.source] - self._needed_dbm[message.target] - loss_db
-            self._last = message, (margin_db, law, clamped)
+            loss_db, law = np.empty(ends.pairs), np.empty(ends.pairs, dtype=np.intp)
+            outside = np.empty(ends.pairs, dtype=bool)
+            for path, some, low, high in ends.kinds:
+                loss_db[some], law[some], outside[some] = path.over(place_m, low, high)
+            margin_db = ends.budget_db - loss_db.take(ends.pair)
+            law, chances = law.take(ends.pair), np.empty((3, len(margin_db)))
+            for needed, links in self._bands(message):
+                chances[:, links] = self._curves.chances(needed, law[links], margin_db[links])
+            self._last = (
+                message,
+                Condition(
+                    margin_db, chances[0], chances[1], chances[2], int(np.count_nonzero(outside.take(ends.pair)))
+                ),
+            )
         return self._last[1]
 
-    def _propagation(
-        self, name: str, sigma_db: float | None, shadow: GaussianField, sight: GaussianField, clear: int, blocked: int
-    ) -> Propagation:
-        options = self.options
-        return Propagation(
-            budget.model_of(name, options),
-            options.carrier_ghz,
-            sigma_db,
-            options.correlation_m,
-            shadow,
-            sight,
-            clear,
-            blocked,
-        )
+    def _bands(self, message: Message) -> Iterator[tuple[int, slice | Mask]]:
+        """The slots that the message needs in each band, and the links whose sources send in it."""
+        if self._is_one_band:
+            yield self.least_slots(message.bits), slice(None)
+            return
+        bandwidth_hz = self._nodes.bandwidth_hz[message.source]
+        for band_hz in distinct(bandwidth_hz).tolist():
+            per_slot = self.bits_per_slot * band_hz / self.scenario.radio.bandwidth_hz
+            yield link.slots_for(message.bits, per_slot), bandwidth_hz == band_hz
+
+    def _ends_of(self, message: Message) -> Ends:
+        """The ends of a message's links; those of the last message of its kind if it has the same arrays."""
+        source, target = message.source, message.target
+        ends = self._ends.get(message.kind)
+        if ends is None or ends.source is not source or ends.target is not target:
+            nodes = len(self._sent_dbm)
+            key = np.maximum(source, target) * nodes + np.minimum(source, target)  # so stations come last
+            pairs = distinct(key)
+            high, low = np.divmod(pairs, nodes)
+            air = int(high.searchsorted(self.scenario.uavs))
+            both = ((self._air, slice(0, air)), (self._ground, slice(air, len(pairs))))
+            kinds = [(path, some, low[some], high[some]) for path, some in both if some.start < some.stop]
+            budget_db = self._sent_dbm[source] - self._needed_dbm[target]
+            ends = self._ends[message.kind] = Ends(
+                source, target, budget_db, pairs.searchsorted(key), len(pairs), kinds
+            )
+        return ends
 
     def _check_starts(self) -> None:
         """Raises BadInput if a path loss does not hold for the UAVs at their starts.
@@ -197,4 +256,5 @@ def nodes_of(scenario: Scenario, options: budget.Options) -> Nodes:
         by_node(scenario.radio.tx_power_dbm, "tx_power_dbm"),
         by_node(options.gain_dbi, "gain_dbi"),
         by_node(options.noise_figure_db, "noise_figure_db"),
+        by_node(scenario.radio.bandwidth_hz, "bandwidth_hz"),
     )

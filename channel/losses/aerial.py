@@ -3,16 +3,19 @@
 At heights below those of TR 36.777 its tables refer to TR 38.901, as `terrestrial` has it.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock.channel.losses import terrestrial
-from meanflock.channel.losses.model import Geometry, Losses, sight_within, two_states
-from meanflock.channel.losses.plain import free_space_db
+from meanflock.channel.losses.model import EVERYWHERE_M, Geometry, Losses, sight_within, two_states
+from meanflock.channel.losses.plain import at_1m_db
 from meanflock.swarm.state import Floats
 
 RURAL_M, URBAN_M = 10.0, 22.5  # heights above which TR 36.777 has formulas of its own
+VISIBLE_M = 100.0  # height above which UAVs are in sight of a macro cell and of each other
 
 
 def uma_av(links: Geometry, carrier_ghz: float) -> Losses:
@@ -20,17 +23,17 @@ def uma_av(links: Geometry, carrier_ghz: float) -> Losses:
 
     The loss without sight is at least the loss with sight; the printed formula falls below it within 20 m.
     """
-    return _above(URBAN_M, _uma_av, terrestrial.uma, links, carrier_ghz)
+    return _either(links.uav_m > URBAN_M, _uma_av, terrestrial.uma, links, carrier_ghz)
 
 
 def umi_av(links: Geometry, carrier_ghz: float) -> Losses:
     """Urban micro cell to a UAV."""
-    return _above(URBAN_M, _umi_av, terrestrial.umi, links, carrier_ghz)
+    return _either(links.uav_m > URBAN_M, _umi_av, terrestrial.umi, links, carrier_ghz)
 
 
 def rma_av(links: Geometry, carrier_ghz: float) -> Losses:
     """Rural macro cell to a UAV."""
-    return _above(RURAL_M, _rma_av, terrestrial.rma, links, carrier_ghz)
+    return _either(links.uav_m > RURAL_M, _rma_av, terrestrial.rma, links, carrier_ghz)
 
 
 def air_to_air(links: Geometry, carrier_ghz: float) -> Losses:
@@ -39,60 +42,68 @@ def air_to_air(links: Geometry, carrier_ghz: float) -> Losses:
     The probability of sight is that of UMa-AV, and of UMi-AV if the lower UAV is at 22.5 m or below; it is 1 if a UAV
     is above 100 m.
     """
-    found = umi_av(links, carrier_ghz)
-    sight = np.where(links.base_m > URBAN_M, _uma_sight(links.ground_m, links.uav_m), found.sight)
-    return found._replace(sight=np.where(links.uav_m > 100.0, 1.0, sight))
+    return _either(links.base_m > URBAN_M, _both_high, _one_low, links, carrier_ghz)
 
 
-def _above(
-    limit_m: float,
-    aerial: Callable[[Geometry, float], Losses],
-    low: Callable[[Geometry, float], Losses],
+def _either(
+    is_one: NDArray[np.bool_] | np.bool_,
+    one: Callable[[Geometry, float], Losses],
+    other: Callable[[Geometry, float], Losses],
     links: Geometry,
     carrier_ghz: float,
 ) -> Losses:
-    """Losses by the table of UAVs above the limit, and by the other table up to it."""
-    is_high = links.uav_m > limit_m
-    if is_high.all():
-        return aerial(links, carrier_ghz)
-    pairs = zip(aerial(links, carrier_ghz), low(links, carrier_ghz), strict=True)
-    return Losses(*(np.where(is_high, above, below) for above, below in pairs))
+    """Losses by one table, and by the other where `is_one` is false."""
+    if is_one.all():
+        return one(links, carrier_ghz)
+    pairs = zip(one(links, carrier_ghz), other(links, carrier_ghz), strict=True)
+    return Losses(*(np.where(is_one, *pair) for pair in pairs))
+
+
+def _both_high(links: Geometry, carrier_ghz: float) -> Losses:
+    return _umi_av(links, carrier_ghz, _uma_sight)
+
+
+def _one_low(links: Geometry, carrier_ghz: float) -> Losses:
+    found = umi_av(links, carrier_ghz)
+    return found._replace(sight=np.where(links.uav_m > VISIBLE_M, 1.0, found.sight))
 
 
 def _uma_av(links: Geometry, carrier_ghz: float) -> Losses:
     slant, height = np.log10(links.slant_m), np.log10(links.uav_m)
-    clear = 28.0 + 22.0 * slant + 20.0 * np.log10(carrier_ghz)
-    blocked = -17.5 + (46.0 - 7.0 * height) * slant + _at_1m_db(carrier_ghz)
-    sight = _uma_sight(links.ground_m, links.uav_m)
-    return two_states(clear, blocked, sight, 4.64 * np.exp(-0.0066 * links.uav_m), 6.0)
+    clear = 28.0 + 20.0 * math.log10(carrier_ghz) + 22.0 * slant
+    blocked = -17.5 + _at_1m_db(carrier_ghz) + (46.0 - 7.0 * height) * slant
+    return two_states(clear, blocked, _uma_sight(links), 4.64 * np.exp(-0.0066 * links.uav_m), np.float64(6.0))
 
 
-def _uma_sight(ground_m: Floats, height_m: Floats) -> Floats:
-    height = np.log10(height_m)
-    sight = sight_within(ground_m, np.maximum(460.0 * height - 700.0, 18.0), np.maximum(4300.0 * height - 3800.0, 1.0))
-    return np.where(height_m > 100.0, 1.0, sight)
+def _uma_sight(links: Geometry) -> Floats:
+    height = np.log10(links.uav_m)
+    near_m = np.where(links.uav_m > VISIBLE_M, EVERYWHERE_M, np.maximum(460.0 * height - 700.0, 18.0))
+    return sight_within(links.ground_m, near_m, np.maximum(4300.0 * height - 3800.0, 1.0))
 
 
-def _umi_av(links: Geometry, carrier_ghz: float) -> Losses:
-    slant, height, frequency = np.log10(links.slant_m), np.log10(links.uav_m), 20.0 * np.log10(carrier_ghz)
-    clear = 30.9 + (22.25 - 0.5 * height) * slant + frequency
-    clear = np.maximum(clear, free_space_db(links.slant_m, carrier_ghz))
-    blocked = 32.4 + (43.2 - 7.6 * height) * slant + frequency
-    sight = sight_within(
-        links.ground_m, np.maximum(294.05 * height - 432.94, 18.0), np.maximum(233.98 * height - 0.95, 1.0)
-    )
-    return two_states(clear, blocked, sight, np.maximum(5.0 * np.exp(-0.01 * links.uav_m), 2.0), 8.0)
+def _umi_sight(links: Geometry) -> Floats:
+    height = np.log10(links.uav_m)
+    near_m, decay_m = np.maximum(294.05 * height - 432.94, 18.0), np.maximum(233.98 * height - 0.95, 1.0)
+    return sight_within(links.ground_m, near_m, decay_m)
+
+
+def _umi_av(links: Geometry, carrier_ghz: float, sight: Callable[[Geometry], Floats] = _umi_sight) -> Losses:
+    slant, height, frequency = np.log10(links.slant_m), np.log10(links.uav_m), 20.0 * math.log10(carrier_ghz)
+    clear = (30.9 + frequency) + (22.25 - 0.5 * height) * slant
+    clear = np.maximum(clear, at_1m_db(carrier_ghz) + 20.0 * slant)
+    blocked = (32.4 + frequency) + (43.2 - 7.6 * height) * slant
+    sigma_db = np.maximum(5.0 * np.exp(-0.01 * links.uav_m), 2.0)
+    return two_states(clear, blocked, sight(links), sigma_db, np.float64(8.0))
 
 
 def _rma_av(links: Geometry, carrier_ghz: float) -> Losses:
     slant, height = np.log10(links.slant_m), np.log10(links.uav_m)
     clear = np.maximum(23.9 - 1.8 * height, 20.0) * slant + _at_1m_db(carrier_ghz)
-    blocked = -12.0 + (35.0 - 5.3 * height) * slant + _at_1m_db(carrier_ghz)
-    near_m = np.maximum(1350.8 * height - 1602.0, 18.0)
+    blocked = (_at_1m_db(carrier_ghz) - 12.0) + (35.0 - 5.3 * height) * slant
+    near_m = np.where(links.uav_m > 40.0, EVERYWHERE_M, np.maximum(1350.8 * height - 1602.0, 18.0))
     sight = sight_within(links.ground_m, near_m, np.maximum(15021.0 * height - 16053.0, 1000.0))
-    sight = np.where(links.uav_m > 40.0, 1.0, sight)
-    return two_states(clear, blocked, sight, 4.2 * np.exp(-0.0046 * links.uav_m), 6.0)
+    return two_states(clear, blocked, sight, 4.2 * np.exp(-0.0046 * links.uav_m), np.float64(6.0))
 
 
 def _at_1m_db(carrier_ghz: float) -> float:
-    return float(20.0 * np.log10(40.0 * np.pi * carrier_ghz / 3.0))
+    return 20.0 * math.log10(40.0 * math.pi * carrier_ghz / 3.0)

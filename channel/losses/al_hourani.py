@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meanflock.channel.losses.model import Geometry, Losses
-from meanflock.channel.losses.plain import free_space_db
+from meanflock.channel.losses.plain import at_1m_db
 
 
 class Environment(NamedTuple):
@@ -33,6 +33,6 @@ def al_hourani(links: Geometry, carrier_ghz: float, *, environment: Environment)
     """Free space plus η; a line of sight has the probability 1 / (1 + a e^(−b(θ − a))), θ the elevation in degrees."""
     a, b, clear_db, blocked_db = environment
     elevation = np.degrees(np.arctan2(links.uav_m - links.base_m, links.ground_m))
-    free = free_space_db(links.slant_m, carrier_ghz)
-    zero = np.zeros_like(free)
-    return Losses(free + clear_db, free + blocked_db, 1.0 / (1.0 + a * np.exp(-b * (elevation - a))), zero, zero)
+    free = at_1m_db(carrier_ghz) + 20.0 * np.log10(links.slant_m)
+    sight = 1.0 / (1.0 + a * np.exp(-b * (elevation - a)))
+    return Losses(free + clear_db, free + blocked_db, sight, np.float64(0.0), np.float64(0.0))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,26 +10,28 @@ from numpy.typing import NDArray
 from meanflock.swarm.state import Floats
 
 LIGHT_M_S = 299_792_458.0
+EVERYWHERE_M = 1e9  # beyond all distances
 NEAREST_M = 1.0  # shorter links count as this long: all formulas are of the far field
 Range: TypeAlias = tuple[float, float]
 ANY: Range = (0.0, math.inf)
+Each: TypeAlias = Floats | np.float64  # a number of each link (K,), or one for all
 
 
 class Geometry(NamedTuple):
-    """Ends of K links, each array (K,), in m.
+    """Ends of K links, in m; heights are of each link or of all.
 
     ground_m: horizontal distance. base_m: height of the station, or of the lower of two UAVs. uav_m: height of the
     other end. slant_m: distance of the antennas, at least 1 m.
     """
 
     ground_m: Floats
-    base_m: Floats
-    uav_m: Floats
+    base_m: Each
+    uav_m: Each
     slant_m: Floats
 
 
 class Losses(NamedTuple):
-    """Attenuation of K links, each array (K,).
+    """Attenuation of K links.
 
     clear_db, blocked_db: mean loss with and without line of sight. sight: probability of a line of sight.
     clear_sigma_db, blocked_sigma_db: standard deviations of the shadow.
@@ -37,9 +39,9 @@ class Losses(NamedTuple):
 
     clear_db: Floats
     blocked_db: Floats
-    sight: Floats
-    clear_sigma_db: Floats
-    blocked_sigma_db: Floats
+    sight: Each
+    clear_sigma_db: Each
+    blocked_sigma_db: Each
 
 
 class Validity(NamedTuple):
@@ -50,14 +52,15 @@ class Validity(NamedTuple):
     uav_m: Range = ANY
     carrier_ghz: Range = ANY
 
-    def clamped(self, ground_m: Floats, base_m: Floats, uav_m: Floats) -> tuple[Geometry, NDArray[np.bool_]]:
+    def clamped(self, ground_m: Floats, base_m: Each, uav_m: Each) -> tuple[Geometry, NDArray[np.bool_]]:
         """The geometry of K links, moved to the end of this range, and the mask (K,) of the links that moved."""
-        outside, inside = np.zeros(len(ground_m), dtype=bool), [ground_m, base_m, uav_m]
+        outside = np.zeros(len(ground_m), dtype=bool)
+        inside: list[Any] = [ground_m, base_m, uav_m]
         for column, limits in enumerate(self[:3]):
-            if limits != ANY:
-                given = inside[column]
-                inside[column] = np.clip(given, *limits)
-                outside |= inside[column] != given
+            given, (least, most) = inside[column], limits
+            if limits != ANY and np.count_nonzero(beyond := (given < least) | (given > most)):
+                inside[column] = np.clip(given, least, most)
+                outside |= beyond
         return geometry(*inside), outside
 
     def fault(self, ground_m: Floats, base_m: Floats, uav_m: Floats, carrier_ghz: float) -> str | None:
@@ -85,26 +88,28 @@ class Model(NamedTuple):
     sight_m: float = 50.0
 
 
-def geometry(ground_m: Floats, base_m: Floats, uav_m: Floats) -> Geometry:
+def geometry(ground_m: Floats, base_m: Each, uav_m: Each) -> Geometry:
     """The geometry of K links; see `Geometry`."""
-    return Geometry(ground_m, base_m, uav_m, np.maximum(np.hypot(ground_m, uav_m - base_m), NEAREST_M))
+    rise_m = uav_m - base_m
+    return Geometry(ground_m, base_m, uav_m, np.sqrt(np.maximum(ground_m * ground_m + rise_m * rise_m, NEAREST_M**2)))
 
 
-def sight_within(ground_m: Floats, near_m: Floats | float, decay_m: Floats | float) -> Floats:
-    """Probability of sight of 3GPP's tables: 1 up to d₁, then d₁/d + e^(−d/p) (1 − d₁/d); (K,)."""
+def sight_within(ground_m: Floats, near_m: Each | float, decay_m: Each | float) -> Floats:
+    """Probability of sight of 3GPP's tables: 1 up to d₁, then d₁/d + e^(−d/p) (1 − d₁/d); (K,).
+
+    `near_m`: d₁, `EVERYWHERE_M` if all links are in sight. `decay_m`: p.
+    """
     share = near_m / np.maximum(ground_m, near_m)
-    return share + np.exp(-ground_m / decay_m) * (1.0 - share)
+    return share + np.exp(ground_m / -decay_m) * (1.0 - share)
 
 
 def two_states(
-    clear_db: Floats, blocked_db: Floats, sight: Floats, clear_sigma_db: Floats | float, blocked_sigma_db: float
+    clear_db: Floats, blocked_db: Floats, sight: Floats, clear_sigma_db: Each, blocked_sigma_db: Each
 ) -> Losses:
     """Losses with and without sight, of which the second is at least the first."""
-    ones = np.ones_like(clear_db)
-    return Losses(clear_db, np.maximum(clear_db, blocked_db), sight, clear_sigma_db * ones, blocked_sigma_db * ones)
+    return Losses(clear_db, np.maximum(clear_db, blocked_db), sight, clear_sigma_db, blocked_sigma_db)
 
 
 def one_state(loss_db: Floats) -> Losses:
     """Losses without states of sight and without shadow."""
-    zero = np.zeros_like(loss_db)
-    return Losses(loss_db, loss_db, np.ones_like(loss_db), zero, zero)
+    return Losses(loss_db, loss_db, np.float64(1.0), np.float64(0.0), np.float64(0.0))

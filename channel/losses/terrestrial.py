@@ -23,7 +23,7 @@ def uma(links: Geometry, carrier_ghz: float) -> Losses:
     above = (np.maximum(links.uav_m - 13.0, 0.0) / 10.0) ** 1.5
     far = 1.25 * (links.ground_m / 100.0) ** 3 * np.exp(-links.ground_m / 150.0)
     sight = np.where(links.ground_m > NEAR_M, near * (1.0 + above * far), 1.0)
-    return two_states(clear, blocked, np.minimum(sight, 1.0), 4.0, 6.0)
+    return two_states(clear, blocked, np.minimum(sight, 1.0), np.float64(4.0), np.float64(6.0))
 
 
 def umi(links: Geometry, carrier_ghz: float) -> Losses:
@@ -31,7 +31,7 @@ def umi(links: Geometry, carrier_ghz: float) -> Losses:
     slant, frequency = np.log10(links.slant_m), np.log10(carrier_ghz)
     clear = _broken(links, carrier_ghz, 32.4 + 21.0 * slant, 32.4 + 40.0 * slant, 9.5) + 20.0 * frequency
     blocked = 22.4 + 35.3 * slant + 21.3 * frequency - 0.3 * (links.uav_m - 1.5)
-    return two_states(clear, blocked, sight_within(links.ground_m, NEAR_M, 36.0), 4.0, 7.82)
+    return two_states(clear, blocked, sight_within(links.ground_m, NEAR_M, 36.0), np.float64(4.0), np.float64(7.82))
 
 
 def rma(links: Geometry, carrier_ghz: float, building_m: float = BUILDING_M) -> Losses:
@@ -49,7 +49,7 @@ def rma(links: Geometry, carrier_ghz: float, building_m: float = BUILDING_M) -> 
     blocked += (43.42 - 3.1 * base) * (np.log10(links.slant_m) - 3.0)
     blocked -= 3.2 * np.log10(11.75 * links.uav_m) ** 2 - 4.97
     sight = np.exp(-np.maximum(links.ground_m - 10.0, 0.0) / 1000.0)
-    return two_states(clear, blocked, sight, np.where(is_far, 6.0, 4.0), 8.0)
+    return two_states(clear, blocked, sight, np.where(is_far, 6.0, 4.0), np.float64(8.0))
 
 
 def _broken(links: Geometry, carrier_ghz: float, near_db: Floats, far_db: Floats, slope: float) -> Floats:

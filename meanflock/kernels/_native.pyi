@@ -7,6 +7,7 @@ from meanflock.kernels.reference import alignment as alignment
 from meanflock.kernels.reference import closest as closest
 from meanflock.kernels.reference import columns as columns
 from meanflock.kernels.reference import fade as fade
+from meanflock.kernels.reference import interpolate as interpolate
 from meanflock.kernels.reference import learn as learn
 from meanflock.kernels.reference import move as move
 from meanflock.kernels.reference import multiply as multiply
@@ -17,6 +18,7 @@ from meanflock.kernels.reference import reached as reached
 from meanflock.kernels.reference import read as read
 from meanflock.kernels.reference import repel as repel
 from meanflock.kernels.reference import solve as solve
+from meanflock.kernels.reference import waves as waves
 from meanflock.kernels.reference import write as write
 
 SOURCES: int  # `kernels.sources.checksum` of what it was built from

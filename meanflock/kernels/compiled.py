@@ -11,6 +11,7 @@ from meanflock.kernels._native import (
     closest,
     columns,
     fade,
+    interpolate,
     learn,
     move,
     multiply,
@@ -22,6 +23,7 @@ from meanflock.kernels._native import (
     repel,
     solve,
     tables,
+    waves,
     write,
 )
 from meanflock.kernels.mean_field.layout import Tables, packed
@@ -36,6 +38,7 @@ __all__ = [
     "closest",
     "columns",
     "fade",
+    "interpolate",
     "learn",
     "move",
     "multiply",
@@ -47,6 +50,7 @@ __all__ = [
     "read",
     "repel",
     "solve",
+    "waves",
     "write",
 ]
 

@@ -35,13 +35,15 @@ Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t r
 /* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 
-/* Functions of the module, in wire.c, fading.c, motion.c, elimination.c, ranking.c and mean_field/learn.c. */
+/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, elimination.c, ranking.c and mean_field/learn.c. */
 PyObject *wire_read(PyObject *module, PyObject *args);
 PyObject *wire_write(PyObject *module, PyObject *args);
 PyObject *motion_move(PyObject *module, PyObject *args);
 PyObject *motion_reached(PyObject *module, PyObject *args);
 PyObject *radio_fade(PyObject *module, PyObject *args);
 PyObject *radio_poisson(PyObject *module, PyObject *args);
+PyObject *radio_waves(PyObject *module, PyObject *args);
+PyObject *radio_interpolate(PyObject *module, PyObject *args);
 PyObject *learner_tables(PyObject *module, PyObject *args);
 PyObject *learner_step(PyObject *module, PyObject *args);
 PyObject *learner_repel(PyObject *module, PyObject *args);

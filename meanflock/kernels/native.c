@@ -161,6 +161,8 @@ static PyMethodDef methods[] = {
     {"move", motion_move, METH_VARARGS, "move(states, acceleration, noise, wind, drag, shake, dt, moved)"},
     {"reached", motion_reached, METH_VARARGS, "reached(states, goals, radius, within)"},
     {"fade", radio_fade, METH_VARARGS, "fade(normal, xi, chi, thresholds, slot, busy, missing, slots)"},
+    {"waves", radio_waves, METH_VARARGS, "waves(place, vectors, phase, sums)"},
+    {"interpolate", radio_interpolate, METH_VARARGS, "interpolate(tables, row, place, found)"},
     {"poisson", radio_poisson, METH_VARARGS, "poisson(rates, first, terms, reached, sums)"},
     {"repel", learner_repel, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},
     {"closest", closest_of_all, METH_VARARGS, "closest(distance, reach, found)"},

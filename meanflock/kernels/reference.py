@@ -6,6 +6,7 @@ Arrays are C-contiguous float64 unless a function says otherwise. Rows are indep
 import numpy as np
 
 from meanflock.kernels.all_pairs import pairs
+from meanflock.kernels.budget import interpolate, waves
 from meanflock.kernels.differences import alignment
 from meanflock.kernels.elimination import multiply, solve
 from meanflock.kernels.fading import fade, poisson
@@ -23,6 +24,7 @@ __all__ = [
     "closest",
     "columns",
     "fade",
+    "interpolate",
     "learn",
     "move",
     "multiply",
@@ -34,6 +36,7 @@ __all__ = [
     "read",
     "repel",
     "solve",
+    "waves",
     "write",
 ]
 

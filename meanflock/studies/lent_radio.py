@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from meanflock.swarm import toml
 
-
 _ALSO = ("stations", "federation.station", "start.height")  # keys that are lent beside `[radio]`
 
 

@@ -8,7 +8,7 @@ from scipy import special, stats
 
 from meanflock.channel import link, rates
 from meanflock.channel.curves import MARGINS_DB, Curves
-from meanflock.channel.gains import RAYLEIGH, STEADY, Gain, Gains, nakagami, rice, rice_by_elevation
+from meanflock.channel.gains import RAYLEIGH, STEADY, Gain, nakagami, rice, rice_by_elevation
 from meanflock.channel.tails import gamma_above, normal_below
 
 LAWS = {
@@ -54,8 +54,9 @@ def test_the_normal_law_is_scipy_s() -> None:
 def test_a_gain_has_mean_1_and_draws_have_its_law(law: Gain) -> None:
     least = np.concatenate([np.linspace(0, 40, 40_001)])
     assert np.trapezoid(law.success(least), least) == pytest.approx(1.0, abs=2e-3)
-    gains, links = Gains([RAYLEIGH, law]), 40_000
-    _, good = gains.transmit(np.ones(links, dtype=np.intp), np.full(links, 0.8), 1, 1, np.random.default_rng(3))
+    margin_db, links = -10 * math.log10(0.8), 40_000
+    success, *_ = Curves([RAYLEIGH, law], 1).chances(1, np.ones(links, dtype=np.intp), np.full(links, margin_db))
+    _, good = link.drawn(1, 1, success, np.random.default_rng(3))
     share = float(law.success(np.array([0.8]))[0])
     assert good.mean() == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / links) + 1e-12)
 
@@ -63,7 +64,8 @@ def test_a_gain_has_mean_1_and_draws_have_its_law(law: Gain) -> None:
 def test_links_of_several_laws_draw_together() -> None:
     laws = list(LAWS.values())
     law = np.arange(len(laws)).repeat(30_000)
-    slots, good = Gains(laws).transmit(law, np.full(len(law), 0.6), 2, 4, np.random.default_rng(4))
+    success, *_ = Curves(laws, 4).chances(2, law, np.full(len(law), -10 * math.log10(0.6)))
+    slots, good = link.drawn(2, 4, success, np.random.default_rng(4))
     for index, one in enumerate(laws):
         success = one.success(np.array([0.6]))
         lost, spent = link.lost(2, 4, success)[0], link.delivered_slots(2, 4, success)[0]
@@ -76,7 +78,7 @@ def test_links_of_several_laws_draw_together() -> None:
 
 def test_a_message_longer_than_the_limit_is_lost_without_a_draw() -> None:
     rng = np.random.default_rng(1)
-    slots, good = Gains([RAYLEIGH]).transmit(np.zeros(3, dtype=np.intp), np.full(3, 0.1), 9, 8, rng)
+    slots, good = link.drawn(9, 8, np.full(3, 0.9), rng)
     assert (slots.tolist(), good.any()) == ([8, 8, 8], False)
     assert rng.random() == np.random.default_rng(1).random()
 
@@ -105,7 +107,7 @@ def test_the_curves_are_the_closed_forms(law: Gain) -> None:
     margin_db = np.random.default_rng(1).uniform(-20, 40, 600)
     success = law.success(10.0 ** (-margin_db / 10.0))
     for needed in (1, 4, 8):
-        lost, slots = Curves(Gains([STEADY, law]), 8).at(needed, np.ones(600, dtype=np.intp), margin_db)
+        lost, slots = Curves([STEADY, law], 8).at(needed, np.ones(600, dtype=np.intp), margin_db)
         np.testing.assert_allclose(lost, link.lost(needed, 8, success), atol=5e-4)
         np.testing.assert_allclose(slots, link.delivered_slots(needed, 8, success), atol=5e-3)
 
@@ -123,7 +125,7 @@ HELD = [  # margin in dB, needed slots, limit, law, loss with a shadow of 6 dB
 def test_a_shadow_is_held_for_the_whole_message(
     margin_db: float, needed: int, most: int, law: Gain, expected: float | None
 ) -> None:
-    found, _ = Curves(Gains([law]), most).shadowed(needed, 0, np.array([margin_db]), np.array([6.0]))
+    found, _ = Curves([law], most).shadowed(needed, 0, np.array([margin_db]), np.array([6.0]))
     if expected is None:
         z = np.linspace(-7, 7, 20_001)
         each = link.lost(needed, most, law.success(10.0 ** (-(margin_db + 6.0 * z) / 10.0)))
@@ -132,7 +134,7 @@ def test_a_shadow_is_held_for_the_whole_message(
 
 
 def test_margins_beyond_the_table_are_those_at_its_ends() -> None:
-    curves = Curves(Gains([RAYLEIGH]), 8)
+    curves = Curves([RAYLEIGH], 8)
     far, near = (curves.at(1, np.zeros(2, dtype=np.intp), np.array(ends)) for ends in ([-900.0, 900.0], [-40.0, 60.0]))
     np.testing.assert_array_equal(far, near)
     assert (MARGINS_DB[0], MARGINS_DB[-1]) == (-40.0, 60.0)

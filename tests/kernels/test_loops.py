@@ -94,6 +94,40 @@ def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: i
 
 
 @both_forms
+@given(st.integers(0, 30), st.integers(0, 200), seeds)
+def test_waves_are_summed_at_each_place(backend: ModuleType, places: int, waves: int, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    place, vectors, phase = draw.normal(0, 50, (places, 2)), draw.standard_cauchy((2, waves)), draw.random(waves)
+    sums, defined = np.full(places, 7.0), np.full(places, 7.0)
+    backend.waves(place, vectors, phase, sums)
+    exact = np.cos(2 * np.pi * np.remainder(place @ vectors + phase, 1.0)).sum(axis=-1)
+    size = np.abs(place).sum(axis=-1, initial=1.0) * np.abs(vectors).max(initial=1.0) * (1 + waves)
+    assert (np.abs(sums - exact) <= 1e-11 * (1 + waves) + 1e-14 * size).all()
+    reference.waves(place, vectors, phase, defined)
+    np.testing.assert_array_equal(sums, defined)
+
+
+@both_forms
+@given(st.integers(1, 3), st.integers(1, 4), st.integers(2, 9), st.integers(0, 30), seeds)
+def test_a_number_is_between_those_of_the_columns_around_it(
+    backend: ModuleType, count: int, rows: int, columns: int, links: int, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    tables, row = draw.normal(size=(count, rows, columns)), draw.integers(0, rows, links)
+    place = draw.uniform(-2, columns + 1, links)
+    place[::3] = np.rint(place[::3])
+    place[4::7] = np.nan  # counts as the first column
+    found, defined = np.full((count, links), 7.0), np.full((count, links), 7.0)
+    backend.interpolate(tables, row, place, found)
+    for table, numbers in zip(tables, found, strict=True):
+        expected = [np.interp(at, np.arange(columns), table[one]) for at, one in zip(place, row, strict=True)]
+        expected = [table[one, 0] if at != at else each for at, one, each in zip(place, row, expected, strict=True)]
+        assert numbers == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    reference.interpolate(tables, row, place, defined)
+    np.testing.assert_array_equal(found, defined)
+
+
+@both_forms
 @given(st.integers(0, 20), st.booleans(), seeds)
 def test_a_point_mass_is_pushed_dragged_and_shaken(backend: ModuleType, uavs: int, alike: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)

@@ -33,6 +33,11 @@ def arguments(name: str) -> dict[str, Any]:
     if name == "fade":
         links = {"busy": np.arange(2), "missing": np.full(2, 7), "slots": np.full(2, 7)}
         return {"normal": np.ones((2, 2)), "xi": 1.0, "chi": 1.0, "thresholds": np.full(2, np.inf), "slot": 1, **links}
+    if name == "waves":
+        return {"place": np.ones((2, 2)), "vectors": np.ones((2, 3)), "phase": np.ones(3), "sums": np.full(2, 7.0)}
+    if name == "interpolate":
+        links = {"row": np.array([0, 1]), "place": np.ones(2)}
+        return {"tables": draw.normal(size=(3, 2, 4)), **links, "found": np.full((3, 2), 7.0)}
     if name == "poisson":
         return {"rates": np.ones(2), "first": np.ones(2), "terms": 3, "reached": np.ones(4), "sums": np.full(2, 7.0)}
     if name == "move":
@@ -51,7 +56,8 @@ def arguments(name: str) -> dict[str, Any]:
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
 
-FUNCTIONS = ("closest", "solve", "multiply", "learn", "repel", "nearest", "fade", "poisson", "move", "reached", "pairs")
+ANY_BYTE = ("learn", "repel", "nearest", "fade", "waves", "interpolate", "poisson", "move", "reached", "pairs")
+FUNCTIONS = ("closest", "solve", "multiply", *ANY_BYTE)
 FREE = {("fade", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
 # Of the right size and type, but with numbers or a length that would lead astray.
 WRONG: list[tuple[str, str, Any]] = [
@@ -60,6 +66,11 @@ WRONG: list[tuple[str, str, Any]] = [
     ("nearest", "bounds", np.zeros((2, 4))),
     ("fade", "busy", np.array([0, 2])),
     ("fade", "busy", np.array([-1, 0])),
+    ("interpolate", "row", np.array([0, 2])),
+    ("interpolate", "row", np.array([-1, 0])),
+    ("interpolate", "tables", np.ones((3, 4, 1))),
+    ("interpolate", "tables", np.ones((2, 2, 4))),
+    ("interpolate", "tables", np.ones((3, 8))),
     ("poisson", "first", np.array([0.0, -1.0])),
     ("poisson", "first", np.array([0.0, np.nan])),
     ("poisson", "reached", np.zeros(0)),
@@ -107,7 +118,7 @@ def test_a_wrong_argument_is_refused_before_anything_is_written(function: str, n
     refused(function, name, wrong)
 
 
-@pytest.mark.parametrize("function", ["learn", "repel", "nearest", "fade", "poisson", "move", "reached", "pairs"])
+@pytest.mark.parametrize("function", ANY_BYTE)
 def test_an_array_may_begin_at_any_byte(function: str) -> None:
     def shifted(value: Any) -> Any:
         if not isinstance(value, np.ndarray):
