@@ -49,6 +49,7 @@ def page() -> str:
         "| `centre` | its centre | m | two numbers |",
         "| `radius` | its radius | m | > 0 |",
         "",
+        *_entries(schema, "stations", "Station"),
         "## [[faults]]",
         "",
         "The fault script. Each entry says what goes wrong, for which UAVs, when and for how long, in simulated time.",
@@ -91,7 +92,7 @@ def completed() -> str:
         described = schema["Scenario"]["properties"]
         if table:
             described = schema[described[table]["$ref"].rpartition("/")[2]]["properties"]
-        if key not in ("controller", "faults", "obstacles") and name != "options":
+        if key not in ("controller", "faults", "obstacles", "stations") and name != "options":
             values = [*_values(described[name])]
             if kind := named.get(key):
                 default = described[name].get("default")
@@ -124,6 +125,18 @@ def _values(key: dict[str, Any]) -> Iterator[str]:
 def _faults(schema: dict[str, Any]) -> Iterator[str]:
     for item in schema["Scenario"]["properties"]["faults"]["items"]["anyOf"]:
         yield item["$ref"].rpartition("/")[2]
+
+
+def _entries(schema: dict[str, Any], name: str, table: str) -> list[str]:
+    """A section about a list of tables, whose keys have descriptions."""
+    properties = schema[table]["properties"].items()
+    rows = [f"| `{key}` | {_described(of_key)} |" for key, of_key in properties]
+    return [f"## [[{name}]]", "", schema[table]["description"], "", "| key | what |", "|---|---|", *rows, ""]
+
+
+def _described(of_key: dict[str, Any]) -> str:
+    """The description of a key, which may be that of one of its types."""
+    return str(of_key.get("description") or next(one["description"] for one in of_key["anyOf"] if "description" in one))
 
 
 def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:
