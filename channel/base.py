@@ -23,6 +23,9 @@ Foreseen: TypeAlias = tuple[Floats, Floats] | tuple[float, float]
 Carried: TypeAlias = tuple[NDArray[np.int64], NDArray[np.bool_]]  # slots (K,) and whether delivered (K,)
 
 
+NoiseSources: TypeAlias = Floats  # (J, 5): x, y and height in m, power in dBm, and band in Hz of each jammer
+
+
 class Message(NamedTuple):
     """All frames of one kind that UAVs send in a tick, and their K ≥ 1 links, sorted by source and then by target.
 
@@ -33,7 +36,8 @@ class Message(NamedTuple):
     models are sent in fragments: once for each fragment. distance_m: (K,) lengths of the links, in space. position_m:
     (N + B, 2) of all UAVs and stations, m. kind: "upload", "relay", "global" or "state". place_m: (N + B, 3) of them in
     space, m; in a flight in the plane UAVs are at `start.height`. first: (T,) the first link of each transmission,
-    ascending: a broadcast is one over several links. None: each link has its own.
+    ascending: a broadcast is one over several links. None: each link has its own. noise: (J, 5) of jammers that send
+    noise: place in m, power in dBm and band in Hz; None without any.
     """
 
     tick: int
@@ -45,6 +49,7 @@ class Message(NamedTuple):
     kind: str = "state"
     place_m: Floats | None = None
     first: NDArray[np.intp] | None = None
+    noise: NoiseSources | None = None
 
 
 class Channel:
@@ -59,6 +64,8 @@ class Channel:
     name: ClassVar[str] = ""
 
     stations: ClassVar[bool] = False  # whether `carry` knows that nodes after the N UAVs are stations
+    own_radios: ClassVar[bool] = False  # whether nodes may have radios of their own, see `channel.nodes.nodes_of`
+    hears_noise: ClassVar[bool] = False  # whether `Message.noise` adds to that of receivers
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Keys of `[radio.options]`, with units and bounds."""

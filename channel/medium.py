@@ -14,7 +14,18 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel.base import MOST_SLOTS, Channel, Fate, Memory, Message, carried, failed, in_space, sums
+from meanflock.channel.base import (
+    MOST_SLOTS,
+    Channel,
+    Fate,
+    Memory,
+    Message,
+    NoiseSources,
+    carried,
+    failed,
+    in_space,
+    sums,
+)
 from meanflock.channel.meter import Links, Meter
 from meanflock.channel.serving import Serving
 from meanflock.federation.plan import Plan
@@ -62,7 +73,12 @@ class Medium(Stateful):
         self._in_flight: defaultdict[int, list[Frames]] = defaultdict(list)
 
     def send(
-        self, tick: int, frames: Sequence[Frames], states: state.States, cut: Cut | None = None
+        self,
+        tick: int,
+        frames: Sequence[Frames],
+        states: state.States,
+        cut: Cut | None = None,
+        noise: NoiseSources | None = None,
     ) -> NDArray[np.int32]:
         """Transmits the frames of one tick, by kind and round, sources ascending, targets ascending.
 
@@ -70,6 +86,7 @@ class Medium(Stateful):
             frames: at most one batch of a kind and round, sources ascending; of states, `round` numbers the
                 broadcasts of a tick. Payloads are rows of any dtype and width. states: (N, 4), where the UAVs are.
             cut: says which links cannot get through, whatever the fading; they spend all their slots.
+            noise: (J, 5), jammers that send noise.
 
         Returns:
             The links used, (K, 7), with the columns of `LinkColumn`.
@@ -77,7 +94,7 @@ class Medium(Stateful):
         if not frames:
             return NO_LINKS
         ordered = sorted(frames, key=lambda batch: (batch.kind, batch.round))
-        records = [self._send(tick, batch, states, cut) for batch in ordered]
+        records = [self._send(tick, batch, states, cut, noise) for batch in ordered]
         return records[0] if len(records) == 1 else np.concatenate(records)
 
     def serve(self, tick: int, states: state.States, present: Mask) -> None:
@@ -103,6 +120,7 @@ class Medium(Stateful):
         tick: int,
         states: state.States,
         cut: Cut | None,
+        noise: NoiseSources | None,
         kind: FrameKind,
         bits: int,
         source: Indices,
@@ -115,7 +133,7 @@ class Medium(Stateful):
             The mask (K,) of those that arrive.
         """
         links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.nodes, is_unicast=True)
-        fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach)
+        fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach, noise)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
         self._queued(tick, links, fate)
@@ -142,11 +160,13 @@ class Medium(Stateful):
         for due, fields in stored:
             self._in_flight[due].append(frames_of(fields))
 
-    def _send(self, tick: int, batch: Frames, states: state.States, cut: Cut | None) -> NDArray[np.int32]:
+    def _send(
+        self, tick: int, batch: Frames, states: state.States, cut: Cut | None, noise: NoiseSources | None
+    ) -> NDArray[np.int32]:
         links = self._links(batch, states)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         reach = math.inf if batch.kind == FrameKind.STATE else self._models_reach
-        fate, expected = self._carried(tick, batch.kind, bits, links, states, reach)
+        fate, expected = self._carried(tick, batch.kind, bits, links, states, reach, noise)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
         fate = self._queued(tick, links, fate)
@@ -176,7 +196,14 @@ class Medium(Stateful):
         return _record(tick, links, fate)
 
     def _carried(
-        self, tick: int, kind: FrameKind, bits: int, links: Links, states: state.States, reach: float
+        self,
+        tick: int,
+        kind: FrameKind,
+        bits: int,
+        links: Links,
+        states: state.States,
+        reach: float,
+        noise: NoiseSources | None,
     ) -> tuple[Fate, tuple[float, float] | None]:
         """Send a message over links by radio; links longer than `reach`, in m, fail.
 
@@ -187,7 +214,7 @@ class Medium(Stateful):
         if not count:
             return Fate(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)), (0.0, 0.0)
         try:
-            message = self._message(tick, kind, bits, links, states)
+            message = self._message(tick, kind, bits, links, states, noise)
             for array in self.memory.values():
                 array.flags.writeable = False
             answer = self._channel.carry(dict(self.memory), message, self.draw)
@@ -204,14 +231,23 @@ class Medium(Stateful):
             expected = expected[0] + (count - within), expected[1]
         return fate, expected
 
-    def _message(self, tick: int, kind: FrameKind, bits: int, links: Links, states: state.States) -> Message:
+    def _message(
+        self,
+        tick: int,
+        kind: FrameKind,
+        bits: int,
+        links: Links,
+        states: state.States,
+        noise: NoiseSources | None = None,
+    ) -> Message:
         here = state.position(states)
         place = in_space(here, self._scenario)
         axes: Sequence[Floats] = state.parts(here)
         if self._scenario.stations:
             here, axes = place[:, :-1], list(place.T)
         distance = _distance(axes, links)
-        return Message(tick, bits, links.source, links.target, distance, here, kind.name.lower(), place, links.first)
+        name = kind.name.lower()
+        return Message(tick, bits, links.source, links.target, distance, here, name, place, links.first, noise)
 
     def _queued(self, tick: int, links: Links, fate: Fate) -> Fate:
         """Outcome of a message whose transmissions wait for the band, one after another, and then occupy it."""

@@ -122,7 +122,7 @@ class Traffic:
 class Meter(Stateful):
     """The counters of a run, by kind of traffic and by link."""
 
-    stored = ("totals", "table", "marked")
+    stored = ("totals", "table", "marked", "loads")
 
     def __init__(self, radio: Radio, uavs: int, stations: int = 0) -> None:
         self.traffic = {kind: Traffic() for kind in FrameKind}
@@ -131,6 +131,9 @@ class Meter(Stateful):
         self._last: Links | None = None  # last batch; its counts are added to those of the links later
         self._rows: Indices = np.zeros(0, dtype=np.intp)  # of its links in `_used`
         self._times = 0
+        self._slots: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # (K,) on its links, summed over its times
+        self._lasts: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # (T,) of its transmissions
+        self._loads = np.zeros((3, self.nodes), dtype=np.int64)
         self.marked: list[int] | None = None  # payload bits by kind, as `mark` found them
         self._figures: tuple[float, ...] | None = None  # cached until a batch is counted
 
@@ -161,7 +164,8 @@ class Meter(Stateful):
         total.outages += copies - arrived
         total.slots += spent
         total.delivered_slots += spent if arrived == copies else int(slots[delivered].sum())
-        total.airtime_s += int(np.add.reduce(np.maximum.reduceat(slots, links.first))) * self.radio.coherence_time_s
+        lasts = np.maximum.reduceat(slots, links.first)
+        total.airtime_s += int(np.add.reduce(lasts)) * self.radio.coherence_time_s
         outages, latency = (None, None) if expected is None else expected
         total.expected_outages = _sum(total.expected_outages, outages)
         total.expected_delivered_slots = _sum(total.expected_delivered_slots, latency)
@@ -169,7 +173,10 @@ class Meter(Stateful):
             self._enter()
             self._last = links
             self._rows = self._used.rows(links.pair)
+            self._slots, self._lasts = np.zeros_like(slots), np.zeros_like(lasts)
         self._times += 1
+        self._slots += slots
+        self._lasts += lasts
         if arrived < copies:
             _add(self._used.outages, links, self._rows[~delivered], 1)
 
@@ -235,10 +242,27 @@ class Meter(Stateful):
         source, target, sent, outages = stored.T
         self._used = Used(source.astype(np.intp) * self.nodes + target, sent.astype(np.int32), outages.astype(np.int32))
 
+    @property
+    def loads(self) -> NDArray[np.int64]:
+        """(3, N + B), slots of each node: of its transmissions; of all its links; and of all that is sent to it."""
+        self._enter()
+        return self._loads
+
+    @loads.setter
+    def loads(self, stored: NDArray[np.int64]) -> None:
+        self._loads = stored.astype(np.int64)
+
     def _enter(self) -> None:
-        if self._last is not None:
-            _add(self._used.sent, self._last, self._rows, self._times)
-            self._times = 0
+        if (links := self._last) is not None:
+            _add(self._used.sent, links, self._rows, self._times)
+            sources = links.source[links.first]
+            for load, nodes, slots in (
+                (self._loads[0], sources, self._lasts),
+                (self._loads[1], links.source, self._slots),
+                (self._loads[2], links.target, self._slots),
+            ):
+                load += np.bincount(nodes, weights=slots, minlength=self.nodes).astype(np.int64)
+            self._times, self._slots, self._lasts = 0, np.zeros_like(self._slots), np.zeros_like(self._lasts)
 
 
 def _add(counts: NDArray[np.int32], links: Links, rows: Indices, times: int) -> None:

@@ -50,6 +50,7 @@ def page() -> str:
         "| `radius` | its radius | m | > 0 |",
         "",
         *_entries(schema, "stations", "Station"),
+        *_entries(schema, "radios", "UnequalRadio"),
         "## [[faults]]",
         "",
         "The fault script. Each entry says what goes wrong, for which UAVs, when and for how long, in simulated time.",
@@ -92,7 +93,7 @@ def completed() -> str:
         described = schema["Scenario"]["properties"]
         if table:
             described = schema[described[table]["$ref"].rpartition("/")[2]]["properties"]
-        if key not in ("controller", "faults", "obstacles", "stations") and name != "options":
+        if key not in ("controller", "faults", "obstacles", "radios", "stations") and name != "options":
             values = [*_values(described[name])]
             if kind := named.get(key):
                 default = described[name].get("default")

@@ -3,11 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.base import NoiseSources
 from meanflock.channel.medium import Cut, Indices
 from meanflock.federation.seat import missing_stations
 from meanflock.swarm import state
 from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
-from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
+from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Noise, Partition, Pause, kind, paused
 from meanflock.swarm.mission import stations
 from meanflock.swarm.scenario import Scenario
 
@@ -74,6 +75,13 @@ class Script:
 
         return fails
 
+    def noise(self, tick: int) -> NoiseSources | None:
+        """Jammers that send noise in a tick, (J, 5): place in m, power in dBm and band in Hz; None for none."""
+        acting = [fault for fault in self._acting(tick) if isinstance(fault, Noise)]
+        if not acting:
+            return None
+        return np.array([(*fault.place, fault.power_dbm, fault.bandwidth_hz) for fault in acting])
+
     def gust(self, tick: int, states: state.States) -> state.Vectors | None:
         """(N, 2), m/s², the acceleration of each UAV by gusts; None without gusts."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
@@ -125,6 +133,8 @@ def words(fault: Fault) -> str:
         words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
     if isinstance(fault, Gust):
         words += f" with ({fault.acceleration[0]:g}, {fault.acceleration[1]:g}) m/s²"
-    if isinstance(fault, Pause | Partition | Jam | Gust):
+    if isinstance(fault, Noise):
+        words += f" of {fault.power_dbm:g} dBm from ({', '.join(f'{along:g}' for along in fault.place)}) m"
+    if isinstance(fault, Pause | Partition | Jam | Noise | Gust):
         words += f" for {fault.duration_s:g} s"
     return words

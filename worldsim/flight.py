@@ -148,7 +148,8 @@ class Flight(Stateful):
         noise: of the motion.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
-        steps: number of commands of UAVs that are not lost, one for each UAV and tick.
+        steps: number of commands of UAVs that are not lost, one for each UAV and tick. lost_ticks: (N,), ticks in which
+            a UAV was lost.
         clipped: number of commands, one for each UAV and tick, that were longer than the vehicle's limit.
         launch_tick: (N,), tick in which a UAV leaves the ground.
         speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
@@ -159,7 +160,15 @@ class Flight(Stateful):
     """
 
     stored = (
-        *("tick", "steps", "clipped", "speed_difference_sum", "speed_difference_squared_error", "near_sum"),
+        *(
+            "tick",
+            "steps",
+            "lost_ticks",
+            "clipped",
+            "speed_difference_sum",
+            "speed_difference_squared_error",
+            "near_sum",
+        ),
         *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "noise"),
     )
 
@@ -168,6 +177,7 @@ class Flight(Stateful):
         self.scenario = scenario
         self.tick = 0
         self.steps = 0
+        self.lost_ticks = np.zeros(n, dtype=np.int64)
         self.clipped = 0
         self.speed_difference_sum = 0.0
         self.speed_difference_squared_error = 0.0
@@ -308,7 +318,10 @@ class Flight(Stateful):
             accelerations = np.where(self.idle[:, None], 0.0, accelerations)
         if (limit := self.scenario.vehicle.acceleration_max) is not None:
             accelerations = self._limited(accelerations, limit)
-        self.steps += len(accelerations) - (int(np.count_nonzero(self.lost)) if self.any_lost else 0)
+        self.steps += len(accelerations)
+        if self.any_lost:
+            self.steps -= int(np.count_nonzero(self.lost))
+            self.lost_ticks += self.lost
         felt = accelerations if gust is None else accelerations + gust
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
         moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting)

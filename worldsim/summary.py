@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from meanflock import kernels
-from meanflock.channel.medium import Medium
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
-from meanflock.federation.backhaul import Backhaul
+from meanflock.channel.nodes import nodes_of
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
 from meanflock.swarm.faults import Kill
 from meanflock.swarm.provenance import provenance
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.clocks import TickSchedule
 from meanflock.worldsim.flight import Flight
@@ -61,12 +61,12 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
     }
 
 
-def radio_summary(air: Medium, backhaul: Backhaul, *, all_arrived: bool) -> dict[str, Any]:
+def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:
     """Fields from the radio: bits, and observed outages and latency beside their closed forms.
 
     `bits_to_arrival` counts until the last arrival if all UAVs arrived, else until the end.
     """
-    meter = air.meter
+    air, meter = world.air, world.air.meter
     to_arrival = meter.marked if all_arrived and meter.marked is not None else meter.bits()
     links = meter.links()
     total = meter.all_kinds()
@@ -82,8 +82,10 @@ def radio_summary(air: Medium, backhaul: Backhaul, *, all_arrived: bool) -> dict
             "airtime_s": total.airtime_s,
             "clamped": air.clamped,
             "handovers": air.serving.handovers,
-            "backhaul_bits": backhaul.bits,
-            "band_time_Hz_s": band_time_Hz_s(meter, total),
+            "backhaul_bits": world.backhaul.bits,
+            "duty_max": float(world.duty.max()),
+            "nodes": _nodes(world),
+            "band_time_Hz_s": band_time_Hz_s(meter, nodes_of(world.scenario).bandwidth_hz),
             "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
             "links_used": len(links),
             "links": links if len(links) <= MAX_LINKS_LISTED else None,  # [source, target, sent, outages]
@@ -91,11 +93,22 @@ def radio_summary(air: Medium, backhaul: Backhaul, *, all_arrived: bool) -> dict
     }
 
 
-def band_time_Hz_s(meter: Meter, total: Traffic) -> float:
-    """Spectrum that traffic takes, band × time: of all links where each has its band; in one band, of the airtime."""
-    radio = meter.radio
-    time_s = total.slots * radio.coherence_time_s if radio.access == "fdma" else total.airtime_s
-    return time_s * radio.bandwidth_hz
+def _nodes(world: World) -> list[list[float]] | None:
+    """Rows [node, airtime_s, received_s, energy_J] of all nodes, stations last; None if there are many."""
+    meter, energy_J = world.air.meter, world.radio_energy_J
+    if len(energy_J) > MAX_LINKS_LISTED:
+        return None
+    lasts, _, heard = meter.loads * meter.radio.coherence_time_s
+    return [[node, *row] for node, row in enumerate(np.stack([lasts, heard, energy_J], axis=-1).tolist())]
+
+
+def band_time_Hz_s(meter: Meter, bandwidth_hz: Floats) -> float:
+    """Spectrum that traffic takes, band × time: of all links where each has its band; in one band, of the airtime.
+
+    `bandwidth_hz`: (N + B,), of what each node sends.
+    """
+    lasts, slots, _ = meter.radio.coherence_time_s * meter.loads
+    return float((slots if meter.radio.access == "fdma" else lasts) @ bandwidth_hz)
 
 
 def _kind(bill: Traffic) -> dict[str, Any]:
@@ -199,7 +212,7 @@ def summary(
         "wall_time_s": wall_time_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
-        **radio_summary(world.air, world.backhaul, all_arrived=bool((flight.arrival_tick >= 0).all())),
+        **radio_summary(world, all_arrived=bool((flight.arrival_tick >= 0).all())),
         **world.energies(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
         "until": world.target.summary(),

@@ -104,13 +104,33 @@ class World(Stateful):
         return self.flight.over or bool(self.target.reached)
 
     def energies(self) -> dict[str, float]:
-        """Energy of all UAVs so far, by field of the summary, J: radio, computers, and all with that of motion."""
+        """Energy of all UAVs so far, by field of the summary, J: radio, computers, and all with that of motion.
+
+        Stations have their own power.
+        """
         flight, constants = self.flight, self.scenario.energy
-        radio = constants.radio_W * self.air.meter.total("airtime_s")
+        radio = float(self.radio_energy_J[: self.scenario.uavs].sum())
         training = self.scenario.training.power_W * self.scenario.dt * self.commands.busy_ticks
         compute = constants.step_J * flight.steps + training
         total = float(flight.energy.sum()) + radio + compute
         return {"energy_radio_J": radio, "energy_compute_J": compute, "energy_total_J": total}
+
+    @property
+    def duty(self) -> Floats:
+        """Share of the time so far in which each node sends, (N + B,); the time is one round at least."""
+        sends_s = self.scenario.radio.coherence_time_s * self.air.meter.loads[0]
+        share: Floats = sends_s / (self.scenario.dt * max(1, self.flight.tick, self.plan.period_ticks))
+        return share
+
+    @property
+    def radio_energy_J(self) -> Floats:
+        """Energy of the radio of each node so far, (N + B,): of sending, receiving and neither, J."""
+        flight, constants, radio = self.flight, self.scenario.energy, self.scenario.radio
+        sends_s, _, receives_s = radio.coherence_time_s * self.air.meter.loads
+        powered = np.concatenate([flight.tick - flight.lost_ticks, np.full(len(self.scenario.stations), flight.tick)])
+        idles_s = np.maximum(0.0, powered * self.scenario.dt - sends_s - receives_s)
+        energy: Floats = constants.radio_W * sends_s + constants.receive_W * receives_s + constants.idle_W * idles_s
+        return energy
 
     def ask(self) -> Senses:
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
@@ -159,11 +179,11 @@ class World(Stateful):
         if flight.idle is not None:
             self.commands.accelerations[flight.idle] = 0.0
         self.models.add(frames)
-        cut = self._script.cut(tick, states)
-        on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut))
+        cut, noise = self._script.cut(tick, states), self._script.noise(tick)
+        on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut, noise))
         clamped = self.air.clamped
         self.air.serve(tick, states, present)
-        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node), states, cut)
+        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node), states, cut, noise)
         if self.air.clamped > clamped == 0:
             self.note(LinksClamped(tick, self.air.clamped))
         for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):

@@ -6,10 +6,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from meanflock.channel import budget, link, rates
-from meanflock.channel.base import Channel, Foreseen, Memory, Message, in_space
+from meanflock.channel.base import Channel, Foreseen, Memory, Message, NoiseSources, in_space
 from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
 from meanflock.channel.losses.model import Losses
+from meanflock.channel.losses.plain import at_1m_db
+from meanflock.channel.nodes import nodes_of
 from meanflock.channel.propagation import Indices, Propagation
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.mission import starts
@@ -17,18 +19,6 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, distinct, position
 
 THERMAL_DBM_HZ = -174.0  # power density of the noise of a resistor at 290 K
-
-
-class Nodes(NamedTuple):
-    """Radios of all nodes: of the UAVs, then of the stations.
-
-    power_dbm, gain_dbi, noise_figure_db, bandwidth_hz: (N + B,), the last one of what a node sends.
-    """
-
-    power_dbm: Floats
-    gain_dbi: Floats
-    noise_figure_db: Floats
-    bandwidth_hz: Floats
 
 
 class Ends(NamedTuple):
@@ -68,6 +58,8 @@ class LinkBudget(Channel):
 
     name = "link-budget"
     stations: ClassVar[bool] = True
+    own_radios: ClassVar[bool] = True
+    hears_noise: ClassVar[bool] = True
 
     Options = budget.Options
     options: budget.Options
@@ -76,13 +68,13 @@ class LinkBudget(Channel):
         """Raises BadInput if a path loss does not hold for the starts, or a key has no effect."""
         super().__init__(options, scenario)
         radio, uavs = scenario.radio, scenario.uavs
-        self._nodes = nodes_of(scenario, options)
+        self._nodes = nodes_of(scenario, options.gain_dbi, options.noise_figure_db)
         stations = len(scenario.stations)
         budget.check_effects(options, stations)
         self._rate = (
             rates.cqi(options.cqi) if options.rate == "cqi" else rates.shannon(radio.target_snr_db, options.gap_db)
         )
-        noise_dbm = THERMAL_DBM_HZ + 10.0 * np.log10(radio.bandwidth_hz) + self._nodes.noise_figure_db
+        self._noise_dbm = noise_dbm = THERMAL_DBM_HZ + 10.0 * np.log10(radio.bandwidth_hz) + self._nodes.noise_figure_db
         self._is_one_band = bool((self._nodes.bandwidth_hz == radio.bandwidth_hz).all())
         wider_db = 10.0 * np.log10(self._nodes.bandwidth_hz / radio.bandwidth_hz)  # more noise
         self._sent_dbm = self._nodes.power_dbm + self._nodes.gain_dbi - wider_db
@@ -183,6 +175,8 @@ class LinkBudget(Channel):
             for path, some, low, high in ends.kinds:
                 loss_db[some], law[some], outside[some] = path.over(place_m, low, high)
             margin_db = ends.budget_db - loss_db.take(ends.pair)
+            if message.noise is not None:
+                margin_db -= self._raised_db(message.noise, place_m)[message.target]
             law, chances = law.take(ends.pair), np.empty((3, len(margin_db)))
             for needed, links in self._bands(message):
                 chances[:, links] = self._curves.chances(needed, law[links], margin_db[links])
@@ -193,6 +187,15 @@ class LinkBudget(Channel):
                 ),
             )
         return self._last[1]
+
+    def _raised_db(self, noise: NoiseSources, place_m: Floats) -> Floats:
+        """By how much jammers in sight raise the noise of each receiver, (N + B,), dB."""
+        apart = place_m[:, None] - noise[:, :3]
+        distance_m = np.maximum(np.sqrt(np.einsum("njk,njk->nj", apart, apart)), 1.0)
+        loss_db = at_1m_db(self._air.carrier_ghz) + 20.0 * np.log10(distance_m)
+        shared_db = 10.0 * np.log10(np.minimum(1.0, self.scenario.radio.bandwidth_hz / noise[:, 4]))
+        heard_dbm = noise[:, 3] + shared_db - loss_db + self._nodes.gain_dbi[:, None]
+        return 10.0 * np.log10(1.0 + (10.0 ** ((heard_dbm - self._noise_dbm[:, None]) / 10.0)).sum(axis=1))
 
     def _bands(self, message: Message) -> Iterator[tuple[int, slice | Mask]]:
         """The slots that the message needs in each band, and the links whose sources send in it."""
@@ -243,18 +246,3 @@ class LinkBudget(Channel):
                     f"radio.options.{key} = {name!r}: {fault}, where its source does not hold; change start, stations "
                     "or carrier_ghz, or choose another loss: docs/channels.md says which"
                 )
-
-
-def nodes_of(scenario: Scenario, options: budget.Options) -> Nodes:
-    """The radios of all nodes of a scenario."""
-
-    def by_node(of_uavs: float, key: str) -> Floats:
-        own = [getattr(station, key) for station in scenario.stations]
-        return np.array([of_uavs] * scenario.uavs + [of_uavs if value is None else value for value in own])
-
-    return Nodes(
-        by_node(scenario.radio.tx_power_dbm, "tx_power_dbm"),
-        by_node(options.gain_dbi, "gain_dbi"),
-        by_node(options.noise_figure_db, "noise_figure_db"),
-        by_node(scenario.radio.bandwidth_hz, "bandwidth_hz"),
-    )

@@ -15,7 +15,7 @@ from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.faults import LeaderLoss
+from meanflock.swarm.faults import LeaderLoss, Noise
 from meanflock.swarm.plugins import PluginKind
 from meanflock.swarm.scenario import Scenario, Sharing, Until, with_payloads
 
@@ -67,7 +67,7 @@ class Plan:
         self._check_resumable()
         self._check_until()
         self._check_silence()
-        self._check_stations()
+        self._check_radio()
         self.hops = self._hops()
         for one in (scenario, self.scenario):
             vars(one)[_PLAN] = self
@@ -165,29 +165,40 @@ class Plan:
                 "have settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
             )
 
-    def _check_stations(self) -> None:
-        """Validates that channel and topology know stations, if there are any."""
+    def _check_radio(self) -> None:
+        """Validates that channel and topology know stations, radios of their own, and noise, if there are any."""
         scenario = self.scenario
+        channel: Any = plugins.load("channel", scenario.radio.model)
+        name = scenario.radio.model
+        if scenario.radios and not channel.own_radios:
+            raise BadInput(
+                f"scenario: there are `[[radios]]`, and the channel {name} has one radio for all; remove them, or take "
+                "the channel link-budget"
+            )
+        if any(isinstance(fault, Noise) for fault in scenario.faults) and not channel.hears_noise:
+            raise BadInput(
+                f"scenario: `faults` has noise, which the channel {name} does not hear; take jam, or the channel "
+                "link-budget"
+            )
         if not scenario.stations:
             return
-        channel: Any = plugins.load("channel", scenario.radio.model)
         about = f"scenario: there are `[[stations]]`, and the channel {scenario.radio.model}"
         if not channel.bears_stations():
             raise BadInput(
                 f"{about} has a `carry` that knows UAVs only; remove them, or let the channel declare `stations = True`"
             )
         own = next((number for number, station in enumerate(scenario.stations) if station.has_own_radio), None)
-        if not channel.stations and own is not None:
+        if not channel.own_radios and own is not None:
             raise BadInput(
                 f"{about} has one radio for all; remove tx_power_dbm, gain_dbi, noise_figure_db and bandwidth_hz of "
                 f"`stations[{own}]`, or take the channel link-budget"
             )
-        name = topology_of(scenario)
+        topology = topology_of(scenario)
         if scenario.federation.station is not None and not getattr(
-            plugins.load("topology", name), "bears_station", False
+            plugins.load("topology", topology), "bears_station", False
         ):
             raise BadInput(
-                f"scenario: `federation.station` is {scenario.federation.station}, and the topology {name} has its "
+                f"scenario: `federation.station` is {scenario.federation.station}, and the topology {topology} has its "
                 "leader aboard a UAV; remove that key, or take the topology leader"
             )
 

@@ -222,6 +222,14 @@ SUMMARY = (
         "links over which a message was sent at places for which the channel's path loss does not hold",
         optional=True,
     ),
+    Field("radio.duty_max", "1", "largest share of the time that a node sends", optional=True),
+    Field(
+        "radio.nodes",
+        "",
+        "`[node, airtime_s, received_s, energy_J]` of the radio of each UAV, then of each station; null if there are "
+        "more than 1000",
+        optional=True,
+    ),
     Field("radio.handovers", "1", "changes of a UAV from one station to another", optional=True),
     Field(
         "radio.backhaul_bits", PAYLOAD, "models over the wire between stations; no radio carries these", optional=True
@@ -239,7 +247,12 @@ SUMMARY = (
     *(Field(f"radio.traffic.*.{name}", measured, f"for that traffic: {about}") for name, measured, about in _OF_LINKS),
     Field("radio.links_used", "links", "ordered pairs of UAVs between which a message was sent"),
     Field("radio.links", "", "`[source, target, sent, outages]` for each link; null if there are more than 1000"),
-    Field("energy_radio_J", ENERGY, "energy of all transmitters: `energy.radio_W` times the time on air"),
+    Field(
+        "energy_radio_J",
+        ENERGY,
+        "energy of the UAVs' radios: `energy.radio_W` times the time on air, `receive_W` times that of what is sent to "
+        "a UAV, and `idle_W` times the rest",
+    ),
     Field(
         "energy_compute_J",
         ENERGY,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from meanflock.swarm import toml
 
-_ALSO = ("stations", "federation.station", "start.height")  # keys that are lent beside `[radio]`
+_ALSO = ("stations", "radios", "federation.station", "start.height")  # keys that are lent beside `[radio]`
 
 
 class LentRadio(NamedTuple):

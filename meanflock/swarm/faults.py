@@ -102,6 +102,15 @@ class Jam(_Where, frozen=True, kw_only=True, tag="jam"):
             )
 
 
+class Noise(_Fault, frozen=True, kw_only=True, tag="noise"):
+    """A jammer sends noise, which adds to that of every receiver, as far as it is in sight over free space."""
+
+    duration_s: Duration
+    place: Annotated[tuple[float, float, float], Meta(description="where its antenna is, height last, m")]
+    power_dbm: Annotated[float, Meta(ge=-300, le=300, description="its power, dBm")]
+    bandwidth_hz: Annotated[float, Meta(ge=1, le=1e15, description="the band over which it is spread, Hz")]
+
+
 class Gust(_Where, frozen=True, kw_only=True, tag="gust"):
     """Wind that accelerates the named UAVs, those in the area, or all."""
 
@@ -114,7 +123,7 @@ class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):
     standby: Annotated[bool, Meta(description="whether a standby leader is started")] = True
 
 
-Fault: TypeAlias = Kill | Pause | Partition | Jam | Gust | LeaderLoss
+Fault: TypeAlias = Kill | Pause | Partition | Jam | Noise | Gust | LeaderLoss
 
 
 def kind(fault: Fault) -> str:

@@ -132,6 +132,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             max_length=tables.MOST_STATIONS,
         ),
     ] = ()
+    radios: Annotated[
+        tuple[tables.UnequalRadio, ...],
+        key("radios of single UAVs, where they differ from `[radio]`", OURS, "all UAVs are alike", later=True),
+    ] = ()
     vehicle: tables.VehicleTable = field(default_factory=tables.VehicleTable)
     energy: Annotated[tables.Energy, LATER] = field(default_factory=tables.Energy)
     metrics: tables.Metrics = field(default_factory=tables.Metrics)
@@ -195,6 +199,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
             )
         self._check_stations()
+        self._check_radios()
         if self.until is not None:
             Until.of_text(self.until)
         if self.duration < self.dt:
@@ -242,6 +247,19 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     f"`stations[{number}]` stands {near:.2g} m from the start of UAV {apart.argmin()}, at a height of "
                     f"{self.start.height:g} m; move it {_LEAST_FROM_STATION_M:g} m away or more"
                 )
+
+    def _check_radios(self) -> None:
+        """Raises ValueError where `[[radios]]` names a UAV twice, or one that is not there."""
+        named: set[int] = set()
+        for number, radio in enumerate(self.radios):
+            for uav in radio.uavs:
+                if uav >= self.uavs:
+                    raise ValueError(f"`radios[{number}].uavs` names UAV {uav} of 0…{self.uavs - 1}")
+                if uav in named:
+                    raise ValueError(
+                        f"`radios[{number}].uavs` names UAV {uav}, which has a radio already; name it once"
+                    )
+                named.add(uav)
 
     @property
     def dimensions(self) -> int:

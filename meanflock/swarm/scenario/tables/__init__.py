@@ -4,6 +4,7 @@ from meanflock.swarm.scenario.tables.federation import Federation  # noqa: F401
 from meanflock.swarm.scenario.tables.mission import Destination, Metrics, Obstacle, Start, Truth, Wind  # noqa: F401
 from meanflock.swarm.scenario.tables.pace import Pace  # noqa: F401
 from meanflock.swarm.scenario.tables.radio import Radio  # noqa: F401
+from meanflock.swarm.scenario.tables.radios import UnequalRadio  # noqa: F401
 from meanflock.swarm.scenario.tables.sharing import POLICIES, FilterTable, Sharing, SharingRule  # noqa: F401
 from meanflock.swarm.scenario.tables.station import MOST_STATIONS, Station  # noqa: F401
 from meanflock.swarm.scenario.tables.training import Training  # noqa: F401

@@ -80,6 +80,21 @@ class Radio(_Table, frozen=True):
             later=True,
         ),
     ] = "fdma"
+    duty_max: (
+        Annotated[
+            float,
+            key(
+                "share of the time that a radio may send; a round that needs more is refused, and an event names who "
+                "sends more in flight; unset: no limit",
+                OURS,
+                "the paper has none; 0.01 is usual at 868 MHz in Europe",
+                later=True,
+                gt=0,
+                le=1,
+            ),
+        ]
+        | None
+    ) = None
     plausible_speed: Annotated[
         float,
         key(

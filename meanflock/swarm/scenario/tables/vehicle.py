@@ -87,6 +87,21 @@ class Energy(_Table, frozen=True):
             ge=0,
         ),
     ] = 0.0
+    receive_W: Annotated[
+        float,
+        key(
+            "power of a receiver, times the time on air of what it receives",
+            OURS,
+            "likewise",
+            unit="W",
+            later=True,
+            ge=0,
+        ),
+    ] = 0.0
+    idle_W: Annotated[
+        float,
+        key("power of a radio that neither sends nor receives", OURS, "likewise", unit="W", later=True, ge=0),
+    ] = 0.0
     step_J: Annotated[
         float, key("energy of one tick of the controller of one UAV", OURS, "likewise", unit="J", ge=0)
     ] = 0.0

@@ -1,0 +1,110 @@
+"""Radios that differ from node to node: what each sends, hears and spends, and noise of a jammer."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meanflock.channel.base import Message
+from meanflock.channel.fading.link_budget import LinkBudget
+from meanflock.federation.plan import plan_of
+from meanflock.launch.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, load
+from tests.faults.dying import LATER, dead, resumed
+
+BUDGET = ("radio.model=link-budget", "radio.coherence_time_s=0.001", "uavs=4")
+JAMMER = {"kind": "noise", "tick": 0, "duration_s": 30.0, "power_dbm": 20.0, "bandwidth_hz": 2e6}
+
+
+def scenario(*settings: str, **options: Any) -> Scenario:
+    return load(None, [*BUDGET, *settings], **options)
+
+
+def channel_of(flown: Scenario) -> LinkBudget:
+    channel: LinkBudget = plugins.create("channel", "link-budget", flown.radio.options, flown)
+    return channel
+
+
+def margins(flown: Scenario, noise: Any = None) -> np.ndarray:
+    """Margins (N, N) between UAVs on a line, 100 m apart, dB."""
+    position_m = np.stack([100.0 * np.arange(flown.uavs), np.zeros(flown.uavs)], axis=-1)
+    source, target = np.nonzero(~np.eye(flown.uavs, dtype=bool))
+    distance = np.abs(position_m[source, 0] - position_m[target, 0])
+    message = Message(0, 100, source, target, distance, position_m, noise=noise)
+    table = np.zeros((flown.uavs, flown.uavs))
+    table[source, target] = channel_of(flown).signal_db(message)
+    return table
+
+
+def test_a_radio_of_its_own_counts_where_it_sends_and_where_it_receives() -> None:
+    alike = margins(scenario())
+    own = margins(scenario("radios=[{uavs=[1], tx_power_dbm=30.0, gain_dbi=3.0}, {uavs=[2], noise_figure_db=12.0}]"))
+    change = own - alike
+    np.testing.assert_allclose(change[1, [0, 3]], 13.0)
+    np.testing.assert_allclose(change[[0, 3], 1], 3.0)
+    np.testing.assert_allclose(change[[0, 3], 2], -5.0)
+    np.testing.assert_allclose(change[1, 2], 8.0)
+    np.testing.assert_allclose(change[[0, 3, 2], [3, 0, 0]], 0.0)
+
+
+def test_a_jammer_of_20_dbm_at_300_m_is_34_4_db_above_the_noise() -> None:
+    flown = scenario("start.height=40", uavs=2)
+    far = margins(flown) - margins(flown, np.array([[400.0, 0.0, 40.0, 20.0, 2e6]]))
+    assert far[0, 1] == pytest.approx(34.4, abs=0.05)
+    wide = margins(flown) - margins(flown, np.array([[400.0, 0.0, 40.0, 20.0, 2e8]]))
+    assert wide[0, 1] == pytest.approx(14.5, abs=0.1)  # a hundredth of it is in the band
+    none = margins(flown) - margins(flown, np.array([[400.0, 0.0, 40.0, 20.0, 2e6]] * 2))
+    assert none[0, 1] == pytest.approx(37.4, abs=0.05)
+
+
+def test_under_noise_as_much_is_lost_as_theory_says() -> None:
+    faults = [{**JAMMER, "place": [250.0, 150.0, 40.0]}]
+    flown = scenario("radio.tx_power_dbm=0", "federation.period=5", "uavs=25", faults=faults, duration=30)
+    links = Engine(flown, "noise").complete()["radio"]["traffic"]["uplink"]
+    lost, sent = links["outage_rate"], links["sent"]
+    assert 0.02 < lost < 0.98
+    assert abs(lost - links["outage_rate_theory"]) < 4 * np.sqrt(lost * (1 - lost) / sent)
+
+
+def test_a_node_spends_what_it_sends_hears_and_waits() -> None:
+    spends = ("energy.radio_W=2", "energy.receive_W=1.5", "energy.idle_W=1")
+    faults = [{"kind": "kill", "tick": 100, "uavs": [3]}]
+    station = ("stations=[{place=[0.0, 0.0, 25.0]}]", "federation.station=0")
+    flown = scenario(*spends, *station, "federation.period=20", "stop=duration", duration=20, faults=faults)
+    summary = Engine(flown, "energy").complete()
+    rows = np.array(summary["radio"]["nodes"])
+    assert rows.shape == (5, 4)
+    powered_s = np.array([20.0, 20.0, 20.0, 10.0, 20.0])
+    _, sent_s, heard_s, energy_J = rows.T
+    np.testing.assert_allclose(energy_J, 2 * sent_s + 1.5 * heard_s + (powered_s - sent_s - heard_s))
+    assert sent_s.sum() == pytest.approx(summary["radio"]["airtime_s"])
+    assert summary["energy_radio_J"] == pytest.approx(energy_J[:4].sum())  # a station has its own power
+    assert summary["radio"]["duty_max"] == pytest.approx(sent_s.max() / 20.0)
+
+
+def test_loads_go_on_after_a_kill(tmp_path: Path) -> None:
+    flown = scenario("energy.idle_W=1", "energy.radio_W=3", LATER, faults=[{"kind": "kill", "tick": 150, "uavs": [2]}])
+    whole = Engine(flown, "whole").complete()
+    again = resumed(dead(tmp_path, flown, 210, rows=2))
+    assert again["radio"]["nodes"] == whole["radio"]["nodes"]
+    assert again["energy_radio_J"] == whole["energy_radio_J"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "options", "text"),
+    [
+        (("radios=[{uavs=[4], gain_dbi=1.0}]",), {}, r"`radios\[0\].uavs` names UAV 4 of 0…3"),
+        (("radios=[{uavs=[1], gain_dbi=1.0}, {uavs=[1]}]",), {}, r"`radios\[1\].uavs` names UAV 1, which has a radio"),
+        (("radios=[{gain_dbi=1.0}]",), {}, "uavs"),
+        (("radios=[{uavs=[0], gain_dbi=nan}]",), {}, "gain_dbi"),
+        (("radios=[{uavs=[0]}]", "radio.model=rice"), {}, "the channel rice has one radio for all"),
+        (("radio.model=rice",), {"faults": [{**JAMMER, "place": [0.0, 0.0, 1.0]}]}, "the channel rice does not hear"),
+        ((), {"faults": [{**JAMMER, "place": [0.0, 0.0]}]}, "place"),
+    ],
+)
+def test_what_radios_cannot_be_is_refused(settings: tuple[str, ...], options: dict[str, Any], text: str) -> None:
+    with pytest.raises((BadInput, ValueError), match=text):
+        plan_of(scenario(*settings, **options))
