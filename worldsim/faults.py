@@ -8,7 +8,7 @@ from meanflock.channel.medium import Cut, Indices
 from meanflock.federation.seat import missing_stations
 from meanflock.swarm import state
 from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
-from meanflock.swarm.faults import Fault, Gust, Jam, Kill, LeaderLoss, Noise, Partition, Pause, kind, paused
+from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
 from meanflock.swarm.mission import stations
 from meanflock.swarm.scenario import Scenario
 
@@ -77,7 +77,7 @@ class Script:
 
     def noise(self, tick: int) -> NoiseSources | None:
         """Jammers that send noise in a tick, (J, 5): place in m, power in dBm and band in Hz; None for none."""
-        acting = [fault for fault in self._acting(tick) if isinstance(fault, Noise)]
+        acting = [fault for fault in self._acting(tick) if isinstance(fault, Interference)]
         if not acting:
             return None
         return np.array([(*fault.place, fault.power_dbm, fault.bandwidth_hz) for fault in acting])
@@ -133,8 +133,8 @@ def words(fault: Fault) -> str:
         words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
     if isinstance(fault, Gust):
         words += f" with ({fault.acceleration[0]:g}, {fault.acceleration[1]:g}) m/s²"
-    if isinstance(fault, Noise):
+    if isinstance(fault, Interference):
         words += f" of {fault.power_dbm:g} dBm from ({', '.join(f'{along:g}' for along in fault.place)}) m"
-    if isinstance(fault, Pause | Partition | Jam | Noise | Gust):
+    if isinstance(fault, Pause | Partition | Jam | Interference | Gust):
         words += f" for {fault.duration_s:g} s"
     return words

@@ -15,7 +15,7 @@ from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.faults import LeaderLoss, Noise
+from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
 from meanflock.swarm.scenario import Scenario, Sharing, Until, with_payloads
 
@@ -175,7 +175,7 @@ class Plan:
                 f"scenario: there are `[[radios]]`, and the channel {name} has one radio for all; remove them, or take "
                 "the channel link-budget"
             )
-        if any(isinstance(fault, Noise) for fault in scenario.faults) and not channel.hears_noise:
+        if any(isinstance(fault, Interference) for fault in scenario.faults) and not channel.hears_noise:
             raise BadInput(
                 f"scenario: `faults` has noise, which the channel {name} does not hear; take jam, or the channel "
                 "link-budget"

@@ -102,7 +102,7 @@ class Jam(_Where, frozen=True, kw_only=True, tag="jam"):
             )
 
 
-class Noise(_Fault, frozen=True, kw_only=True, tag="noise"):
+class Interference(_Fault, frozen=True, kw_only=True, tag="noise"):
     """A jammer sends noise, which adds to that of every receiver, as far as it is in sight over free space."""
 
     duration_s: Duration
@@ -123,7 +123,7 @@ class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):
     standby: Annotated[bool, Meta(description="whether a standby leader is started")] = True
 
 
-Fault: TypeAlias = Kill | Pause | Partition | Jam | Noise | Gust | LeaderLoss
+Fault: TypeAlias = Kill | Pause | Partition | Jam | Interference | Gust | LeaderLoss
 
 
 def kind(fault: Fault) -> str:
