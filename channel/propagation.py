@@ -39,7 +39,7 @@ class Propagation(NamedTuple):
             place_m: (nodes, 3), m. low, high: (P,) the UAV and the station, or two UAVs.
 
         Returns:
-            Loss with shadow in dB (P,); index of the law of fading (P,), or a single one; and the mask (P,) of the pairs
+            Loss with shadow in dB (P,); index of the law of fading (P,), or a single one; and the mask (P,) of pairs
             outside the validity of the path loss.
         """
         x, y, z = np.ascontiguousarray(place_m.T)
