@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel import tails
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Floats
@@ -77,18 +78,13 @@ def drawn(
     if needed > slots:
         return np.full(links, slots, dtype=np.int64), np.zeros(links, dtype=bool)
     taken = np.empty(links, dtype=np.int64)
-    delivered = np.ones(links, dtype=bool)
-    busy, missing = np.arange(links), np.full(links, needed)
+    busy, missing, left = np.arange(links), np.full(links, needed), links
     for slot in range(1, slots + 1):
-        taken[busy] = slot
-        missing -= rng.random(len(busy)) < success
-        still = missing.nonzero()[0]
-        if not len(still):
+        left = kernels.send(rng.random(left), success, slot, busy, missing, taken)
+        if not left:
             break
-        if len(still) < len(busy):
-            busy, missing, success = busy.take(still), missing.take(still), success.take(still)
-    else:
-        delivered[busy] = False
+    delivered = np.ones(links, dtype=bool)
+    delivered[busy[:left]] = False
     return taken, delivered
 
 
