@@ -153,7 +153,7 @@ class LinkBudget(Channel):
 
     def _between_uavs(self, distance_m: Floats) -> Losses:
         """Losses between UAVs at `start.height`, so far apart (K,)."""
-        model, height = self._air.model, np.full(len(distance_m), self.scenario.start.height)
+        model, height = self._air.model, np.float64(self.scenario.start.height)
         geometry, _ = model.validity.clamped(distance_m, height, height)
         return model.losses(geometry, self._air.carrier_ghz)
 
