@@ -70,9 +70,9 @@ def delivered_slots(needed: int, slots: int, success: Floats) -> Floats:
 def drawn(
     needed: int, slots: int, success: Floats, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Slots (K,) that a message takes on links, and whether it is delivered (K,): draws of `delivered_slots` and `lost`.
+    """Draws the slots (K,) that a message takes on links, and whether it is delivered (K,).
 
-    Draws one number in every slot for each link that is still busy, in link order; none if no link can deliver.
+    One number is drawn in every slot for each link that is still busy, in link order; none if no link can deliver.
     """
     links = len(success)
     if needed > slots:
