@@ -23,6 +23,7 @@ PAGE = ROOT / "docs" / "performance.md"
 RACES = (
     "networked",
     "in_process",
+    "link_budget",
     "avoidance",
     "scale",
     "agent_process",

@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import msgspec
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel import queue
 from meanflock.federation.seat import seat
-from meanflock.swarm.errors import FAILURES, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
 from meanflock.swarm.mission import starts, stations
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
@@ -88,6 +89,15 @@ class Channel:
     def bits_per_slot(self) -> float:
         """Bits of a slot that carries anything, > 0, by which fragments are cut; by default of `[radio]`."""
         return self.scenario.radio.bits_per_slot
+
+    def check_rate(self) -> None:
+        """Raises BadInput if `bits_per_slot` fails, or is not finite and > 0."""
+        try:
+            bits = self.bits_per_slot
+        except FAILURES as error:
+            raise BadInput(f"channel {self.name!r}: `bits_per_slot` failed: {last_line(error)}") from error
+        if not (isinstance(bits, Real) and 0.0 < bits < math.inf):
+            raise BadInput(f"channel {self.name!r}: `bits_per_slot` is {bits!r}; return a finite number > 0")
 
     def init(self, uavs: int) -> Memory:
         """Returns the memory at take-off: arrays that checkpoints keep, of any shape. Empty by default.

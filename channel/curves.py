@@ -36,7 +36,7 @@ class Curves:
         """Probability of loss, and E[slots; delivered], of links with given margins; each (K,).
 
         Args:
-            needed: good slots that the message takes. law: (K,) index of each link's law, or a single one.
+            needed: good slots that the message takes. law: (K,) index of each link's law.
         """
         return self.chances(needed, law, margin_db)[1:]
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel import tails
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Floats
@@ -69,26 +70,21 @@ def delivered_slots(needed: int, slots: int, success: Floats) -> Floats:
 def drawn(
     needed: int, slots: int, success: Floats, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Slots (K,) that a message takes on links, and whether it is delivered (K,), of which the above are closed forms.
+    """Draws the slots (K,) that a message takes on links, and whether it is delivered (K,).
 
-    Draws one number in every slot for each link that is still busy, in link order; none if no link can deliver.
+    One number is drawn in every slot for each link that is still busy, in link order; none if no link can deliver.
     """
     links = len(success)
     if needed > slots:
         return np.full(links, slots, dtype=np.int64), np.zeros(links, dtype=bool)
     taken = np.empty(links, dtype=np.int64)
-    delivered = np.ones(links, dtype=bool)
-    busy, missing = np.arange(links), np.full(links, needed)
+    busy, missing, left = np.arange(links), np.full(links, needed), links
     for slot in range(1, slots + 1):
-        taken[busy] = slot
-        missing -= rng.random(len(busy)) < success
-        still = missing.nonzero()[0]
-        if not len(still):
+        left = kernels.send(rng.random(left), success, slot, busy, missing, taken)
+        if not left:
             break
-        if len(still) < len(busy):
-            busy, missing, success = busy.take(still), missing.take(still), success.take(still)
-    else:
-        delivered[busy] = False
+    delivered = np.ones(links, dtype=bool)
+    delivered[busy[:left]] = False
     return taken, delivered
 
 

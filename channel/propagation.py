@@ -42,7 +42,7 @@ class Propagation(NamedTuple):
             Loss with shadow in dB (P,); index of the law of fading (P,), or a single one; and the mask (P,) of pairs
             outside the validity of the path loss.
         """
-        x, y, z = np.ascontiguousarray(place_m.T)
+        x, y, z = place_m[:, 0], place_m[:, 1], place_m[:, 2]
         ground_m = np.sqrt(squared((x.take(low) - x.take(high), y.take(low) - y.take(high))))
         geometry, outside = self.model.validity.clamped(ground_m, *self._heights(z, low, high))
         losses = self.model.losses(geometry, self.carrier_ghz)

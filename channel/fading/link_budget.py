@@ -157,10 +157,10 @@ class LinkBudget(Channel):
 
     def _losses_to(self, node: int, distance_m: Floats) -> tuple[Propagation, Losses]:
         """Propagation and losses from a UAV at `start.height` to another UAV or a station, at distances (K,)."""
-        scenario, height = self.scenario, np.full(len(distance_m), self.scenario.start.height)
+        scenario, height = self.scenario, np.float64(self.scenario.start.height)
         is_uav = node < scenario.uavs
         path = self._air if is_uav else self._ground
-        base = height if is_uav else np.full_like(height, scenario.stations[node - scenario.uavs].place[2])
+        base = height if is_uav else np.float64(scenario.stations[node - scenario.uavs].place[2])
         geometry, _ = path.model.validity.clamped(distance_m, base, height)
         return path, path.model.losses(geometry, path.carrier_ghz)
 

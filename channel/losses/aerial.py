@@ -53,7 +53,7 @@ def _either(
     carrier_ghz: float,
 ) -> Losses:
     """Losses by one table, and by the other where `is_one` is false."""
-    if is_one.all():
+    if np.count_nonzero(is_one) == np.size(is_one):
         return one(links, carrier_ghz)
     pairs = zip(one(links, carrier_ghz), other(links, carrier_ghz), strict=True)
     return Losses(*(np.where(is_one, *pair) for pair in pairs))

@@ -11,8 +11,10 @@ from meanflock.swarm.scenario import Scenario
 
 
 def channel_of(scenario: Scenario) -> Any:
-    """The channel of a scenario; raises BadInput if it is not installed or its options do not fit."""
-    return plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
+    """The channel of a scenario; raises BadInput if it is not installed, or its options or its rate do not fit."""
+    channel: Any = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
+    channel.check_rate()
+    return channel
 
 
 def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int) -> int:

@@ -17,6 +17,7 @@ from meanflock.kernels.reference import poisson as poisson
 from meanflock.kernels.reference import reached as reached
 from meanflock.kernels.reference import read as read
 from meanflock.kernels.reference import repel as repel
+from meanflock.kernels.reference import send as send
 from meanflock.kernels.reference import solve as solve
 from meanflock.kernels.reference import waves as waves
 from meanflock.kernels.reference import write as write

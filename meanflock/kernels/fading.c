@@ -28,6 +28,21 @@ static char *integers(Arrays *arrays, PyObject *array, const char *name, Py_ssiz
     return view->buf;
 }
 
+/* Whether each of the first `count` busy links is one of L. */
+static int all_below(const char *line, Py_ssize_t count, Py_ssize_t links) {
+    for (Py_ssize_t i = 0; i < count; i++)
+        if ((uint64_t)number_at(line, i) >= (uint64_t)links) return 0;
+    return 1;
+}
+
+/* Counts a slot of a link; returns whether the link is still busy. */
+static int counted(int is_good, long long slot, int64_t link, char *need, char *took) {
+    const int64_t needs = number_at(need, link) - is_good;
+    put(need, link, needs);
+    put(took, link, slot);
+    return needs > 0;
+}
+
 PyObject *radio_fade(PyObject *module, PyObject *args) {
     PyObject *normal, *thresholds, *busy, *missing, *slots;
     Arrays arrays = {.held = 0};
@@ -42,9 +57,8 @@ PyObject *radio_fade(PyObject *module, PyObject *args) {
     char *need = line == NULL ? NULL : integers(&arrays, missing, "missing", &each);
     char *took = need == NULL ? NULL : integers(&arrays, slots, "slots", &links);
     if (took == NULL) return done(&arrays, NULL);
-    int fit = count <= places && each == links && (bounds == 1 || bounds == links);
-    for (Py_ssize_t i = 0; i < count && fit; i++) fit = (uint64_t)number_at(line, i) < (uint64_t)links;
-    if (!fit) {
+    const int fit = count <= places && each == links && (bounds == 1 || bounds == links);
+    if (!fit || !all_below(line, count, links)) {
         PyErr_SetString(PyExc_ValueError, "fade: not a link for each row of normal numbers");
         return done(&arrays, NULL);
     }
@@ -54,10 +68,33 @@ PyObject *radio_fade(PyObject *module, PyObject *args) {
         const int64_t link = number_at(line, i);
         const double along = float_at(draws, 2 * i) * chi + xi, across = float_at(draws, 2 * i + 1) * chi;
         const double squared = along * along + across * across;
-        const int64_t needs = number_at(need, link) - (squared >= float_at(least, bounds == 1 ? 0 : link));
-        put(need, link, needs);
-        put(took, link, slot);
-        if (needs > 0) put(line, left++, link);
+        const int is_good = squared >= float_at(least, bounds == 1 ? 0 : link);
+        if (counted(is_good, slot, link, need, took)) put(line, left++, link);
+    }
+    return done(&arrays, PyLong_FromSsize_t(left));
+}
+
+PyObject *radio_send(PyObject *module, PyObject *args) {
+    PyObject *uniform, *success, *busy, *missing, *slots;
+    Arrays arrays = {.held = 0};
+    long long slot;
+    Py_ssize_t links, each, places;
+    if (!PyArg_ParseTuple(args, "OOLOOO:send", &uniform, &success, &slot, &busy, &missing, &slots)) return NULL;
+    const Py_ssize_t count = items(&arrays, uniform, "uniform", 1, 1);
+    const Py_ssize_t chances = count < 0 ? -1 : items(&arrays, success, "success", 1, 1);
+    char *line = chances < 0 ? NULL : integers(&arrays, busy, "busy", &places);
+    char *need = line == NULL ? NULL : integers(&arrays, missing, "missing", &each);
+    char *took = need == NULL ? NULL : integers(&arrays, slots, "slots", &links);
+    if (took == NULL) return done(&arrays, NULL);
+    if (count > places || each != links || chances != links || !all_below(line, count, links)) {
+        PyErr_SetString(PyExc_ValueError, "send: not a link for each uniform number");
+        return done(&arrays, NULL);
+    }
+    const char *draws = arrays.view[0].buf, *chance = arrays.view[1].buf;
+    Py_ssize_t left = 0;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const int64_t link = number_at(line, i);
+        if (counted(float_at(draws, i) < float_at(chance, link), slot, link, need, took)) put(line, left++, link);
     }
     return done(&arrays, PyLong_FromSsize_t(left));
 }

@@ -1,4 +1,4 @@
-"""Rice fading: the slots of a message on each link, and the sums of Poisson terms in the tail of the amplitude."""
+"""Fading: the slots of a message on each link, and the sums of Poisson terms in the tail of the amplitude."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,29 @@ def fade(
     """
     links = busy[: len(normal)]
     good = _squared_amplitude(normal, xi, chi) >= (thresholds if len(thresholds) == 1 else thresholds.take(links))
+    return _counted(good, slot, busy, missing, slots)
+
+
+def send(
+    uniform: Floats,
+    success: Floats,
+    slot: int,
+    busy: NDArray[np.intp],
+    missing: NDArray[np.int64],
+    slots: NDArray[np.int64],
+) -> int:
+    """Send for one slot over B of L links, as `fade` does. A slot is good with a probability that is known.
+
+    Args:
+        uniform: (B,), drawn from [0, 1), one for each busy link. success: (L,), probability that a slot is good.
+    """
+    return _counted(uniform < success.take(busy[: len(uniform)]), slot, busy, missing, slots)
+
+
+def _counted(
+    good: NDArray[np.bool_], slot: int, busy: NDArray[np.intp], missing: NDArray[np.int64], slots: NDArray[np.int64]
+) -> int:
+    links = busy[: len(good)]
     left = missing.take(links)
     left -= good
     missing[links] = left

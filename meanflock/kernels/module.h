@@ -41,6 +41,7 @@ PyObject *wire_write(PyObject *module, PyObject *args);
 PyObject *motion_move(PyObject *module, PyObject *args);
 PyObject *motion_reached(PyObject *module, PyObject *args);
 PyObject *radio_fade(PyObject *module, PyObject *args);
+PyObject *radio_send(PyObject *module, PyObject *args);
 PyObject *radio_poisson(PyObject *module, PyObject *args);
 PyObject *radio_waves(PyObject *module, PyObject *args);
 PyObject *radio_interpolate(PyObject *module, PyObject *args);

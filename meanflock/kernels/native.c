@@ -161,6 +161,7 @@ static PyMethodDef methods[] = {
     {"move", motion_move, METH_VARARGS, "move(states, acceleration, noise, wind, drag, shake, dt, moved)"},
     {"reached", motion_reached, METH_VARARGS, "reached(states, goals, radius, within)"},
     {"fade", radio_fade, METH_VARARGS, "fade(normal, xi, chi, thresholds, slot, busy, missing, slots)"},
+    {"send", radio_send, METH_VARARGS, "send(uniform, success, slot, busy, missing, slots)"},
     {"waves", radio_waves, METH_VARARGS, "waves(place, vectors, phase, sums)"},
     {"interpolate", radio_interpolate, METH_VARARGS, "interpolate(tables, row, place, found)"},
     {"poisson", radio_poisson, METH_VARARGS, "poisson(rates, first, terms, reached, sums)"},

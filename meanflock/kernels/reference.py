@@ -9,7 +9,7 @@ from meanflock.kernels.all_pairs import pairs
 from meanflock.kernels.budget import interpolate, waves
 from meanflock.kernels.differences import alignment
 from meanflock.kernels.elimination import multiply, solve
-from meanflock.kernels.fading import fade, poisson
+from meanflock.kernels.fading import fade, poisson, send
 from meanflock.kernels.halfplanes import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
@@ -35,6 +35,7 @@ __all__ = [
     "reached",
     "read",
     "repel",
+    "send",
     "solve",
     "waves",
     "write",

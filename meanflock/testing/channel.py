@@ -7,6 +7,7 @@ import numpy as np
 
 from meanflock.channel.base import Channel, Message, carried, closed_form
 from meanflock.swarm import threads
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import random_state, set_random_state
 from meanflock.testing.error import (
@@ -100,6 +101,10 @@ def check_channel(
         if not all(same(one, other) for one, other in zip(first, again, strict=True)):
             fail(channel, what, remedy)
     made = make(channel, options or {}, flown)
+    try:
+        made.check_rate()
+    except BadInput as error:
+        fail(channel, str(error), "fragments of models are cut by it")
     rng = np.random.default_rng(8)
     memory = made.init(UAVS)
     check_pace(

@@ -1,4 +1,4 @@
-"""The medium: which links carry a frame, when it is delivered, and its bill; channels of users, and shadows.
+"""The medium: which links carry a frame, when it is delivered, and its bill; channels of users, and memories.
 
 Closed forms of one link: test_link.py.
 """
@@ -18,9 +18,12 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins, state
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn
+from meanflock.testing import ConformanceError, check_channel
+from tests.channel.bursts import Bursts
 from tests.faults.dying import dead, resumed
 from tests.golden.flights import steady
 from tests.methods import FEDERATED, METHODS, PARTS
@@ -247,6 +250,17 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     assert again.meter.traffic == medium.meter.traffic
 
 
+@pytest.mark.parametrize("bits", [0.0, -1.0, math.nan, math.inf, None, "9", lambda _: [].pop()], ids=str)
+def test_a_channel_whose_slots_carry_no_number_of_bits_is_refused_where_the_plan_is_made(bits: Any) -> None:
+    rate = property(bits if callable(bits) else lambda _: bits)
+    plugins.register(type("Mute", (Disk,), {"name": "mute", "bits_per_slot": rate}))
+    flown = scenario("radio.model=mute", method="mfgfl-hf")
+    with pytest.raises(BadInput, match=r"channel 'mute': `bits_per_slot` (is .*; return a finite|failed: )"):
+        plan_of(flown)
+    with pytest.raises(ConformanceError, match="Mute: channel 'mute': `bits_per_slot`"):
+        check_channel(plugins.load("channel", "mute"))
+
+
 class Turns(Channel):
     """Sends one transmission after another, a slot each, and says of each link what it foresees."""
 
@@ -298,47 +312,21 @@ def test_a_summary_has_the_closed_forms_there_are(model: str, unknown: bool) -> 
         assert radio["latency_slots_mean"] == radio["latency_slots_mean_theory"] == 1.0
 
 
-@pytest.fixture
-def shadowing() -> Any:
-    """The class of the example, installed."""
-    (found,) = plugins.load_file(Path(__file__).parents[2] / "examples" / "shadowing.py")
-    return plugins.load(found.kind, found.name)
-
-
-def test_shadows_keep_the_correlation_of_their_way_and_their_variance(shadowing: Any) -> None:
-    uavs, way_m = 200, 5.0
-    source, target = np.triu_indices(uavs, 1)
-    channel = shadowing(shadowing.Options(sigma_db=6.0, correlation_m=20.0), Scenario())
-    rng, memory = np.random.default_rng(3), channel.init(uavs)
-    carried = []
-    for tick in range(5):  # all fly 5 m a tick, and in one tick nothing is sent
-        if tick != 2:
-            place = np.full((uavs, 2), [way_m * tick, 0.0])
-            message = Message(tick, 128, source, target, np.full(len(source), 50.0), place)
-            memory, _, arrives = channel.carry(memory, message, rng)
-            carried.append((tick, memory["shadow_db"][source, target], arrives))
-    for tick, shadow_db, arrives in carried:
-        assert shadow_db.std() == pytest.approx(6.0, rel=0.02)
-        assert np.array_equal(arrives, shadow_db > 0.0)  # at the reach the path loss is zero
-        both_m = 2.0 * way_m * tick
-        correlation = np.corrcoef(carried[0][1], shadow_db)[0, 1]
-        assert correlation == pytest.approx(np.exp(-both_m / 20.0), abs=0.02)
-
-
-def test_both_directions_and_all_fragments_share_a_shadow(shadowing: Any) -> None:
-    channel = shadowing(shadowing.Options(), Scenario())
-    ends = np.array([[0, 0, 1, 1], [1, 1, 0, 0]])
+def test_both_directions_and_all_fragments_of_a_pair_share_its_memory() -> None:
+    channel = Bursts(Bursts.Options(), Scenario())
+    ends, memory, rng = np.array([[0, 0, 1, 1], [1, 1, 0, 0]]), channel.init(2), np.random.default_rng(3)
     message = Message(0, 128, *ends, np.full(4, 50.0), np.zeros((2, 2)))
-    for seed in range(20):
-        memory, _, arrives = channel.carry(channel.init(2), message, np.random.default_rng(seed))
+    bad = []
+    for _ in range(2000):
+        memory, _, arrives = channel.carry(memory, message, rng)
         assert len(set(arrives.tolist())) == 1
-        assert np.count_nonzero(memory["shadow_db"]) == 1
+        bad.append(memory["bad"][0, 1] and not arrives[0])
+    assert np.mean(bad) == pytest.approx(0.05 / 0.25, abs=0.05)
 
 
-def test_a_flight_over_shadows_is_the_same_in_nodes_and_after_a_resume(shadowing: Any, tmp_path: Path) -> None:
-    flown = load(
-        None, ["uavs=5", "radio.model=shadowing", "radio.options={reach_m=4}", "duration=30"], method="vasarhelyi"
-    )
+def test_a_flight_over_a_channel_with_a_memory_is_the_same_in_nodes_and_after_a_resume(tmp_path: Path) -> None:
+    plugins.register(Bursts)
+    flown = load(None, ["uavs=5", "radio.model=bursts", "duration=30"], method="vasarhelyi")
     whole = Engine(flown, "whole").complete()
     assert whole["radio"]["outages"] > 0
     assert steady(Engine(flown, "nodes", uavs_per_node=1).complete()) == steady(whole)

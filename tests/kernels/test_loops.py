@@ -78,6 +78,24 @@ def test_a_message_is_sent_link_by_link(backend: ModuleType, links: int, needed:
 
 
 @both_forms
+@given(st.integers(1, 40), st.integers(1, 3), seeds)
+def test_a_slot_is_good_with_the_probability_of_its_link(
+    backend: ModuleType, links: int, needed: int, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    success, expected_busy, expected_missing = draw.random(links), list(range(links)), np.full(links, needed)
+    busy, missing, slots = np.arange(links), np.full(links, needed), np.full(links, -1)
+    for slot in range(1, 6):
+        uniform = draw.random(len(expected_busy))
+        expected_missing[expected_busy] -= uniform < success[expected_busy]
+        left = backend.send(uniform, success, slot, busy, missing, slots)
+        assert (slots[expected_busy] == slot).all()
+        expected_busy = [link for link in expected_busy if expected_missing[link]]
+        assert busy[:left].tolist() == expected_busy
+        np.testing.assert_array_equal(missing, expected_missing)
+
+
+@both_forms
 @given(st.integers(0, 6), st.integers(0, 30), st.booleans(), seeds)
 def test_terms_of_poisson_are_summed_from_the_last(backend, rates: int, terms: int, late: bool, seed: int) -> None:
     draw = np.random.default_rng(seed)

@@ -33,6 +33,9 @@ def arguments(name: str) -> dict[str, Any]:
     if name == "fade":
         links = {"busy": np.arange(2), "missing": np.full(2, 7), "slots": np.full(2, 7)}
         return {"normal": np.ones((2, 2)), "xi": 1.0, "chi": 1.0, "thresholds": np.full(2, np.inf), "slot": 1, **links}
+    if name == "send":
+        links = {"busy": np.arange(2), "missing": np.full(2, 7), "slots": np.full(2, 7)}
+        return {"uniform": np.ones(2), "success": np.zeros(2), "slot": 1, **links}
     if name == "waves":
         return {"place": np.ones((2, 2)), "vectors": np.ones((2, 3)), "phase": np.ones(3), "sums": np.full(2, 7.0)}
     if name == "interpolate":
@@ -56,9 +59,9 @@ def arguments(name: str) -> dict[str, Any]:
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
 
-ANY_BYTE = ("learn", "repel", "nearest", "fade", "waves", "interpolate", "poisson", "move", "reached", "pairs")
+ANY_BYTE = ("learn", "repel", "nearest", "fade", "send", "waves", "interpolate", "poisson", "move", "reached", "pairs")
 FUNCTIONS = ("closest", "solve", "multiply", *ANY_BYTE)
-FREE = {("fade", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
+FREE = {("fade", "busy"), ("send", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
 # Of the right size and type, but with numbers or a length that would lead astray.
 WRONG: list[tuple[str, str, Any]] = [
     ("learn", "around", np.zeros((2, 0, 4))),
@@ -66,6 +69,8 @@ WRONG: list[tuple[str, str, Any]] = [
     ("nearest", "bounds", np.zeros((2, 4))),
     ("fade", "busy", np.array([0, 2])),
     ("fade", "busy", np.array([-1, 0])),
+    ("send", "busy", np.array([0, 2])),
+    ("send", "busy", np.array([-1, 0])),
     ("interpolate", "row", np.array([0, 2])),
     ("interpolate", "row", np.array([-1, 0])),
     ("interpolate", "tables", np.ones((3, 4, 1))),

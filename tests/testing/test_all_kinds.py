@@ -17,6 +17,7 @@ from meanflock.agent.controllers.base import Step
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import ConformanceError
+from tests.channel.bursts import Bursts
 from tests.testing.good import KINDS, GoodAggregator, Kind, calls, changed, failing, having
 
 EXAMPLE = Path(__file__).parents[2] / "examples"
@@ -59,7 +60,6 @@ EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {  # kind of the last plug-in 
     "fedadam": ("aggregator", {}),
     "fedbuff": ("aggregator", {}),
     "inverse_probability": ("aggregator", {}),
-    "shadowing": ("channel", {}),
     "qsgd": ("coding", {}),
     "signsgd": ("coding", {}),
     "quadrotor": ("vehicle", {"lag_s": 0.5}),
@@ -85,6 +85,7 @@ CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
     ),
     *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
     *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),
+    ("channel", Bursts, {}, {}),
     ("controller", EXAMPLE / "classifier.py", {"share": False}, {}),
     ("aggregator", EXAMPLE / "scaffold.py", {}, {}),
 ]
