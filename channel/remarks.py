@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from meanflock.channel.base import Channel
+from meanflock.channel.contention import share_collided
 from meanflock.channel.fading.link_budget import THERMAL_DBM_HZ, LinkBudget
 from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins
@@ -36,6 +37,9 @@ def remarks(scenario: Scenario) -> Iterator[str]:
             margin = f"margin {channel.margin_db(distance):.1f} dB, " if isinstance(channel, LinkBudget) else ""
             lost = f"{100 * found[0]:.3g}" if found[0] >= 1e-8 else "0"
             yield f"between UAVs at {distance:.0f} m: {margin}{lost} % of messages of {bits:,} bits lost"
+    if radio.access == "csma":
+        collided = share_collided(np.ones(flown.uavs, dtype=np.intp))[0]
+        yield f"{100 * collided:.3g} % of broadcasts collide and are lost where all {flown.uavs} UAVs send one at once"
     if efficiency > MOST_EFFICIENT:
         whose = "the paper's; " if radio.model == _OF_THE_PAPER else ""
         yield (

@@ -168,14 +168,25 @@ class Plan:
                 "set only one of them"
             )
         if name == LEADER and not self.declared.is_federated:
+            self._check_bands(())
             return ()
         try:
             hops = plugins.create("topology", name, {}, self.scenario, self.declared).hops()
-            return linked(tuple(hops), self.scenario)
+            linked_hops = linked(tuple(hops), self.scenario)
         except BadInput:
             raise
         except FAILURES as error:
             raise BadInput(f"topology {name!r}: {last_line(error)}") from error
+        self._check_bands(linked_hops)
+        return linked_hops
+
+    def _check_bands(self, hops: tuple[Hop, ...]) -> None:
+        """Validates that the topology has clusters, if each of them is to have a band."""
+        if self.scenario.radio.bands == "cluster" and all(hop.bands is None for hop in hops):
+            raise BadInput(
+                f"scenario: `radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
+                "`federation.clusters`, or take `radio.bands` one"
+            )
 
 
 def plan_of(scenario: Scenario) -> Plan:
