@@ -128,7 +128,7 @@ def slots_of_contention(
     if senders > MOST_SENDERS:
         raise BadInput(
             f"scenario: `radio.access` is csma, and {senders} UAVs send acknowledged frames at once; how long they "
-            f"contend is known up to {MOST_SENDERS}: lower `federation.fraction`, or take `radio.access` tdma"
+            f"contend is known up to {MOST_SENDERS}: fly fewer UAVs, lower `federation.fraction`, or take tdma"
         )
     slots = np.flatnonzero(chance > _NEGLIGIBLE)
     chance = chance[slots]

@@ -18,8 +18,9 @@ def channel_of(scenario: Scenario) -> Any:
 def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int) -> int:
     """Ticks from the transmission of models until all their fragments have arrived or are lost.
 
-    In one band (`radio.access`) the fragments wait for one another. Then these are the ticks after which all are
-    through with probability 0.999, by the channel's closed form with all UAVs at their starts.
+    In one band (`radio.access`) the fragments wait for one another, and for the acknowledgements that go before them
+    with `federation.retries`. Then these are the ticks after which all are through with probability 0.999, by the
+    channel's closed form with all UAVs at their starts.
 
     Args:
         codec: how the models are written. senders: number of UAVs that transmit at once in a band, each to `receivers`
@@ -35,6 +36,8 @@ def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int
     channel = channel_of(scenario)
     try:
         queue = channel.queue_slots(scenario, codec.bits, senders, receivers, codec.count, codec.ticks)
+        if scenario.federation.retries:
+            queue += channel.queue_slots(scenario, codec.acknowledgement_bits, receivers, 1, senders)
     except BadInput:
         raise
     except FAILURES as error:

@@ -19,11 +19,13 @@ from meanflock.federation.topology.leader import LeaderTopology
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn
 from tests.channel.test_medium import frames, line
 from tests.faults.dying import LATER, dead, resumed, steady
+from tests.telemetry import Record
 
 SLOW = ("radio.coherence_time_s=0.02", "radio.bandwidth_hz=1000", "radio.latency_threshold_slots=40")
 
@@ -272,6 +274,20 @@ def test_a_round_in_one_band_waits_for_its_queue(way: str, more: tuple[str, ...]
     summary = Engine(flown, "queue").complete()
     assert (summary["rounds"], summary["rounds_void"], summary["uploads_late"]) == (2, 0, 0)
     assert summary["radio"]["outages"] == 0
+
+
+@pytest.mark.parametrize("topology", ["federation.topology=neighbours", "federation.topology=leader", CLUSTERS])
+def test_models_that_are_sent_again_arrive_in_time_behind_the_acknowledgements(topology: str) -> None:
+    shares = {}
+    for access in ("fdma", "tdma", *(["csma"] if "neighbours" not in topology else [])):
+        lossy = (*THIN, "radio.coherence_time_s=0.02", "radio.bandwidth_hz=3200", "radio.target_snr_db=103.2")
+        rounds = ("federation.period=900", "federation.retries=1", "federation.fraction=1", "duration=190")
+        record = Record()
+        flown = scenario(*lossy, *rounds, topology, f"radio.access={access}", "stop=duration")
+        Engine(flown, "again", sinks=[record]).complete()
+        ended = [event for event in record.events if isinstance(event, RoundEnded)]
+        shares[access] = sum(one.arrived for one in ended) / sum(one.copies for one in ended)
+    assert min(shares.values()) > shares["fdma"] - 0.04  # where nobody waits
 
 
 @pytest.mark.parametrize("way", [*TDMA, *CSMA, "federation.clusters=5"])
