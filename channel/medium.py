@@ -200,10 +200,8 @@ class Medium(Stateful):
         if radio.access == "fdma" or not len(links.first):
             return fate, expected
         lasts, copies = np.maximum.reduceat(fate.slots, links.first), np.diff(links.first, append=len(fate.slots))
-        now, sender = (
-            math.ceil(tick * self._scenario.dt / radio.coherence_time_s * (1.0 - 1e-9)),
-            links.source[links.first],
-        )
+        now = math.ceil(tick * self._scenario.dt / radio.coherence_time_s * (1.0 - 1e-9))
+        sender = links.source[links.first]
         if radio.access == "tdma":
             begin = self._queued(now, lasts, self._bands[kind], sender)
         else:

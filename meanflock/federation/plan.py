@@ -67,6 +67,7 @@ class Plan:
         self._check_until()
         self._check_silence()
         self.hops = self._hops()
+        self._check_bands()
         for one in (scenario, self.scenario):
             vars(one)[_PLAN] = self
 
@@ -168,21 +169,18 @@ class Plan:
                 "set only one of them"
             )
         if name == LEADER and not self.declared.is_federated:
-            self._check_bands(())
             return ()
         try:
             hops = plugins.create("topology", name, {}, self.scenario, self.declared).hops()
-            linked_hops = linked(tuple(hops), self.scenario)
+            return linked(tuple(hops), self.scenario)
         except BadInput:
             raise
         except FAILURES as error:
             raise BadInput(f"topology {name!r}: {last_line(error)}") from error
-        self._check_bands(linked_hops)
-        return linked_hops
 
-    def _check_bands(self, hops: tuple[Hop, ...]) -> None:
+    def _check_bands(self) -> None:
         """Validates that the topology has clusters, if each of them is to have a band."""
-        if self.scenario.radio.bands == "cluster" and all(hop.bands is None for hop in hops):
+        if self.scenario.radio.bands == "cluster" and all(hop.bands is None for hop in self.hops):
             raise BadInput(
                 f"scenario: `radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
                 "`federation.clusters`, or take `radio.bands` one"
