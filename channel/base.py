@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.channel import queue
+from meanflock.channel import contention, queue
 from meanflock.federation.seat import seat
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
 from meanflock.swarm.mission import starts, stations
@@ -197,20 +197,38 @@ class Channel:
         found = sums(self, message, memory)
         return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
 
-    def queue_slots(self, scenario: Scenario, bits: int, transmissions: int, receivers: int) -> int:
-        """Slots after which messages of `bits` that are transmitted one after another are through, but for one queue in
-        a thousand; each goes to so many receivers. All links are taken to be as those between where the leader averages
-        and the other UAVs are on average before take-off. What the channel raises passes.
+    def queue_slots(
+        self, scenario: Scenario, bits: int, senders: int, receivers: int, frames: int = 1, turns: int = 1
+    ) -> int:
+        """Slots after which messages that share one band are through, but for one queue in a thousand.
+
+        All links are taken to be as those between where the leader averages and the other UAVs are on average
+        before take-off. What the channel raises passes.
+
+        Args:
+            bits: of each message. senders: number of UAVs, which send so many `frames` each, to so many `receivers`;
+                with contention those to one receiver are acknowledged. turns: over which the frames are spread.
+
+        Raises:
+            BadInput: more UAVs contend than there is a closed form for.
         """
-        most, needed = scenario.radio.latency_threshold_slots, self.least_slots(bits)
+        radio = scenario.radio
+        most, needed = radio.latency_threshold_slots, self.least_slots(bits)
         averages = seat(scenario)
         others = np.setdiff1d(np.arange(scenario.uavs), [averages])
         found = self.at_start(scenario, others, np.full_like(others, averages), bits)
         if found is None or needed is None:  # so the longest that a message takes
-            return transmissions * most
-        lost, slots = found
-        chance = queue.slots_of_link(needed, most, queue.success_of(needed, most, (slots + lost * most) / len(others)))
-        return queue.slots_of_queue(chance, receivers, transmissions)
+            chance = queue.slots_of_link(most + 1, most, 0.0)
+        else:
+            lost, slots = found
+            success = queue.success_of(needed, most, (slots + lost * most) / len(others))
+            chance = queue.slots_of_link(needed, most, success)
+        if radio.access == "tdma":
+            return queue.slots_of_queue(chance, receivers, senders * frames)
+        slot, is_acknowledged = radio.contention_slots, receivers == 1
+        return contention.slots_of_contention(
+            chance, receivers, senders, frames, slot, acknowledged=is_acknowledged, turns=turns
+        )
 
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""
@@ -235,12 +253,14 @@ def _not_written(*_: Any) -> Carried:
 class Fate(NamedTuple):
     """Outcome of a message on its K links.
 
-    slots: (K,) on the air. delivered: (K,) whether it arrives. waited: (K,) slots that the frame waits before.
+    slots: (K,) on the air. delivered: (K,) whether it arrives. waited: (K,) slots that the frame waits before. wasted:
+    slots that all senders spent in collisions before their frames got through.
     """
 
     slots: NDArray[np.int64]
     delivered: NDArray[np.bool_]
     waited: NDArray[np.int64]
+    wasted: int = 0
 
 
 def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, Fate]:

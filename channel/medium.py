@@ -1,8 +1,9 @@
 """Medium between the UAVs: finds the links of the frames of a tick, and delivers the frames that get through.
 
 FDMA gives every link a band of its own, so links do not interfere. A frame sent in tick n is delivered in tick
-n + max(1, ⌈D_m θ/dt⌉). TDMA has one band: a transmission waits until the one before it is over, when its last link is
-served or given up, and all else is the same. The channel decides latency and loss on each link.
+n + max(1, ⌈D_m θ/dt⌉). With TDMA a transmission waits until the one before it in its band is over, when its last link
+is served or given up, and all else is the same. With CSMA the senders of a batch contend for one band, and collide. The
+channel decides latency and loss on each link.
 """
 
 import math
@@ -26,6 +27,7 @@ from meanflock.channel.base import (
     in_space,
     sums,
 )
+from meanflock.channel.contention import contend, share_collided
 from meanflock.channel.meter import Links, Meter
 from meanflock.channel.serving import Serving
 from meanflock.federation.plan import Plan
@@ -41,13 +43,14 @@ from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_
 
 Indices = NDArray[np.intp]
 NO_LINKS = np.zeros((0, len(LinkColumn)), dtype=np.int32)  # of a tick without frames; shared, never written to
+Expected: TypeAlias = tuple[float, float] | None  # closed forms of outages and slots; None: unknown
 Cut: TypeAlias = Callable[[Indices, Indices], NDArray[np.bool_]]  # sources (K,), targets (K,) → links that fail
 
 
 class Medium(Stateful):
     """The emulated radio of one run."""
 
-    stored = ("draw", "memory", "under_way", "meter", "free", "serving")
+    stored = ("draw", "memory", "under_way", "meter", "free", "backoffs", "serving")
 
     def __init__(self, plan: Plan) -> None:
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
@@ -58,8 +61,12 @@ class Medium(Stateful):
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self.memory = _begun(self._channel, radio.model, scenario)
         self.draw = generator(scenario.seed, "radio")
+        self.backoffs = generator(scenario.seed, "access")
+        self._bands = {hop.label: hop.bands for hop in hops}
+        self._bands[FrameKind.STATE] = hops[0].bands if hops else None
+        bands = [int(np.max(band)) for band in self._bands.values() if band is not None]
+        self.free = np.zeros(1 + max(bands, default=0))  # slot since take-off from which each band is free
         self.serving = Serving(scenario)
-        self.free = 0  # slot since take-off from which the one band is free
         self._hops = {hop.label: hop for hop in hops}
         self._seat = plan.seat
         slots = range(1, MOST_SLOTS + 1)
@@ -136,8 +143,8 @@ class Medium(Stateful):
         fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach, noise)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
-        self._queued(tick, links, fate)
-        self.meter.count(kind, bits, links, fate.slots, fate.delivered, expected)
+        fate, expected = self._shared(tick, kind, links, fate, expected)
+        self.meter.count(kind, bits, links, fate.slots, fate.delivered, expected, fate.wasted)
         return fate.delivered
 
     @property
@@ -169,9 +176,9 @@ class Medium(Stateful):
         fate, expected = self._carried(tick, batch.kind, bits, links, states, reach, noise)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
-        fate = self._queued(tick, links, fate)
+        fate, expected = self._shared(tick, batch.kind, links, fate, expected)
         slots, delivered = fate.slots, fate.delivered
-        self.meter.count(batch.kind, bits, links, slots, delivered, expected)
+        self.meter.count(batch.kind, bits, links, slots, delivered, expected, fate.wasted)
 
         ends, spent = links.ends, None
         all_arrive = bool(np.logical_and.reduce(delivered))
@@ -204,7 +211,7 @@ class Medium(Stateful):
         states: state.States,
         reach: float,
         noise: NoiseSources | None,
-    ) -> tuple[Fate, tuple[float, float] | None]:
+    ) -> tuple[Fate, Expected]:
         """Send a message over links by radio; links longer than `reach`, in m, fail.
 
         Returns:
@@ -249,16 +256,40 @@ class Medium(Stateful):
         name = kind.name.lower()
         return Message(tick, bits, links.source, links.target, distance, here, name, place, links.first, noise)
 
-    def _queued(self, tick: int, links: Links, fate: Fate) -> Fate:
-        """Outcome of a message whose transmissions wait for the band, one after another, and then occupy it."""
-        if self._scenario.radio.access == "fdma" or not len(links.first):
-            return fate
-        lasts = np.maximum.reduceat(fate.slots, links.first)
-        now = math.ceil(tick * self._scenario.dt / self._scenario.radio.coherence_time_s * (1.0 - 1e-9))
-        begin = max(self.free, now) + np.cumsum(lasts) - lasts
-        self.free = int(begin[-1] + lasts[-1])
-        waits = (begin - now).repeat(np.diff(links.first, append=len(fate.slots)))
-        return fate._replace(waited=fate.waited + waits)
+    def _shared(
+        self, tick: int, kind: FrameKind, links: Links, fate: Fate, expected: Expected
+    ) -> tuple[Fate, Expected]:
+        """Outcome and closed forms of a message whose transmissions share a band; one lasts as its slowest link."""
+        radio = self._scenario.radio
+        if radio.access == "fdma" or not len(links.first):
+            return fate, expected
+        lasts, copies = np.maximum.reduceat(fate.slots, links.first), np.diff(links.first, append=len(fate.slots))
+        now = math.ceil(tick * self._scenario.dt / radio.coherence_time_s * (1.0 - 1e-9))
+        sender = links.source[links.first]
+        if radio.access == "tdma":
+            begin = self._queued(now, lasts, self._bands[kind], sender)
+        else:
+            start = max(self.free[0], now)
+            found = contend(self.backoffs, sender, lasts, radio.contention_slots, acknowledged=links.is_unicast)
+            begin, self.free[0] = start + found.begin, start + found.end
+            fate = fate._replace(delivered=fate.delivered & ~found.collided.repeat(copies), wasted=found.wasted)
+            if expected is not None and not links.is_unicast:
+                _, frames = np.unique(sender, return_counts=True)
+                collided = float(share_collided(frames).repeat(frames) @ copies) / len(fate.slots)
+                lost, slots = expected
+                expected = lost + collided * (len(fate.slots) - lost), slots * (1.0 - collided)
+        waits = np.ceil(begin - now).astype(np.int64).repeat(copies)
+        return fate._replace(waited=fate.waited + waits), expected
+
+    def _queued(self, now: int, lasts: NDArray[np.int64], bands: Indices | None, sender: Indices) -> Floats:
+        """Slots (T,) in which transmissions that last so long begin, one after another in the band of their sender."""
+        band = np.zeros(len(sender), dtype=np.intp) if bands is None else bands[sender]
+        begin = np.empty(len(sender))
+        for each in np.unique(band).tolist():
+            own = band == each
+            ends = max(self.free[each], now) + np.cumsum(lasts[own])
+            begin[own], self.free[each] = ends - lasts[own], ends[-1]
+        return begin
 
     def _failed(self, failed: NDArray[np.bool_], fate: Fate) -> Fate:
         """Outcome of a message with links that `failed` (K,), which deliver nothing and spend all their slots."""
@@ -374,7 +405,7 @@ def _only(message: Message, links: NDArray[np.bool_]) -> Message:
 def _record(tick: int, links: Links, fate: Fate) -> NDArray[np.int32]:
     """The links used, (K, 7), as `Medium.send` returns them; the fragments of a model are one message."""
     record = links.record.copy()
-    slots, delivered, waited = fate
+    slots, delivered, waited, _ = fate
     if links.message is not None:
         slots = np.bincount(links.message, weights=slots).astype(np.int64)
         delivered = np.bincount(links.message, weights=delivered) > 0

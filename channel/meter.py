@@ -30,7 +30,7 @@ class Links:
     target. transmissions: number of transmissions on the bill. first: index of the first link by radio of each
     transmission that has any. record: (J, 7) int32 of each pair of nodes, with the columns of `LinkColumn`, of which
     source, target and kind are set. message: (K,), the place of each link in it; None: its own, J = K. Several rows of
-    one UAV, the fragments of its model, are one message.
+    one UAV, the fragments of its model, are one message. is_unicast: each link is a transmission of its own.
     """
 
     ends: NDArray[np.int32]
@@ -42,6 +42,7 @@ class Links:
     first: Indices
     record: NDArray[np.int32]
     message: Indices | None
+    is_unicast: bool
 
     @classmethod
     def between(
@@ -71,7 +72,7 @@ class Links:
         if (sources[1:] == sources[:-1]).any():
             _, at, message = np.unique(pair, return_index=True, return_inverse=True)
             record = record[at]
-        return cls(ends, by_radio, source, target, pair, transmissions, first, record, message)
+        return cls(ends, by_radio, source, target, pair, transmissions, first, record, message, is_unicast)
 
 
 @dataclass
@@ -145,12 +146,14 @@ class Meter(Stateful):
         slots: NDArray[np.int64],
         delivered: NDArray[np.bool_],
         expected: tuple[float, float] | None,
+        wasted: int = 0,
     ) -> None:
         """Adds one batch of transmissions of a kind over K links by radio.
 
         Args:
             payload_bits: of one transmission. slots: (K,). delivered: (K,). expected: closed forms of the outages and
-                delivered slots of all these links; None if the channel has none.
+                delivered slots of all these links; None if the channel has none. wasted: slots that senders spent in
+                collisions before their frames got through.
         """
         self._figures = None
         total = self.traffic[kind]
@@ -165,7 +168,7 @@ class Meter(Stateful):
         total.slots += spent
         total.delivered_slots += spent if arrived == copies else int(slots[delivered].sum())
         lasts = np.maximum.reduceat(slots, links.first)
-        total.airtime_s += int(np.add.reduce(lasts)) * self.radio.coherence_time_s
+        total.airtime_s += (int(np.add.reduce(lasts)) + wasted) * self.radio.coherence_time_s
         outages, latency = (None, None) if expected is None else expected
         total.expected_outages = _sum(total.expected_outages, outages)
         total.expected_delivered_slots = _sum(total.expected_delivered_slots, latency)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from meanflock.channel.base import Channel, failed
+from meanflock.channel.contention import share_collided
 from meanflock.federation.cut import longest
 from meanflock.federation.plan import Plan, plan_of
 from meanflock.federation.topology.base import Hop, Indices
@@ -30,7 +31,8 @@ class Outlook(NamedTuple):
 
     message: "upload", "relay" or "global model". bits: of one transmission. slots: least number that it takes; None if
     the channel does not say. limit: slots after which it is lost. lost: share of the links that lose it. fragments:
-    number of transmissions of a model; 1 if it is sent whole. ticks: in which these are transmitted.
+    number of transmissions of a model; 1 if it is sent whole. ticks: in which these are transmitted. collided: share of
+    the transmissions that are lost in collisions; `lost` includes them.
     """
 
     message: str
@@ -40,6 +42,7 @@ class Outlook(NamedTuple):
     lost: float
     fragments: int = 1
     ticks: int = 1
+    collided: float = 0.0
 
     @property
     def is_bad(self) -> bool:
@@ -47,16 +50,17 @@ class Outlook(NamedTuple):
         return self.lost >= (WARN_FROM if self.fragments == 1 else WARN_FROM_FRAGMENTS)
 
     def __str__(self) -> str:
+        collide = f"; {100 * self.collided:.3g} % collide" if self.collided else ""
         if self.fragments > 1:
             size = "" if self.slots is None else f" and {_number(self.slots, 'slot')}"
             return (
                 f"each {self.message} is sent in {self.fragments} fragments of {self.bits:,} bits{size}, in "
                 f"{_number(self.ticks, 'tick')}: "
-                f"{100 * (1 - self.lost):.3g} % of the fragments will be delivered"
+                f"{100 * (1 - self.lost):.3g} % of the fragments will be delivered{collide}"
             )
         takes = "" if self.slots is None else f" takes {_number(self.slots, 'slot')}; the limit is {self.limit}"
         article = "an" if self.message == "upload" else "a"
-        return f"{article} {self.message} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost"
+        return f"{article} {self.message} of {self.bits:,} bits{takes}: {100 * self.lost:.3g} % will be lost{collide}"
 
 
 def _number(count: int, unit: str) -> str:
@@ -87,7 +91,7 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
 
 def remedies(scenario: Scenario, message: str) -> str:
     """A sentence with settings, each of which alone would deliver most models of a kind."""
-    settings = [*_settings(scenario, message), "fewer parameters"]
+    settings = list(_settings(scenario, message))
     return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
 
 
@@ -121,9 +125,20 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
         raise failed(radio.model, error) from error
     if not links:
         return None
-    return Outlook(
-        _NAMES[hop.label], bits, slots, radio.latency_threshold_slots, lost / links, hop.codec.count, hop.codec.ticks
-    )
+    collided, codec = _collided(scenario, hop), hop.codec
+    lost = 1.0 - (1.0 - collided) * (1.0 - lost / links)
+    limit = radio.latency_threshold_slots
+    return Outlook(_NAMES[hop.label], bits, slots, limit, lost, codec.count, codec.ticks, collided)
+
+
+def _collided(scenario: Scenario, hop: Hop) -> float:
+    """Expected share of the transmissions of a hop that are lost in collisions: of broadcasts by contention."""
+    if scenario.radio.access != "csma" or hop.targets is not None:
+        return 0.0
+    senders = len(hop.senders) if hop.averages != "nothing" else min(len(hop.senders), scenario.participants)
+    turn = 1 if hop.codec.cut is None else hop.codec.cut.per_tick
+    turns = [min(turn, hop.codec.count - first) for first in range(0, hop.codec.count, turn)]
+    return sum(frames * float(share_collided(np.full(senders, frames))[0]) for frames in turns) / hop.codec.count
 
 
 def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
@@ -144,12 +159,16 @@ def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
 
 
 def _settings(scenario: Scenario, message: str) -> Iterator[str]:
-    """Settings that each would deliver most models of a kind, with the share that would still be lost.
+    """What would deliver most models of a kind, each alone: settings with the share that would still be lost.
 
     Where fragments get through, no longer wait is needed.
     """
     changes: list[tuple[str, Any]] = []
-    short, today = longest(scenario), next(one for one in outlooks(scenario) if one.message == message)
+    today = next(one for one in outlooks(scenario) if one.message == message)
+    if today.collided and (lost := _lost(scenario, message, "radio.access", "tdma")) < WARN_FROM:
+        yield f"radio.access=tdma ({100 * lost:.2g} % lost)"
+        return
+    short = longest(scenario)
     lost = _lost(scenario, message, "federation.fragment", short)
     if is_cut := lost < min(today.lost, WARN_FROM_FRAGMENTS):
         yield f"federation.fragment={short} ({100 * lost:.2g} % lost)"
@@ -163,6 +182,7 @@ def _settings(scenario: Scenario, message: str) -> Iterator[str]:
     for path, value in changes:
         if (lost := _lost(scenario, message, path, value)) <= _ACCEPTABLE:
             yield f"{path}={value} ({100 * lost:.2g} % lost)"
+    yield "fewer parameters"
 
 
 def _lost(scenario: Scenario, message: str, path: str, value: Any) -> float:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from meanflock.channel.base import Channel
+from meanflock.channel.contention import share_collided
 from meanflock.channel.fading.link_budget import THERMAL_DBM_HZ, LinkBudget
 from meanflock.federation.plan import plan_of
 from meanflock.swarm import plugins
@@ -37,6 +38,9 @@ def remarks(scenario: Scenario) -> Iterator[str]:
             yield f"between UAVs at {distance:.0f} m: {margin}{_percent(found[0])} of messages of {bits:,} bits lost"
     if isinstance(channel, LinkBudget):
         yield from _to_stations(channel, flown, bits)
+    if radio.access == "csma":
+        collided = share_collided(np.ones(flown.uavs, dtype=np.intp))[0]
+        yield f"{100 * collided:.3g} % of broadcasts collide and are lost where all {flown.uavs} UAVs send one at once"
     if efficiency > MOST_EFFICIENT:
         whose = "the paper's; " if radio.model == _OF_THE_PAPER else ""
         yield (

@@ -29,6 +29,7 @@ from meanflock.swarm.wire.control import expect
 _NUMBER, _SHORT = np.dtype("<u4"), np.dtype("<u2")
 _FLOAT32, _BYTE = np.dtype("<f4"), np.dtype("u1")
 HEAD_BYTES = _NUMBER.itemsize + _SHORT.itemsize  # of a head without a note
+_BYTE_BITS, _ROUND_BITS = 8, 32  # an acknowledgement has the round, and a bit for each fragment
 _KEPT = 2**25 - 2**13  # bytes; the largest block to which glibc adapts, less its own head and a page
 
 
@@ -125,6 +126,7 @@ class Codec:
         held: dtype in which a receiver holds numbers: that of floats on the air, float64 for all else.
         largest: largest number of a model that can be written.
         cut: how the scenario cuts models; None: it does not.
+        acknowledgement_bits: of a message that says which fragments arrived.
         form: what a fragment holds. note: most bytes of a note.
     """
 
@@ -158,6 +160,7 @@ class Codec:
         self.size = -(-length // form.step) * form.step if cut is None else cut.size
         self.count = -(-length // self.size)
         self.ticks = 1 if cut is None else -(-self.count // cut.per_tick)
+        self.acknowledgement_bits = _ROUND_BITS + _BYTE_BITS * -(-self.count // _BYTE_BITS)
         self._starts = starts_of(form.parts(parts), self.size)
         first = np.searchsorted(self._starts, np.arange(self.count) * self.size)
         pieces = np.diff(first, append=len(self._starts))

@@ -69,6 +69,7 @@ class Plan:
         self._check_silence()
         self._check_radio()
         self.hops = self._hops()
+        self._check_bands()
         for one in (scenario, self.scenario):
             vars(one)[_PLAN] = self
 
@@ -219,6 +220,14 @@ class Plan:
             raise
         except FAILURES as error:
             raise BadInput(f"topology {name!r}: {last_line(error)}") from error
+
+    def _check_bands(self) -> None:
+        """Validates that the topology has clusters, if each of them is to have a band."""
+        if self.scenario.radio.bands == "cluster" and all(hop.bands is None for hop in self.hops):
+            raise BadInput(
+                f"scenario: `radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
+                "`federation.clusters`, or take `radio.bands` one"
+            )
 
 
 def plan_of(scenario: Scenario) -> Plan:

@@ -12,8 +12,6 @@ from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
-_BYTE_BITS, _ROUND_BITS = 8, 32  # an acknowledgement has the round, and a bit for each fragment
-
 
 class Acknowledge(Protocol):
     """Transmits acknowledgements, billed as the models are, and returns the mask (K,) of those that arrive."""
@@ -152,10 +150,10 @@ class Transmission:
         """Lets every UAV that received something say what; fragments that a sender has no word of are wanted again."""
         source, target = self._pairs.T
         says = (self._reached & ~self._acknowledged).any(axis=1) & awake[target]
-        bits = _ROUND_BITS + _BYTE_BITS * -(-self.hop.codec.count // _BYTE_BITS)
         if says.any():
             order = np.lexsort((source[says], target[says]))  # the UAVs that answer, ascending
             answering = np.flatnonzero(says)[order]
+            bits = self.hop.codec.acknowledgement_bits
             arrived = answering[acknowledge(self.hop.label, bits, target[answering], source[answering])]
             self._acknowledged[arrived] |= self._reached[arrived]
         missing = np.zeros((len(awake), self._acknowledged.shape[1]), dtype=bool)

@@ -215,7 +215,7 @@ SUMMARY = (
     Field("bits_to_arrival.*", PAYLOAD, "the same until the last arrival, or until the end if some never arrived"),
     Field("wire_bytes", "bytes", "size of the encoded frames on their way to the radio"),
     *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
-    Field("radio.airtime_s", "s", "time that transmissions took"),
+    Field("radio.airtime_s", "s", "time that transmissions took, collisions included"),
     Field(
         "radio.clamped",
         "links",
@@ -243,7 +243,7 @@ SUMMARY = (
     Field("radio.traffic.*.transmissions", "frames", f"transmissions {_KIND}"),
     Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, counted once per transmission"),
     Field("radio.traffic.*.wire_bytes", "bytes", "size of the encoded frames of that traffic"),
-    Field("radio.traffic.*.airtime_s", "s", "time that its transmissions took"),
+    Field("radio.traffic.*.airtime_s", "s", "time that its transmissions took, collisions included"),
     *(Field(f"radio.traffic.*.{name}", measured, f"for that traffic: {about}") for name, measured, about in _OF_LINKS),
     Field("radio.links_used", "links", "ordered pairs of UAVs between which a message was sent"),
     Field("radio.links", "", "`[source, target, sent, outages]` for each link; null if there are more than 1000"),

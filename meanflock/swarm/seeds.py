@@ -21,6 +21,7 @@ STREAMS = (
     "slowness",  # of a UAV's computer, by UAV
     "shadow",  # field of the radio's shadow: 0 between UAVs, 1 + b to station b
     "sight",  # field of the radio's line of sight, likewise
+    "access",  # backoffs of UAVs that contend for the band, in the order of transmission
 )
 
 

@@ -30,6 +30,8 @@ SHORT = ("--uavs", "4", *(word for setting in SETTINGS for word in ("--set", set
 CUTS = [
     ("short-hjb", "3", ()),
     ("short-clusters-hf", "2", ("--endpoint", "tcp/127.0.0.1:0")),
+    ("short-csma", "2", ()),
+    ("short-bands", "3", ()),
     ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
 

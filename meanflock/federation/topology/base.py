@@ -41,6 +41,8 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         range_m: distance beyond which a broadcast is meant for nobody, and which leaves out the sender itself; None:
             the hop has no such distance.
         is_local: nobody transmits: each sender averages with its own model, and takes the average over.
+        bands: (N,) the band that each UAV transmits in, with `radio.bands` = cluster; the states that it broadcasts go
+            in that of its upload. None: all UAVs transmit in band 0.
         mail: the hop before, unless it averages nothing. is_last: receivers put the model in the place of their own.
         attempt_ticks: until all fragments of an attempt have arrived or are lost. The plan sets these three.
     """
@@ -54,6 +56,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     averages: Averages = "nothing"
     range_m: float | None = None
     is_local: bool = False
+    bands: Indices | None = None
     mail: Optional["Hop"] = None
     is_last: bool = False
     attempt_ticks: int = 0
@@ -90,11 +93,20 @@ def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
 
 
 def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
-    """Number of UAVs that transmit at once in a hop by radio, and to how many others each."""
+    """Number of UAVs that transmit at once in a hop by radio in the busiest band, and to how many others each."""
     if hop.is_local:
         return 0, 0
-    senders = len(hop.senders) if hop.averages != "nothing" else min(len(hop.senders), scenario.participants)
+    transmits = hop.senders
+    if hop.bands is not None and hop.targets is not None:
+        transmits = transmits[(hop.targets[transmits] != transmits[:, None]).any(axis=1)]
+    senders = in_busiest_band(hop.bands, transmits)
+    senders = senders if hop.averages != "nothing" else min(senders, scenario.participants)
     return senders, scenario.uavs - 1 if hop.targets is None else hop.targets.shape[1]
+
+
+def in_busiest_band(bands: Indices | None, senders: Indices) -> int:
+    """Number of the `senders` (S,) that transmit in the busiest of the `bands` (N,)."""
+    return len(senders) if bands is None else int(np.bincount(bands[senders]).max(initial=0))
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -146,18 +158,23 @@ class Topology:
         """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included.
 
         Args:
-            senders: number of UAVs that transmit at once, each to so many `receivers`; it matters in one band only.
+            senders: number of UAVs that transmit at once in a band, each to so many `receivers`; it matters only where
+                transmissions share a band.
         """
         return (1 + self.scenario.federation.retries) * attempt_ticks(self.scenario, codec, senders, receivers)
 
-    def upload_ticks(self, codec: Codec, receivers: int = 1) -> int:
-        """The same for uploads of all participants, of which those after `federation.deadline` are late.
+    def upload_ticks(self, codec: Codec, receivers: int = 1, senders: int | None = None) -> int:
+        """The same for uploads of participants, of which those after `federation.deadline` are late.
+
+        Args:
+            senders: number of UAVs that may upload in a band; None: all participants upload in one.
 
         Raises:
             ValueError: no upload can be late.
         """
         scenario = self.scenario
-        one = attempt_ticks(scenario, codec, scenario.participants, receivers)
+        uploading = scenario.participants if senders is None else min(scenario.participants, senders)
+        one = attempt_ticks(scenario, codec, uploading, receivers)
         if (deadline := scenario.federation.deadline) is None:
             return (1 + scenario.federation.retries) * one
         in_time = codec.ticks - 1 + scenario.deadline_ticks

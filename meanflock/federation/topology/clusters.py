@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meanflock.federation.topology.base import Hop, Topology
+from meanflock.federation.topology.base import Hop, Topology, in_busiest_band
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -29,7 +29,10 @@ class Division:
 
 
 class Clusters(Topology):
-    """Participants upload to the heads of their clusters; the leader averages and broadcasts the heads' means."""
+    """Participants upload to the heads of their clusters; the leader averages and broadcasts the heads' means.
+
+    With `radio.bands` = cluster each cluster has a band, and heads and leader have one of their own.
+    """
 
     name = "clusters"
     bears_station = True
@@ -40,7 +43,11 @@ class Clusters(Topology):
         division = Division(scenario)
         uploads, broadcasts = self.codecs.upload, self.codecs.broadcast
         averages = self.codecs.relay(division.sizes[division.cluster])
-        relays = self.upload_ticks(uploads)
+        everyone, within, above, members = np.arange(scenario.uavs), None, None, None
+        if scenario.radio.bands == "cluster":
+            within, above = division.cluster, np.full(scenario.nodes, scenario.federation.clusters)
+            members = in_busiest_band(within, np.setdiff1d(everyone, division.heads))
+        relays = self.upload_ticks(uploads, senders=members)
         after = relays + self.ticks(averages, len(division.heads))
         least = after + (self.ticks(broadcasts, receivers=scenario.uavs - 1) if self.must_end(broadcasts) else 1)
         if scenario.period_ticks < least:
@@ -50,9 +57,18 @@ class Clusters(Topology):
             )
         to_heads = division.head_of[:, None]
         return (
-            Hop(FrameKind.UPLOAD, 0, "agent", np.arange(scenario.uavs), to_heads, uploads),
-            Hop(FrameKind.RELAY, relays, "agent", division.heads, codec=averages, averages="models", **self.to_seat()),
-            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, broadcasts, "means"),
+            Hop(FrameKind.UPLOAD, 0, "agent", everyone, to_heads, uploads, bands=within),
+            Hop(
+                FrameKind.RELAY,
+                relays,
+                "agent",
+                division.heads,
+                codec=averages,
+                averages="models",
+                bands=above,
+                **self.to_seat(),
+            ),
+            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, broadcasts, "means", bands=above),
         )
 
     def _check(self) -> None:

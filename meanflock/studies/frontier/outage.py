@@ -1,7 +1,8 @@
 """The SNR threshold at which a radio loses a wanted share of broadcast states, by the channel's closed form.
 
 The outage of a cell is the probability that one broadcast of a state of 64 bits fails, mean over all pairs of UAVs at
-their starts. It is set by `radio.target_snr_db`. A longer message fails at least as often.
+their starts. It is set by `radio.target_snr_db`. A longer message fails at least as often, and collisions come on top
+where UAVs contend for the band.
 """
 
 import math

@@ -214,6 +214,15 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`federation.deadline` {deadline} s is later than an upload can arrive, {longest:g} s: "
                 "`radio.latency_threshold_slots` times `radio.coherence_time_s`; take less, or leave it out"
             )
+        if self.radio.bands == "cluster" and self.radio.access != "tdma":
+            raise ValueError(
+                f"`radio.bands` is cluster, but `radio.access` is {self.radio.access}; take tdma, or `radio.bands` one"
+            )
+        if self.radio.access == "csma" and self.radio.contention_slots > 0.5 * (1 + 1e-9):
+            raise ValueError(
+                f"`radio.contention_slot_s` {self.radio.contention_slot_s:g} s is more than half of "
+                f"`radio.coherence_time_s` {self.radio.coherence_time_s:g} s; take less, or longer slots"
+            )
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:

@@ -71,15 +71,37 @@ class Radio(_Table, frozen=True):
         ),
     ] = 100.0
     access: Annotated[
-        Literal["fdma", "tdma"],
+        Literal["fdma", "tdma", "csma"],
         key(
-            "how transmissions share the spectrum: a band for each link, or one band, one after another",
+            "how transmissions share the spectrum: a band for each link, or one band, in turns or by contention",
             PRINTED,
             "with `fdma` no link waits, and a UAV needs a receiver for each UAV that it hears. With `tdma` "
-            "transmissions wait for one another; airtime and losses are the same",
+            "transmissions wait for one another; airtime and losses are the same. With `csma` they collide, too: see "
+            "[channels](channels.md#who-waits-for-whom)",
             later=True,
         ),
     ] = "fdma"
+    bands: Annotated[
+        Literal["one", "cluster"],
+        key(
+            "bands of `tdma`: one for all UAVs, or one for each cluster and one for heads and leader",
+            OURS,
+            "in one band a UAV needs one receiver, in several it needs more",
+            later=True,
+        ),
+    ] = "one"
+    contention_slot_s: Annotated[
+        float,
+        key(
+            "σ, slot in which UAVs count their backoff with `csma`",
+            OURS,
+            "of IEEE 802.11b; 9 µs in 802.11a. At most half of `radio.coherence_time_s`",
+            unit="s",
+            later=True,
+            gt=0,
+            le=1.0,
+        ),
+    ] = 2e-5
     duty_max: (
         Annotated[
             float,
@@ -110,6 +132,11 @@ class Radio(_Table, frozen=True):
     options: Annotated[
         dict[str, Any], key("options of that channel", OURS, "a channel declares its own", later=True)
     ] = field(default_factory=dict)
+
+    @property
+    def contention_slots(self) -> float:
+        """σ/θ, the contention slot in slots."""
+        return self.contention_slot_s / self.coherence_time_s
 
     @property
     def bits_per_slot(self) -> float:
