@@ -250,7 +250,18 @@ def test_a_channel_of_a_user_carries_frames_without_a_closed_form() -> None:
     assert again.meter.traffic == medium.meter.traffic
 
 
-@pytest.mark.parametrize("bits", [0.0, -1.0, math.nan, math.inf, None, "9", lambda _: [].pop()], ids=str)
+BITS = {
+    "zero": 0.0,
+    "negative": -1.0,
+    "nan": math.nan,
+    "inf": math.inf,
+    "none": None,
+    "text": "9",
+    "fails": lambda _: [].pop(),
+}
+
+
+@pytest.mark.parametrize("bits", BITS.values(), ids=BITS)
 def test_a_channel_whose_slots_carry_no_number_of_bits_is_refused_where_the_plan_is_made(bits: Any) -> None:
     rate = property(bits if callable(bits) else lambda _: bits)
     plugins.register(type("Mute", (Disk,), {"name": "mute", "bits_per_slot": rate}))

@@ -70,8 +70,8 @@ class Flight:
                     self.models[batch.kind] += int(np.count_nonzero(~is_own))
             return send(tick, frames, *rest)
 
-        def acknowledged(tick: int, states: Any, cut: Any, kind: FrameKind, *rest: Any) -> Any:
-            delivered = acknowledge(tick, states, cut, kind, *rest)
+        def acknowledged(tick: int, states: Any, cut: Any, noise: Any, kind: FrameKind, *rest: Any) -> Any:
+            delivered = acknowledge(tick, states, cut, noise, kind, *rest)
             self.acknowledgements[kind] += len(delivered)
             return delivered
 

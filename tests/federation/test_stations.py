@@ -98,6 +98,8 @@ def test_a_flight_without_rounds_does_not_know_of_stations() -> None:
     flown = scenario(THREE, "method=hjb", "duration=5")
     with_them, _ = rounds(flown)
     without, _ = rounds(flown.replace(stations=[], federation={"period": 20}))
+    assert [row[1] for row in with_them["radio"].pop("nodes")[6:]] == [0.0] * 3  # what the stations sent
+    without["radio"].pop("nodes")
     but = ("scenario_sha256", "run_id")
     assert steady(with_them, *but) == steady(without, *but)
 
