@@ -212,23 +212,29 @@ class Channel:
         Raises:
             BadInput: more UAVs contend than there is a closed form for.
         """
-        radio = scenario.radio
-        most, needed = radio.latency_threshold_slots, self.least_slots(bits)
-        averages = seat(scenario)
-        others = np.setdiff1d(np.arange(scenario.uavs), [averages])
-        found = self.at_start(scenario, others, np.full_like(others, averages), bits)
-        if found is None or needed is None:  # so the longest that a message takes
-            chance = queue.slots_of_link(most + 1, most, 0.0)
-        else:
-            lost, slots = found
-            success = queue.success_of(needed, most, (slots + lost * most) / len(others))
-            chance = queue.slots_of_link(needed, most, success)
+        radio, chance = scenario.radio, self._slots_of_link(scenario, bits)
         if radio.access == "tdma":
             return queue.slots_of_queue(chance, receivers, senders * frames)
         slot, is_acknowledged = radio.contention_slots, receivers == 1
         return contention.slots_of_contention(
             chance, receivers, senders, frames, slot, acknowledged=is_acknowledged, turns=turns
         )
+
+    def mean_slots(self, scenario: Scenario, bits: int, receivers: int) -> float:
+        """Mean slots of a transmission to so many receivers, over the links of `queue_slots`, without collisions."""
+        return queue.mean_slots(self._slots_of_link(scenario, bits), receivers)
+
+    def _slots_of_link(self, scenario: Scenario, bits: int) -> Floats:
+        """Distribution of the slots of a message, (D_M + 1,), over the links of `queue_slots`."""
+        most, needed = scenario.radio.latency_threshold_slots, self.least_slots(bits)
+        averages = seat(scenario)
+        others = np.setdiff1d(np.arange(scenario.uavs), [averages])
+        found = self.at_start(scenario, others, np.full_like(others, averages), bits)
+        if found is None or needed is None:  # so the longest that a message takes
+            return queue.slots_of_link(most + 1, most, 0.0)
+        lost, slots = found
+        success = queue.success_of(needed, most, (slots + lost * most) / len(others))
+        return queue.slots_of_link(needed, most, success)
 
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""
@@ -254,13 +260,13 @@ class Fate(NamedTuple):
     """Outcome of a message on its K links.
 
     slots: (K,) on the air. delivered: (K,) whether it arrives. waited: (K,) slots that the frame waits before. wasted:
-    slots that all senders spent in collisions before their frames got through.
+    (T,) slots that each transmission spent in collisions before.
     """
 
     slots: NDArray[np.int64]
     delivered: NDArray[np.bool_]
     waited: NDArray[np.int64]
-    wasted: int = 0
+    wasted: NDArray[np.int64] | int = 0
 
 
 def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, Fate]:

@@ -31,14 +31,14 @@ class Contention(NamedTuple):
     """Outcome of a contention between the senders of T frames.
 
     begin: (T,) slots of θ from the start until each frame is transmitted as it counts: the time that gets through, or
-    the collision. collided: (T,) whether the frame is lost. end: until the last transmission is over. wasted: slots
-    that senders spent in collisions before their frames got through, of all of them.
+    the collision. collided: (T,) whether the frame is lost. end: until the last transmission is over. wasted: (T,)
+    slots that each was sent in collisions before it got through.
     """
 
     begin: Floats
     collided: NDArray[np.bool_]
     end: float
-    wasted: int
+    wasted: NDArray[np.int64]
 
 
 def contend(
@@ -57,7 +57,7 @@ def contend(
     frame, doublings = first.tolist(), [0] * len(first)
     turns = list(zip(rng.integers(0, WINDOW, len(first)).tolist(), range(len(first)), strict=True))
     heapify(turns)  # contention slot and number of the sender that transmits in it
-    time, past, wasted = 0.0, -1, 0
+    time, past, wasted = 0.0, -1, np.zeros(len(sender), dtype=np.int64)
     while turns:
         now = turns[0][0]
         at_once = []
@@ -73,7 +73,7 @@ def contend(
         for one in at_once:
             if collides and acknowledged:
                 doublings[one] = min(doublings[one] + 1, DOUBLINGS)
-                wasted += int(lasts[frame[one]])
+                wasted[frame[one]] += lasts[frame[one]]
             else:
                 collided[frame[one]] = collides
                 doublings[one] = 0

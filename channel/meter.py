@@ -146,14 +146,14 @@ class Meter(Stateful):
         slots: NDArray[np.int64],
         delivered: NDArray[np.bool_],
         expected: tuple[float, float] | None,
-        wasted: int = 0,
+        wasted: NDArray[np.int64] | int = 0,
     ) -> None:
         """Adds one batch of transmissions of a kind over K links by radio.
 
         Args:
             payload_bits: of one transmission. slots: (K,). delivered: (K,). expected: closed forms of the outages and
-                delivered slots of all these links; None if the channel has none. wasted: slots that senders spent in
-                collisions before their frames got through.
+                delivered slots of all these links; None if the channel has none. wasted: (T,) slots that each
+                transmission spent in collisions before.
         """
         self._figures = None
         total = self.traffic[kind]
@@ -167,8 +167,8 @@ class Meter(Stateful):
         total.outages += copies - arrived
         total.slots += spent
         total.delivered_slots += spent if arrived == copies else int(slots[delivered].sum())
-        lasts = np.maximum.reduceat(slots, links.first)
-        total.airtime_s += (int(np.add.reduce(lasts)) + wasted) * self.radio.coherence_time_s
+        lasts: NDArray[np.int64] = np.add(np.maximum.reduceat(slots, links.first), wasted, dtype=np.int64)
+        total.airtime_s += int(np.add.reduce(lasts)) * self.radio.coherence_time_s
         outages, latency = (None, None) if expected is None else expected
         total.expected_outages = _sum(total.expected_outages, outages)
         total.expected_delivered_slots = _sum(total.expected_delivered_slots, latency)

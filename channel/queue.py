@@ -35,6 +35,12 @@ def success_of(needed: int, most: int, mean: float) -> float:
     return high
 
 
+def mean_slots(chance: Floats, links: int) -> float:
+    """Mean slots of a transmission over so many links, each with the distribution `chance` (D + 1,) of its slots."""
+    lasts = np.diff(np.minimum(np.cumsum(chance), 1.0) ** links, prepend=0.0)
+    return float(np.arange(len(chance)) @ lasts)
+
+
 def slots_of_queue(chance: Floats, links: int, transmissions: int, late: float = LATE) -> int:
     """Least slots of which a queue takes more with probability `late` at most.
 

@@ -12,9 +12,11 @@ from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
+from meanflock.federation.seat import name_of
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
     Diverged,
+    DutyExceeded,
     FlightEvent,
     LinksClamped,
     Lost,
@@ -53,11 +55,12 @@ class World(Stateful):
         backhaul: the wire between stations.
         models: the hash of the models that were shared.
         target: the metric at which the flight ends.
+        over_duty: nodes whose radio has sent for longer than it may.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
 
-    stored = ("flight", "air", "counters", "ledger", "backhaul", "models", "target", "commands")
+    stored = ("over_duty", "flight", "air", "counters", "ledger", "backhaul", "models", "target", "commands")
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -84,6 +87,7 @@ class World(Stateful):
         self._script = Script(scenario)
         self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every if plan.is_resumable else 0
+        self.over_duty: list[int] = []
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
         if resume is not None:
@@ -192,6 +196,7 @@ class World(Stateful):
             if self.target.is_met(completed):
                 self.target.reach(completed, self.energies()["energy_total_J"])
         flight.advance(self.commands.accelerations, self._script.gust(tick, states))
+        self._watch_duty()
         if flight.last_arrival == flight.tick:
             self.air.meter.mark()
         weights = self._learned(acts.models, awake & ~flight.lost) if acts.models is not None else None
@@ -306,6 +311,16 @@ class World(Stateful):
         if new := sorted(uavs - self.counters.implausible):
             self.counters.implausible |= uavs
             self.note(StatesRefused(self.flight.tick, tuple(new)))
+
+    def _watch_duty(self) -> None:
+        """Name nodes that have sent for longer than they may, each once."""
+        limit = self.scenario.radio.duty_max
+        if limit is None or self.flight.tick % REPORT_EVERY_TICKS:
+            return
+        over = [node for node in np.flatnonzero(self.duty > limit).tolist() if node not in self.over_duty]
+        if over:
+            self.over_duty = sorted([*self.over_duty, *over])
+            self.note(DutyExceeded(self.flight.tick, tuple(name_of(self.scenario, node) for node in over), limit))
 
     def _completed(self, ended: RoundEnded, replied: Mask) -> RoundEnded:
         """A round with what it cost so far, and the means of the diagnostics of UAVs that `replied` (N,)."""

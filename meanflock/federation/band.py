@@ -1,10 +1,13 @@
 """How long the models of a hop are on the air: each link in a band of its own, or all one after another in one band."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock.federation.codec import Codec
+from meanflock.federation.seat import seat
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.scenario import Scenario
@@ -15,6 +18,32 @@ def channel_of(scenario: Scenario) -> Any:
     channel: Any = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
     channel.check_rate()
     return channel
+
+
+def duties(scenario: Scenario, hops: Iterable[Any]) -> NDArray[np.float64]:
+    """Share of the time in which each node sends models, on average, (N + B,): by the closed form of the channel with
+    all UAVs at their starts, without retries and collisions.
+
+    Raises:
+        BadInput: the channel is not installed, its options do not fit, or it fails.
+    """
+    slots, first = np.zeros(scenario.nodes), seat(scenario)
+    channel = channel_of(scenario)
+    for hop in hops:
+        if hop.is_local:
+            continue
+        sends = np.array([first]) if hop.role == "leader" and len(hop.senders) > 1 else hop.senders
+        targets = hop.targets_of(sends, first)
+        if targets is not None:
+            sends = sends[(targets != sends[:, None]).any(axis=1)]
+        receivers = scenario.uavs - 1 if targets is None else targets.shape[1]
+        try:
+            lasts = channel.mean_slots(scenario, hop.codec.bits, receivers)
+        except FAILURES as error:
+            raise BadInput(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
+        share = scenario.federation.fraction if hop.averages == "nothing" else 1.0
+        slots[sends] += share * hop.codec.count * lasts
+    return slots * scenario.radio.coherence_time_s / (scenario.period_ticks * scenario.dt)
 
 
 def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int) -> int:

@@ -3,14 +3,16 @@
 A scenario is data and loads no plug-in. Whatever flies needs its plan, which is made once.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.band import duties
 from meanflock.federation.cut import WHOLE, coding_of
-from meanflock.federation.seat import seat
+from meanflock.federation.seat import name_of, seat
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
@@ -69,6 +71,7 @@ class Plan:
         self._check_silence()
         self._check_radio()
         self.hops = self._hops()
+        self._check_duty()
         self._check_bands()
         for one in (scenario, self.scenario):
             vars(one)[_PLAN] = self
@@ -201,6 +204,20 @@ class Plan:
             raise BadInput(
                 f"scenario: `federation.station` is {scenario.federation.station}, and the topology {topology} has its "
                 "leader aboard a UAV; remove that key, or take the topology leader"
+            )
+
+    def _check_duty(self) -> None:
+        """Validates that no node must send for longer than the radio may."""
+        limit = self.scenario.radio.duty_max
+        if limit is None or not self.hops:
+            return
+        shares = duties(self.scenario, self.hops)
+        node, largest = int(shares.argmax()), float(shares.max())
+        if largest > limit:
+            least = math.ceil(self.period_ticks * largest / limit)
+            raise BadInput(
+                f"scenario: `radio.duty_max` is {limit:g}, and {name_of(self.scenario, node)} would send models for "
+                f"{100 * largest:.3g} % of the time; set `federation.period` to {least} at least, or shorten the models"
             )
 
     def _hops(self) -> tuple[Hop, ...]:

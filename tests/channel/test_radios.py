@@ -8,6 +8,7 @@ import pytest
 
 from meanflock.channel.base import Message
 from meanflock.channel.fading.link_budget import LinkBudget
+from meanflock.federation.band import duties
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
@@ -91,6 +92,53 @@ def test_loads_go_on_after_a_kill(tmp_path: Path) -> None:
     again = resumed(dead(tmp_path, flown, 210, rows=2))
     assert again["radio"]["nodes"] == whole["radio"]["nodes"]
     assert again["energy_radio_J"] == whole["energy_radio_J"]
+
+
+THIN = ("radio.bandwidth_hz=250e3", "radio.latency_threshold_slots=90", "radio.access=tdma")
+
+
+def test_a_round_that_sends_for_longer_than_a_radio_may_is_refused_with_the_least_period() -> None:
+    def planned(period: int) -> Any:
+        return plan_of(scenario(*THIN, f"federation.period={period}", "radio.duty_max=0.005", "federation.fraction=1"))
+
+    with pytest.raises(
+        BadInput, match=r"`radio.duty_max` is 0.005, and UAV 0 would send .* `federation.period`"
+    ) as told:
+        planned(20)
+    least = int(str(told.value).split("to ")[1].split()[0])
+    assert planned(least).period_ticks == least
+    with pytest.raises(BadInput, match=f"to {least} at least"):
+        planned(least - 1)
+
+
+@pytest.mark.parametrize("method", ["mfgfl-hf", "hjb"])
+def test_radios_send_as_long_as_is_foreseen_and_who_sends_more_is_named_once(method: str) -> None:
+    limit = {"mfgfl-hf": 0.012, "hjb": 0.0005}[method]
+    flown = scenario(
+        *THIN, "federation.period=20", f"radio.duty_max={limit}", "stop=duration", duration=20, method=method
+    )
+    told: list[Any] = []
+
+    class Sink:
+        def write(self, block: Any) -> None:
+            told.extend(event for event in block.events if event.kind == "duty")
+
+    summary = Engine(flown, "duty", sinks=[Sink()]).complete()
+    plan = plan_of(flown)
+    if method == "mfgfl-hf":
+        assert not told
+        assert summary["radio"]["duty_max"] == pytest.approx(duties(plan.scenario, plan.hops).max(), rel=0.2)
+    else:
+        named = [name for event in told for name in event.nodes]
+        assert sorted(named) == [f"UAV {uav}" for uav in range(4)]
+        assert "has sent for more than 0.05 % of the time" in told[0].text
+
+
+def test_collisions_are_on_the_air_of_those_who_collide() -> None:
+    flown = scenario("radio.access=csma", "federation.period=20", "stop=duration", duration=20, uavs=9)
+    radio = Engine(flown, "csma").complete()["radio"]
+    assert sum(row[1] for row in radio["nodes"]) == pytest.approx(radio["airtime_s"])
+    assert radio["airtime_s"] > sum(row[2] for row in radio["nodes"] if row[0] == 0)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from meanflock.swarm.events.mission import (
     Arrived,
     Collided,
     Diverged,
+    DutyExceeded,
     FaultBegan,
     FaultEnded,
     FaultNeverBegins,
@@ -71,6 +72,7 @@ FlightEvent: TypeAlias = (
     | SteeringEnded
     | Collided
     | HitObstacle
+    | DutyExceeded
     | LinksClamped
     | FaultBegan
     | FaultEnded

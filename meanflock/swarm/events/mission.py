@@ -63,6 +63,23 @@ class LinksClamped(BaseEvent, frozen=True):
         )
 
 
+class DutyExceeded(BaseEvent, frozen=True):
+    """Radios send for a larger share of the time than they may.
+
+    Attributes:
+        nodes: the names of these that had not before.
+    """
+
+    meanings = {"duty": "radios, for the first time, have sent for a larger share of the time than `radio.duty_max`"}
+    level = "WARN"
+    nodes: tuple[str, ...]
+    limit: float
+
+    @property
+    def text(self) -> str:
+        return f"the radio of {', '.join(self.nodes)} has sent for more than {100 * self.limit:g} % of the time"
+
+
 class Lost(BaseEvent, frozen=True):
     """UAVs are lost with their node."""
 
