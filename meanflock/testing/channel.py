@@ -44,7 +44,8 @@ def check_channel(
     A channel that remembers anything but its memory between two messages fails, because checkpoints do not store it.
 
     Args:
-        channel: the class. options: those of the table [radio.options]. scenario: default: the paper's.
+        channel: the class. options: those of the table [radio.options]. scenario: default: the paper's, whose last UAV
+            is a station if the channel declares `stations`.
         slow_ms: limit of the median time of a message over 600 links.
 
     Raises:
@@ -52,6 +53,8 @@ def check_channel(
     """
     check_class(channel, "channel")
     flown = scenario or Scenario()
+    if scenario is None and getattr(channel, "stations", False):  # its last node is a station
+        flown = Scenario(uavs=UAVS - 1, stations=({"place": (0.0, 0.0, 25.0)},))
 
     def sent(seed: int, draw: int, afresh: bool = False, number: int = 1) -> list[np.ndarray]:
         def run() -> list[np.ndarray]:

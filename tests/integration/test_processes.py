@@ -32,6 +32,8 @@ CUTS = [
     ("short-clusters-hf", "2", ("--endpoint", "tcp/127.0.0.1:0")),
     ("short-csma", "2", ()),
     ("short-bands", "3", ()),
+    ("short-mast", "2", ()),
+    ("short-stations", "1", ()),
     ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
 
