@@ -7,7 +7,7 @@ points east and its y north, as on a map, so the local frame of MAVLink (north, 
 import math
 import struct
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
@@ -41,6 +41,9 @@ _SYSTEM_STATUS = {
     Status.ARRIVED: mavlink.MAV_STATE_STANDBY,
     Status.LOST: mavlink.MAV_STATE_EMERGENCY,
 }
+
+
+Base: TypeAlias = tuple[float, float, float]  # place of a station: x, y and height, m
 
 
 class Home(NamedTuple):
@@ -113,6 +116,15 @@ class MavlinkVehicle:
             )
         )
 
+    def home_position(self, home: Home, x: float, y: float, z: float) -> bytes:
+        """HOME_POSITION at a point, which is `z` above the plane of the origin; no way leads there, so it is all zero."""
+        latitude, longitude = home.position(x, y)
+        altitude = round(1e3 * (home.altitude + z))
+        upright = (1.0, 0.0, 0.0, 0.0)
+        return self._frame(
+            mavlink.MAVLink_home_position_message(latitude, longitude, altitude, y, x, -z, upright, 0.0, 0.0, 0.0)
+        )
+
     def _time_ms(self, tick: int) -> int:
         return round(tick * self._tick_ms) % 2**32
 
@@ -125,10 +137,12 @@ class MavlinkVehicle:
 class Fleet:
     """The UAVs of a flight that have a system id, as vehicles: a datagram of each in a tick."""
 
-    def __init__(self, uavs: int, dt: float, home: Home | None = None) -> None:
-        """`dt`: seconds a tick. `home`: of GLOBAL_POSITION_INT; None: that message is left out."""
+    def __init__(self, uavs: int, dt: float, home: Home | None = None, base: Base | None = None) -> None:
+        """`dt`: seconds a tick. `home`: of GLOBAL_POSITION_INT; None: that message is left out. `base`: place of a
+        station, m, which is the HOME_POSITION; None: there is none.
+        """
         self._vehicles = [MavlinkVehicle(uav, dt) for uav in range(min(uavs, SYSTEMS))]
-        self._home = home
+        self._home, self._base = home, base
         self._beat_s = -math.inf
 
     def __len__(self) -> int:
@@ -152,6 +166,8 @@ class Fleet:
             datagram += vehicle.local_position(tick, *row)
             if self._home is not None:
                 datagram += vehicle.global_position(self._home, tick, *row)
+                if is_due and self._base is not None:
+                    datagram += vehicle.home_position(self._home, *self._base)
             yield datagram
 
 

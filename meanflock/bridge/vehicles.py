@@ -8,7 +8,7 @@ from types import TracebackType
 
 import numpy as np
 
-from meanflock.bridge.mavlink import Fleet, Home
+from meanflock.bridge.mavlink import Base, Fleet, Home
 from meanflock.net.access import Address
 from meanflock.results.flown import FlightSoFar
 from meanflock.results.series import per_uav, states_of
@@ -27,13 +27,15 @@ class Vehicles:
         to: Sequence[Address],
         home: Home,
         clock: Callable[[], float] = time.monotonic,
+        base: Base | None = None,
     ) -> None:
-        """`dt`: seconds a tick. `to`: addresses that get every message.
+        """`dt`: seconds a tick. `to`: addresses that get every message. `base`: place of a station, which is the home
+        of all vehicles.
 
         Raises:
             BadInput: nothing can be sent to an address.
         """
-        self._fleet = Fleet(uavs, dt, home)
+        self._fleet = Fleet(uavs, dt, home, base)
         self.count = len(self._fleet)
         self._clock = clock
         self._sockets: list[socket.socket] = []

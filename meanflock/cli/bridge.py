@@ -1,6 +1,7 @@
 """Commands that show a flight to other software while it is flown or played."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -8,6 +9,10 @@ from meanflock.cli import completion
 from meanflock.cli.arguments import PATH, RUN, CommandGroup, Positive
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
+
+if TYPE_CHECKING:
+    from meanflock.bridge.mavlink import Base
+    from meanflock.results.flown import FlownKeys
 
 _HOME = "47.397742,8.545594,488"  # where autopilots are simulated by default
 _TO = "127.0.0.1:14550"  # where ground stations listen
@@ -67,7 +72,8 @@ def mavlink(
     """Show each UAV as a MAVLink vehicle, in real time.
 
     RUN is the folder of a run, or `latest`; --live shows a flight while it is flown. UAV k is system k + 1 and sends
-    HEARTBEAT, LOCAL_POSITION_NED and GLOBAL_POSITION_INT. Needs the extra `mavlink`.
+    HEARTBEAT, LOCAL_POSITION_NED and GLOBAL_POSITION_INT; the first station of the
+    scenario is its home. Needs the extra `mavlink`.
 
     \b
     Example: meanflock bridge mavlink runs/20261121-101500-mfgfl-hf-s7 --speed 4
@@ -93,8 +99,9 @@ def mavlink(
         if tls is not None:
             raise BadInput(f"--tls {tls}: a recorded run has no links; leave it out, or give --live")
         flight = FlightSoFar(folder)
-        with Vehicles(flight.scenario.uavs, flight.scenario.dt, addresses, where) as vehicles:
-            say(vehicles, flight.scenario.uavs)
+        flown = flight.scenario
+        with Vehicles(flown.uavs, flown.dt, addresses, where, base=_base(flown)) as vehicles:
+            say(vehicles, flown.uavs)
             play(flight, vehicles, speed or 1.0)
         return
     if speed is not None:
@@ -106,8 +113,13 @@ def mavlink(
     try:
         observer = Observer(bus, wait)
         flown = observer.scenario
-        with Vehicles(flown.uavs, flown.dt, addresses, where) as vehicles:
+        with Vehicles(flown.uavs, flown.dt, addresses, where, base=_base(flown)) as vehicles:
             say(vehicles, flown.uavs)
             observer.listen(vehicles)
     finally:
         bus.close()
+
+
+def _base(flown: "FlownKeys") -> "Base | None":
+    """The place of the first station, if there is any."""
+    return flown.stations[0].place if flown.stations else None

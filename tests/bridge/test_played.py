@@ -64,6 +64,22 @@ def test_global_positions_lie_about_the_home(flown: mf.Run) -> None:
     assert place.hdg / 100 == pytest.approx(90.0 + np.degrees(np.arctan2(4.0, 3.0)), abs=0.01)
 
 
+def test_the_first_station_is_the_home_of_every_vehicle() -> None:
+    with Client() as client:
+        to = [Address("127.0.0.1", client.port)]
+        with Vehicles(2, 0.1, to, Home(60.0, 8.0, 488.0), lambda: 0.0, base=(1000.0, -2000.0, 25.0)) as vehicles:
+            for tick in range(3):  # less than a second
+                vehicles.send(tick, np.zeros((2, 4)), np.zeros(2))
+        client.receive()
+    assert not list(client.messages_of("HOME_POSITION", 3))
+    for system in (1, 2):
+        (place,) = client.messages_of("HOME_POSITION", system)
+        metres = np.pi * 6_371_000.0 / 180.0
+        assert (place.latitude / 1e7 - 60.0) * metres == pytest.approx(-2000.0, abs=0.02)
+        assert (place.longitude / 1e7 - 8.0) * metres / 2.0 == pytest.approx(1000.0, abs=0.02)
+        assert (place.altitude, place.x, place.y, place.z) == (513_000, -2000.0, 1000.0, -25.0)
+
+
 def test_uavs_without_a_system_id_are_left_out() -> None:
     with Client() as client:
         with Vehicles(300, 0.1, [Address("127.0.0.1", client.port)], Home(0.0, 0.0)) as vehicles:
