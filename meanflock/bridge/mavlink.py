@@ -117,7 +117,7 @@ class MavlinkVehicle:
         )
 
     def home_position(self, home: Home, x: float, y: float, z: float) -> bytes:
-        """HOME_POSITION at a point, which is `z` above the plane of the origin; no way leads there, so it is all zero."""
+        """HOME_POSITION at a point, `z` above the plane of the origin; the approach to it is left out."""
         latitude, longitude = home.position(x, y)
         altitude = round(1e3 * (home.altitude + z))
         upright = (1.0, 0.0, 0.0, 0.0)
