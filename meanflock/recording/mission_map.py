@@ -64,8 +64,8 @@ def box(scenario: Scenario) -> Corners:
     for x, y, radius in discs.tolist():
         low, high = np.minimum(low, (x - radius, y - radius)), np.maximum(high, (x + radius, y + radius))
     if scenario.stations:
-        places = mission.stations(scenario)[:, :2]
-        low, high = np.minimum(low, places.min(axis=0)), np.maximum(high, places.max(axis=0))
+        places, room = mission.stations(scenario)[:, :2], 5.0 * STATION * float((high - low).max())  # of its name
+        low, high = np.minimum(low, places.min(axis=0) - room), np.maximum(high, places.max(axis=0) + room)
     return low, high
 
 
@@ -168,7 +168,7 @@ def _log_stations(part: Part, scenario: Scenario) -> None:
     for number, (x, y, height) in enumerate(mission.stations(scenario).tolist()):
         part.line(f"map/stations/{number}", size * drawing.TRIANGLE + (x, y), drawing.STATION, 2.0)
         word = f"station {number}, {height:g} m up"
-        part.label(f"map/stations/{number}/label", (x, y + size), word, drawing.STATION)
+        part.label(f"map/stations/{number}/label", (x, y + 4.0 * size), word, drawing.STATION)  # above
 
 
 def _log_field(part: Part, scenario: Scenario) -> None:
