@@ -142,6 +142,33 @@ def test_links_are_green_where_delivered_and_red_in_outage(recorded) -> None:
     assert len(edges[-1]) == np.count_nonzero(sources % 5)
 
 
+def test_stations_are_on_the_map_and_links_lead_to_them(tmp_path: Path) -> None:
+    path, (block,) = tmp_path / "mast.rrd", flight(uavs=3, ticks=20)
+    masts = ({"place": (10.0, 20.0, 25.0)}, {"place": (-30.0, 5.0, 1.5)})
+    links = [(2, 0, 4, FrameKind.UPLOAD, 4, 1, 0), (2, 1, 3, FrameKind.UPLOAD, 4, 0, 0)]
+    links += [(3, 3, 1, FrameKind.GLOBAL, 4, 1, 0)]
+    ended = RoundEnded(3, 1, 0, "averaged", participants=3, sent=(0, 1), received=(0,), station=0)
+    told = msgspec.structs.replace(block, links=np.array(links, dtype=np.int32), events=(ended,))
+    flown = record(path, [told], stations=masts, federation=Federation(station=0))
+    low, high = mission_map.box(flown)
+    for number, (x, y) in enumerate(((10.0, 20.0), (-30.0, 5.0))):
+        assert (low < (x, y)).all()
+        assert (high > (x, y)).all()
+        (outline,) = fixed(path, f"map/stations/{number}", "LineStrips2D:strips")
+        np.testing.assert_allclose(np.array(outline)[:, 0].mean(), x, atol=3.0)
+    assert fixed(path, "map/stations/1/label", "Points2D:labels") == ["station 1, 1.5 m up"]
+    ticks, strips = column(path, look.MODEL_LINKS, "LineStrips2D:strips")
+    assert ticks.tolist() == [2, 3]
+    assert [ends[1] for ends in strips[0]] == [[-30.0, 5.0], [10.0, 20.0]]
+    assert strips[1][0][0] == [10.0, 20.0]
+    names = fixed(path, look.ROUND, "GraphNodes:node_ids")
+    assert names[:5] == ["0", "1", "2", "station 0", "station 1"]
+    assert fixed(path, look.ROUND, "GraphNodes:positions")[3] == [0.0, 0.0]  # where the leader averages
+    _, edges = column(path, look.ROUND, "GraphEdges:edges")
+    assert edges[-1] == [{"first": "0", "second": "station 1"}]
+    assert not fixed(path, f"{look.LEADER}/ring", "Points2D:positions")
+
+
 def test_a_round_of_clusters_is_a_tree(tmp_path: Path) -> None:
     """Five of five UAVs, headed by UAVs 0, 5 … 20; UAV 7 and the head of 10 to 14 are not heard, 17 is paused."""
     path, (block,) = tmp_path / "tree.rrd", flight(ticks=20)
