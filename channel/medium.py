@@ -69,6 +69,7 @@ class Medium(Stateful):
         self.serving = Serving(scenario)
         self._hops = {hop.label: hop for hop in hops}
         self._seat = plan.seat
+        self._to_stations = _to_stations(scenario) if any(hop.by_station for hop in hops) else None
         slots = range(1, MOST_SLOTS + 1)
         self._soon = bisect_right(slots, 1, key=lambda spent: int(scenario.delivery_ticks(np.array(spent))))  # a tick
         self._reach = {hop.label: hop.range_m for hop in hops if hop.range_m is not None}
@@ -110,14 +111,12 @@ class Medium(Stateful):
         Args:
             states: (N, 4), where the UAVs are. present: (N + B,), nodes that are neither lost nor paused.
         """
-        if not any(hop.by_station for hop in self._hops.values()):
+        if (links := self._to_stations) is None:
             return
-        uavs, nodes = self._scenario.uavs, self._scenario.nodes
-        rows, stations = np.repeat(np.arange(uavs), nodes - uavs), np.tile(np.arange(uavs, nodes), uavs)
-        links = Links.between(FrameKind.UPLOAD, np.arange(uavs), rows, stations, nodes, is_unicast=True)
+        uavs = self._scenario.uavs
         try:
             signal_db = self._channel.signal_db(self._message(tick, FrameKind.UPLOAD, 1, links, states))
-            check_array("`signal_db`", signal_db, (len(rows),), np.float64)
+            check_array("`signal_db`", signal_db, (len(links.pair),), np.float64)
         except FAILURES as error:
             raise failed(self._scenario.radio.model, error) from error
         self.serving.update(signal_db.reshape(uavs, -1), present[uavs:])
@@ -373,6 +372,13 @@ def _begun(channel: Channel, name: str, scenario: Scenario) -> Memory:
             f"{MAX_MEMORY_BYTES >> 20} MiB: fly fewer UAVs, or let it keep less"
         )
     return memory
+
+
+def _to_stations(scenario: Scenario) -> Links:
+    """The links from all UAVs to all stations."""
+    uavs, nodes = scenario.uavs, scenario.nodes
+    row, target = np.repeat(np.arange(uavs), nodes - uavs), np.tile(np.arange(uavs, nodes), uavs)
+    return Links.between(FrameKind.UPLOAD, np.arange(uavs), row, target, nodes, is_unicast=True)
 
 
 def _distance(axes: Sequence[Floats], links: Links) -> Floats:
