@@ -60,7 +60,7 @@ WORLD: list[Part] = [
     ("meanflock.worldsim.reporting:Blocks.write", "telemetry"),
     ("meanflock.net.outbox:Outbox.add", "telemetry"),
     ("meanflock.net.outbox:Outbox.publish", "telemetry"),
-    ("meanflock.launch.station:Station.handle", "telemetry"),
+    ("meanflock.launch.station:RecordingStation.handle", "telemetry"),
     ("meanflock.channel.medium:Medium.send", "channel"),
     ("meanflock.channel.medium:Medium.due", "channel"),
     ("meanflock.worldsim.flight:Flight.advance", "flight: arrivals, events"),

@@ -198,7 +198,14 @@ class Channel:
         return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
 
     def queue_slots(
-        self, scenario: Scenario, bits: int, senders: int, receivers: int, frames: int = 1, turns: int = 1
+        self,
+        scenario: Scenario,
+        bits: int,
+        senders: int,
+        receivers: int,
+        frames: int = 1,
+        turns: int = 1,
+        source: int | None = None,
     ) -> int:
         """Slots after which messages that share one band are through, but for one queue in a thousand.
 
@@ -208,11 +215,12 @@ class Channel:
         Args:
             bits: of each message. senders: number of UAVs, which send so many `frames` each, to so many `receivers`;
                 with contention those to one receiver are acknowledged. turns: over which the frames are spread.
+                source: the node that sends, if it is the leader's; a station's links are those to the UAVs.
 
         Raises:
             BadInput: more UAVs contend than there is a closed form for.
         """
-        radio, chance = scenario.radio, self._slots_of_link(scenario, bits)
+        radio, chance = scenario.radio, self._slots_of_link(scenario, bits, source)
         if radio.access == "tdma":
             return queue.slots_of_queue(chance, receivers, senders * frames)
         slot, is_acknowledged = radio.contention_slots, receivers == 1
@@ -220,21 +228,29 @@ class Channel:
             chance, receivers, senders, frames, slot, acknowledged=is_acknowledged, turns=turns
         )
 
-    def mean_slots(self, scenario: Scenario, bits: int, receivers: int) -> float:
+    def mean_slots(self, scenario: Scenario, bits: int, receivers: int, source: int | None = None) -> float:
         """Mean slots of a transmission to so many receivers, over the links of `queue_slots`, without collisions."""
-        return queue.mean_slots(self._slots_of_link(scenario, bits), receivers)
+        return queue.mean_slots(self._slots_of_link(scenario, bits, source), receivers)
 
-    def _slots_of_link(self, scenario: Scenario, bits: int) -> Floats:
+    def _slots_of_link(self, scenario: Scenario, bits: int, source: int | None) -> Floats:
         """Distribution of the slots of a message, (D_M + 1,), over the links of `queue_slots`."""
-        most, needed = scenario.radio.latency_threshold_slots, self.least_slots(bits)
-        averages = seat(scenario)
+        averages, most = seat(scenario), scenario.radio.latency_threshold_slots
         others = np.setdiff1d(np.arange(scenario.uavs), [averages])
-        found = self.at_start(scenario, others, np.full_like(others, averages), bits)
+        if source is not None and source >= scenario.uavs:
+            needed = self.least_slots_from(source, bits)
+            found = self.at_start(scenario, np.full_like(others, source), others, bits, "global")
+        else:
+            needed = self.least_slots(bits)
+            found = self.at_start(scenario, others, np.full_like(others, averages), bits)
         if found is None or needed is None:  # so the longest that a message takes
             return queue.slots_of_link(most + 1, most, 0.0)
         lost, slots = found
         success = queue.success_of(needed, most, (slots + lost * most) / len(others))
         return queue.slots_of_link(needed, most, success)
+
+    def least_slots_from(self, node: int, bits: int) -> int | None:
+        """The same as `least_slots`, of a message that a node sends; by default all nodes are alike."""
+        return self.least_slots(bits)
 
     def least_slots(self, bits: int) -> int | None:
         """Least number of slots that a message of `bits` takes; None (the default) if unknown."""

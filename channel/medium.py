@@ -109,8 +109,10 @@ class Medium(Stateful):
         """Chooses the station of each UAV, if the topology lets stations serve UAVs.
 
         Args:
-            states: (N, 4), where the UAVs are. present: (N + B,), nodes that are neither lost nor paused.
+            states: (N, 4), where the UAVs are. present: (N + B,), nodes that are neither lost nor paused; no other
+                listens from now on.
         """
+        self.meter.listen(present)
         if (links := self._to_stations) is None:
             return
         uavs = self._scenario.uavs
@@ -119,7 +121,7 @@ class Medium(Stateful):
             check_array("`signal_db`", signal_db, (len(links.pair),), np.float64)
         except FAILURES as error:
             raise failed(self._scenario.radio.model, error) from error
-        self.serving.update(signal_db.reshape(uavs, -1), present[uavs:])
+        self.serving.update(signal_db.reshape(uavs, -1), present[uavs:], present[:uavs])
 
     def acknowledge(
         self,
@@ -311,7 +313,8 @@ class Medium(Stateful):
         if reached is not None:
             mask = reached.tobytes()
         hop, targets = self._hops.get(kind), None
-        if hop is not None and hop.by_station:
+        serves = hop is not None and hop.by_station and self._seat(batch.round) >= uavs  # else the leader flies
+        if serves:
             mask = self.serving.node.tobytes()
             targets = self.serving.node[sources][:, None] if kind == FrameKind.UPLOAD else None
         elif hop is not None and (targets := hop.targets_of(sources, self._seat(batch.round))) is not None:
@@ -331,7 +334,7 @@ class Medium(Stateful):
         elif is_broadcast:
             target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
             links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), nodes)
-        elif hop is not None and hop.by_station:
+        elif serves:
             row, target = (self.serving.node == sources[:, None]).nonzero()
             links = Links.between(kind, sources, row, target, nodes)
         else:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.scenario import Radio
-from meanflock.swarm.state import distinct
+from meanflock.swarm.state import Mask, distinct
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn
 
@@ -134,6 +134,7 @@ class Meter(Stateful):
         self._times = 0
         self._slots: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # (K,) on its links, summed over its times
         self._lasts: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # (T,) of its transmissions
+        self._listening: Mask = np.ones(self.nodes, dtype=bool)
         self._loads = np.zeros((3, self.nodes), dtype=np.int64)
         self.marked: list[int] | None = None  # payload bits by kind, as `mark` found them
         self._figures: tuple[float, ...] | None = None  # cached until a batch is counted
@@ -245,9 +246,15 @@ class Meter(Stateful):
         source, target, sent, outages = stored.T
         self._used = Used(source.astype(np.intp) * self.nodes + target, sent.astype(np.int32), outages.astype(np.int32))
 
+    def listen(self, present: Mask) -> None:
+        """From now on the nodes that are `present` (N + B,) receive, and no others."""
+        if present is not self._listening and (present != self._listening).any():
+            self._enter()
+        self._listening = present
+
     @property
     def loads(self) -> NDArray[np.int64]:
-        """(3, N + B), slots of each node: of its transmissions; of all its links; and of all that is sent to it."""
+        """(3, N + B), slots of each node: of its transmissions; of its links; and of what comes while it listens."""
         self._enter()
         return self._loads
 
@@ -262,7 +269,7 @@ class Meter(Stateful):
             for load, nodes, slots in (
                 (self._loads[0], sources, self._lasts),
                 (self._loads[1], links.source, self._slots),
-                (self._loads[2], links.target, self._slots),
+                (self._loads[2], links.target, self._slots * self._listening[links.target]),
             ):
                 load += np.bincount(nodes, weights=slots, minlength=self.nodes).astype(np.int64)
             self._times, self._slots, self._lasts = 0, np.zeros_like(self._slots), np.zeros_like(self._lasts)

@@ -12,6 +12,7 @@ from meanflock.channel.base import Channel, failed
 from meanflock.channel.contention import share_collided
 from meanflock.federation.cut import longest
 from meanflock.federation.plan import Plan, plan_of
+from meanflock.federation.seat import seat
 from meanflock.federation.topology.base import Hop, Indices
 from meanflock.swarm import logs, plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput
@@ -121,6 +122,8 @@ def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:
             links += len(source)
             lost += expected[0]
         slots = channel.least_slots(bits)
+        if hop.role == "leader":
+            slots = channel.least_slots_from(seat(scenario), bits)
     except FAILURES as error:
         raise failed(radio.model, error) from error
     if not links:
@@ -135,10 +138,20 @@ def _collided(scenario: Scenario, hop: Hop) -> float:
     """Expected share of the transmissions of a hop that are lost in collisions: of broadcasts by contention."""
     if scenario.radio.access != "csma" or hop.targets is not None:
         return 0.0
-    senders = len(hop.senders) if hop.averages != "nothing" else min(len(hop.senders), scenario.participants)
+    senders = len(_senders(scenario, hop))
+    if hop.averages == "nothing":
+        senders = min(senders, scenario.participants)
     turn = 1 if hop.codec.cut is None else hop.codec.cut.per_tick
     turns = [min(turn, hop.codec.count - first) for first in range(0, hop.codec.count, turn)]
     return sum(frames * float(share_collided(np.full(senders, frames))[0]) for frames in turns) / hop.codec.count
+
+
+def _senders(scenario: Scenario, hop: Hop) -> Indices:
+    """The nodes that transmit in a hop of the first round; of the leader's hops the one where it averages, or all
+    stations."""
+    if not hop.by_station or hop.role == "agent":
+        return plan_of(scenario).senders(hop, 1)
+    return hop.senders[hop.senders >= scenario.uavs]
 
 
 def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
@@ -147,8 +160,9 @@ def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
     targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
     width = targets.shape[1]
     some = max(1, _LINKS_AT_ONCE // width)
-    for first in range(0, len(hop.senders), some):
-        senders = hop.senders[first : first + some]
+    every = _senders(scenario, hop)
+    for first in range(0, len(every), some):
+        senders = every[first : first + some]
         source = senders.repeat(width)
         target = (np.tile(targets[0], len(senders)) if hop.targets is None else targets[senders]).ravel()
         chosen = source != target

@@ -36,8 +36,7 @@ def remarks(scenario: Scenario) -> Iterator[str]:
         if (found := channel.expected(np.array([distance]), bits)) is not None:
             margin = f"margin {channel.margin_db(distance):.1f} dB, " if isinstance(channel, LinkBudget) else ""
             yield f"between UAVs at {distance:.0f} m: {margin}{_percent(found[0])} of messages of {bits:,} bits lost"
-    if isinstance(channel, LinkBudget):
-        yield from _to_stations(channel, flown, bits)
+    yield from _to_stations(channel, flown, bits)
     if radio.access == "csma":
         collided = share_collided(np.ones(flown.uavs, dtype=np.intp))[0]
         yield f"{100 * collided:.3g} % of broadcasts collide and are lost where all {flown.uavs} UAVs send one at once"
@@ -51,16 +50,21 @@ def remarks(scenario: Scenario) -> Iterator[str]:
         yield f"a noise of {radio.noise_psd_dbm_hz:g} dBm/Hz is below that of a resistor, {THERMAL_DBM_HZ:g} dBm/Hz"
 
 
-def _to_stations(channel: LinkBudget, flown: Scenario, bits: int) -> Iterator[str]:
+def _to_stations(channel: Channel, flown: Scenario, bits: int) -> Iterator[str]:
     """Lines about the links from UAVs to each station, over all shadows and lines of sight."""
     for number, station in enumerate(flown.stations):
         node, height = flown.uavs + number, station.place[2]
         for distance in _DISTANCES_M:
-            lost = channel.expected_to(node, np.array([distance]), bits)[0]
-            yield (
-                f"to station {number}, {height:g} m up, {distance:.0f} m away on the ground: margin in sight "
-                f"{channel.margin_db(distance, node):.1f} dB, {_percent(lost)} of such messages lost"
-            )
+            slant = np.array([np.hypot(distance, flown.start.height - height)])
+            found, margin = channel.expected(slant, bits), ""
+            if isinstance(channel, LinkBudget):
+                found = channel.expected_to(node, np.array([distance]), bits)
+                margin = f"margin in sight {channel.margin_db(distance, node):.1f} dB, "
+            if found is not None:
+                yield (
+                    f"to station {number}, {height:g} m up, {distance:.0f} m away on the ground: {margin}"
+                    f"{_percent(found[0])} of such messages lost"
+                )
 
 
 def _percent(lost: float) -> str:

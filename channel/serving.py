@@ -27,8 +27,8 @@ class Serving(Stateful):
         self.handovers = 0
         self._stronger: NDArray[np.int64] = np.zeros(scenario.uavs, dtype=np.int64)  # ticks that another one was
 
-    def update(self, signal_db: Floats, present: Mask) -> None:
-        """Takes the signals of a tick, (N, B) dB, of the stations that are `present` (B,)."""
+    def update(self, signal_db: Floats, present: Mask, awake: Mask) -> None:
+        """Takes the signals of a tick, (N, B) dB, of stations that are `present` (B,) at UAVs that are `awake` (N,)."""
         if not present.any():
             self.node = np.full(self._uavs, self._leader)
             return
@@ -39,7 +39,7 @@ class Serving(Stateful):
         now = np.where(is_served, heard[uavs, station], -np.inf)
         is_stronger = heard[uavs, strongest] > now + HYSTERESIS_DB
         self._stronger = np.where(is_stronger, self._stronger + 1, 0)
-        changes = np.isneginf(now) | (self._stronger >= TICKS)
+        changes = (np.isneginf(now) | (self._stronger >= TICKS)) & (awake | ~is_served)
         self.handovers += int(np.count_nonzero(changes & is_served))
         self.node = np.where(changes, self._uavs + strongest, self.node)
         self._stronger[changes] = 0

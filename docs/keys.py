@@ -69,7 +69,7 @@ def page() -> str:
             if name not in ("kind", "tick", "time_s", "harmless")
         ]
         kind = own["kind"]["enum"][0]
-        lines.append(f"| `{kind}` | {schema[fault]['description']} | {'; '.join(keys)} |")
+        lines.append(f"| `{kind}` | {' '.join(schema[fault]['description'].split())} | {'; '.join(keys)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -137,7 +137,8 @@ def _entries(schema: dict[str, Any], name: str, table: str) -> list[str]:
 
 def _described(of_key: dict[str, Any]) -> str:
     """The description of a key, which may be that of one of its types."""
-    return str(of_key.get("description") or next(one["description"] for one in of_key["anyOf"] if "description" in one))
+    found = of_key.get("description") or next(one["description"] for one in of_key["anyOf"] if "description" in one)
+    return " ".join(found.split())
 
 
 def _table(schema: dict[str, Any], table: str, prefix: str) -> Iterator[str]:

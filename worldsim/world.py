@@ -12,7 +12,7 @@ from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
-from meanflock.federation.seat import name_of
+from meanflock.federation.seat import name_of, ticks_until_lost
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
     Diverged,
@@ -131,7 +131,7 @@ class World(Stateful):
         """Energy of the radio of each node so far, (N + B,): of sending, receiving and neither, J."""
         flight, constants, radio = self.flight, self.scenario.energy, self.scenario.radio
         sends_s, _, receives_s = radio.coherence_time_s * self.air.meter.loads
-        powered = np.concatenate([flight.tick - flight.lost_ticks, np.full(len(self.scenario.stations), flight.tick)])
+        powered = np.append(flight.tick - flight.lost_ticks, np.minimum(flight.tick, ticks_until_lost(self.scenario)))
         idles_s = np.maximum(0.0, powered * self.scenario.dt - sends_s - receives_s)
         energy: Floats = constants.radio_W * sends_s + constants.receive_W * receives_s + constants.idle_W * idles_s
         return energy
@@ -184,10 +184,10 @@ class World(Stateful):
             self.commands.accelerations[flight.idle] = 0.0
         self.models.add(frames)
         cut, noise = self._script.cut(tick, states), self._script.noise(tick)
+        self.air.serve(tick, states, present)
         on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut, noise))
         clamped = self.air.clamped
-        self.air.serve(tick, states, present)
-        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node), states, cut, noise)
+        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node[awake]), states, cut, noise)
         if self.air.clamped > clamped == 0:
             self.note(LinksClamped(tick, self.air.clamped))
         for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):

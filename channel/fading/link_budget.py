@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from meanflock.channel import budget, link, rates
-from meanflock.channel.base import Channel, Foreseen, Memory, Message, NoiseSources, in_space
+from meanflock.channel.base import Channel, Foreseen, Memory, Message, in_space
 from meanflock.channel.curves import Curves
 from meanflock.channel.fields import GaussianField
 from meanflock.channel.losses.model import Losses
@@ -108,6 +108,11 @@ class LinkBudget(Channel):
     def least_slots(self, bits: int) -> int:
         return link.slots_for(bits, self.bits_per_slot)
 
+    def least_slots_from(self, node: int, bits: int) -> int:
+        return link.slots_for(
+            bits, self.bits_per_slot * self._nodes.bandwidth_hz[node] / self.scenario.radio.bandwidth_hz
+        )
+
     def init(self, nodes: int) -> Memory:
         """The number of links whose geometry was moved to the end of the validity of their path loss, (1,)."""
         return {"clamped": np.zeros(1, dtype=np.int64)}
@@ -176,7 +181,7 @@ class LinkBudget(Channel):
                 loss_db[some], law[some], outside[some] = path.over(place_m, low, high)
             margin_db = ends.budget_db - loss_db.take(ends.pair)
             if message.noise is not None:
-                margin_db -= self._raised_db(message.noise, place_m)[message.target]
+                margin_db -= self._raised_db(message, place_m)
             law, chances = law.take(ends.pair), np.empty((3, len(margin_db)))
             for needed, links in self._bands(message):
                 chances[:, links] = self._curves.chances(needed, law[links], margin_db[links])
@@ -188,14 +193,17 @@ class LinkBudget(Channel):
             )
         return self._last[1]
 
-    def _raised_db(self, noise: NoiseSources, place_m: Floats) -> Floats:
-        """By how much jammers in sight raise the noise of each receiver, (N + B,), dB."""
+    def _raised_db(self, message: Message, place_m: Floats) -> Floats:
+        """By how much jammers in sight raise the noise in the band of each link, (K,), dB."""
+        noise, target, band_hz = message.noise, message.target, self._nodes.bandwidth_hz[message.source]
+        assert noise is not None
         apart = place_m[:, None] - noise[:, :3]
         distance_m = np.maximum(np.sqrt(np.einsum("njk,njk->nj", apart, apart)), 1.0)
         loss_db = at_1m_db(self._air.carrier_ghz) + 20.0 * np.log10(distance_m)
-        shared_db = 10.0 * np.log10(np.minimum(1.0, self.scenario.radio.bandwidth_hz / noise[:, 4]))
-        heard_dbm = noise[:, 3] + shared_db - loss_db + self._nodes.gain_dbi[:, None]
-        return 10.0 * np.log10(1.0 + (10.0 ** ((heard_dbm - self._noise_dbm[:, None]) / 10.0)).sum(axis=1))
+        heard_dbm = noise[:, 3] - loss_db + self._nodes.gain_dbi[:, None]  # (N + B, J), in all of its band
+        in_band = np.minimum(1.0, band_hz[:, None] / noise[:, 4])  # (K, J)
+        own_dbm = self._noise_dbm[target] + 10.0 * np.log10(band_hz / self.scenario.radio.bandwidth_hz)
+        return 10.0 * np.log10(1.0 + (in_band * 10.0 ** ((heard_dbm[target] - own_dbm[:, None]) / 10.0)).sum(axis=1))
 
     def _bands(self, message: Message) -> Iterator[tuple[int, slice | Mask]]:
         """The slots that the message needs in each band, and the links whose sources send in it."""
@@ -204,8 +212,8 @@ class LinkBudget(Channel):
             return
         bandwidth_hz = self._nodes.bandwidth_hz[message.source]
         for band_hz in distinct(bandwidth_hz).tolist():
-            per_slot = self.bits_per_slot * band_hz / self.scenario.radio.bandwidth_hz
-            yield link.slots_for(message.bits, per_slot), bandwidth_hz == band_hz
+            links = bandwidth_hz == band_hz
+            yield self.least_slots_from(message.source[links][0], message.bits), links
 
     def _ends_of(self, message: Message) -> Ends:
         """The ends of a message's links; those of the last message of its kind if it has the same arrays."""

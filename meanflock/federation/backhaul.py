@@ -40,23 +40,36 @@ class Backhaul(Stateful):
     def _gathered(self, frames: Frames, present: Mask) -> Frames | None:
         if frames.kind not in self._kinds or frames.kind == FrameKind.GLOBAL:
             return frames
-        links, seat = links_of(frames), self._plan.seat(frames.round)
-        arrive = present[links[:, 1]]
+        links, seat, uavs = links_of(frames), self._plan.seat(frames.round), self._plan.scenario.uavs
+        at_station = links[:, 1] >= uavs
+        arrive = ~at_station | (present[links[:, 1]] & present[seat] & (seat >= uavs))  # the wire ends at stations
         if not arrive.any():
             return None
         there, slots = links[arrive], None if frames.slots is None else frames.slots[arrive]
-        self._count(frames, int(np.count_nonzero(there[:, 1] != seat)))
-        there[:, 1] = seat
+        moves = at_station[arrive] & (there[:, 1] != seat)
+        self._count(frames, int(np.count_nonzero(moves)))
+        there[moves, 1] = seat
         return only(frames, there, slots)
 
     def spread(self, on_air: Iterable[Frames], serving: NDArray[np.intp]) -> list[Frames]:
-        """The frames that go on the air now, global models from all nodes that serve a UAV; `serving`: (N,) nodes."""
+        """The frames that go on the air now, global models from all stations that serve a UAV.
+
+        Args:
+            serving: the nodes that serve the UAVs that are awake.
+        """
         if not self._kinds:
             return list(on_air)
         return [self._spread(frames, serving) for frames in on_air]
 
     def _spread(self, frames: Frames, serving: NDArray[np.intp]) -> Frames:
-        if frames.kind not in self._kinds or frames.kind != FrameKind.GLOBAL:
+        uavs = self._plan.scenario.uavs
+        serving = serving[serving >= uavs]
+        if (
+            frames.kind not in self._kinds
+            or frames.kind != FrameKind.GLOBAL
+            or frames.source[0] < uavs
+            or not len(serving)
+        ):
             return frames
         nodes, rows = np.unique(serving).astype(np.int32), len(frames.source)
         self._count(frames, rows * int(np.count_nonzero(nodes != frames.source[0])))

@@ -32,13 +32,14 @@ def duties(scenario: Scenario, hops: Iterable[Any]) -> NDArray[np.float64]:
     for hop in hops:
         if hop.is_local:
             continue
-        sends = np.array([first]) if hop.role == "leader" and len(hop.senders) > 1 else hop.senders
+        source = first if hop.role == "leader" else None
+        sends = np.array([first]) if source is not None and len(hop.senders) > 1 else hop.senders
         targets = hop.targets_of(sends, first)
         if targets is not None:
             sends = sends[(targets != sends[:, None]).any(axis=1)]
         receivers = scenario.uavs - 1 if targets is None else targets.shape[1]
         try:
-            lasts = channel.mean_slots(scenario, hop.codec.bits, receivers)
+            lasts = channel.mean_slots(scenario, hop.codec.bits, receivers, source)
         except FAILURES as error:
             raise BadInput(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
         share = scenario.federation.fraction if hop.averages == "nothing" else 1.0
@@ -46,7 +47,7 @@ def duties(scenario: Scenario, hops: Iterable[Any]) -> NDArray[np.float64]:
     return slots * scenario.radio.coherence_time_s / (scenario.period_ticks * scenario.dt)
 
 
-def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int) -> int:
+def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int, source: int | None = None) -> int:
     """Ticks from the transmission of models until all their fragments have arrived or are lost.
 
     In one band (`radio.access`) the fragments wait for one another, and for the acknowledgements that go before them
@@ -55,7 +56,7 @@ def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int
 
     Args:
         codec: how the models are written. senders: number of UAVs that transmit at once in a band, each to `receivers`
-            others.
+            others. source: the node that transmits, if it is the leader's.
 
     Raises:
         BadInput: the channel is not installed, its options do not fit, or too many UAVs contend.
@@ -66,7 +67,7 @@ def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int
         return apart
     channel = channel_of(scenario)
     try:
-        queue = channel.queue_slots(scenario, codec.bits, senders, receivers, codec.count, codec.ticks)
+        queue = channel.queue_slots(scenario, codec.bits, senders, receivers, codec.count, codec.ticks, source)
         if scenario.federation.retries:
             queue += channel.queue_slots(scenario, codec.acknowledgement_bits, receivers, 1, senders)
     except BadInput:

@@ -278,7 +278,8 @@ class Ledger(Stateful):
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))
             elif hop.is_last:
-                reached = int(links[links[:, LinkColumn.KIND] == hop.label, LinkColumn.DELIVERED].sum())
+                used = links[links[:, LinkColumn.KIND] == hop.label]
+                reached = int((used[:, LinkColumn.DELIVERED] > 0)[awake[used[:, LinkColumn.TARGET]]].sum())
                 found = {"fragments": hop.codec.count, "reached": None if self._schedule.spreads else reached}
                 ended.append(self._end(hop, number, tick, awake, has_leader, len(senders), **found))
             else:

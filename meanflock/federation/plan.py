@@ -90,6 +90,12 @@ class Plan:
         """The node where the leader averages a round: a UAV, or a station."""
         return seat(self.scenario, number * self.period_ticks)
 
+    def senders(self, hop: Hop, number: int) -> NDArray[np.intp]:
+        """The nodes (S,) that may transmit in a hop of a round: its senders, or the one where the leader averages."""
+        if hop.role == "agent" or self.scenario.federation.station is None:
+            return hop.senders
+        return np.array([self.seat(number)])
+
     @property
     def keeps_residuals(self) -> bool:
         """Returns whether UAVs store rounding errors of uploads, which are then narrower than the radio's floats."""
@@ -100,11 +106,14 @@ class Plan:
     @property
     def node_scenario(self) -> Scenario:
         """The scenario that agents and leader get: without what no controller may know, and with the size of fragments
-        written out, so that they need no channel to know it."""
+        written out and no limit of duty, so that they need no channel."""
         cuts = [hop.codec.cut for hop in self.hops]
         slots = max((cut.slots for cut in cuts if cut is not None), default=WHOLE)
         told = self.scenario.known()
-        return msgspec.structs.replace(told, federation=msgspec.structs.replace(told.federation, fragment=slots))
+        federation = msgspec.structs.replace(told.federation, fragment=slots)
+        return msgspec.structs.replace(
+            told, federation=federation, radio=msgspec.structs.replace(told.radio, duty_max=None)
+        )
 
     def leaders(self, tick: int = 0) -> int:
         """Number of leader nodes in a tick: one, plus a standby for each loss with `standby`, minus the losses before.
@@ -171,15 +180,17 @@ class Plan:
 
     def _check_radio(self) -> None:
         """Validates that channel and topology know stations, radios of their own, and noise, if there are any."""
-        scenario = self.scenario
-        channel: Any = plugins.load("channel", scenario.radio.model)
-        name = scenario.radio.model
+        scenario, name = self.scenario, self.scenario.radio.model
+        has_noise = any(isinstance(fault, Interference) for fault in scenario.faults)
+        if not (scenario.stations or scenario.radios or has_noise):
+            return  # nodes need not load the channel
+        channel: Any = plugins.load("channel", name)
         if scenario.radios and not channel.own_radios:
             raise BadInput(
                 f"scenario: there are `[[radios]]`, and the channel {name} has one radio for all; remove them, or take "
                 "the channel link-budget"
             )
-        if any(isinstance(fault, Interference) for fault in scenario.faults) and not channel.hears_noise:
+        if has_noise and not channel.hears_noise:
             raise BadInput(
                 f"scenario: `faults` has noise, which the channel {name} does not hear; take jam, or the channel "
                 "link-budget"
@@ -213,11 +224,11 @@ class Plan:
             return
         shares = duties(self.scenario, self.hops)
         node, largest = int(shares.argmax()), float(shares.max())
-        if largest > limit:
-            least = math.ceil(self.period_ticks * largest / limit)
+        if largest > limit * (1.0 + 1e-9):
+            least = math.ceil(self.period_ticks * largest / limit * (1.0 - 1e-9))
             raise BadInput(
                 f"scenario: `radio.duty_max` is {limit:g}, and {name_of(self.scenario, node)} would send models for "
-                f"{100 * largest:.3g} % of the time; set `federation.period` to {least} at least, or shorten the models"
+                f"{100 * largest:.4g} % of the time; set `federation.period` to {least} at least, or shorten the models"
             )
 
     def _hops(self) -> tuple[Hop, ...]:
@@ -235,6 +246,8 @@ class Plan:
             return linked(tuple(hops), self.scenario)
         except BadInput:
             raise
+        except ValueError as error:
+            raise BadInput(f"topology {name!r}: {error}") from error
         except FAILURES as error:
             raise BadInput(f"topology {name!r}: {last_line(error)}") from error
 

@@ -87,9 +87,7 @@ class Schedule:
 
     def senders(self, hop: Hop, number: int) -> NDArray[np.intp]:
         """The nodes (S,) that may transmit in a hop of a round: its senders, or the one where the leader averages."""
-        if hop.role == "agent" or self._scenario.federation.station is None:
-            return hop.senders
-        return np.array([self.seat(number)])
+        return self._plan.senders(hop, number)
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""

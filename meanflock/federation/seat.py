@@ -1,7 +1,5 @@
 """Seat: the node at which the leader averages a round, a UAV or a station. It follows from the scenario alone."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,11 +43,16 @@ def missing_stations(scenario: Scenario, tick: int) -> list[int]:
     )
 
 
+def ticks_until_lost(scenario: Scenario) -> NDArray[np.intp]:
+    """The tick in which each station is lost for good, (B,); one after all others for those that never are."""
+    lost = np.full(len(scenario.stations), np.iinfo(np.intp).max)
+    for fault in scenario.faults:
+        if isinstance(fault, Kill):
+            stations = list(fault.stations)
+            lost[stations] = np.minimum(lost[stations], fault.begins(scenario.dt))
+    return lost
+
+
 def name_of(scenario: Scenario, node: int) -> str:
     """A node in words."""
     return f"UAV {node}" if node < scenario.uavs else f"station {node - scenario.uavs}"
-
-
-def names_of(scenario: Scenario, nodes: Iterable[int]) -> str:
-    """Nodes in words, in this order."""
-    return ", ".join(name_of(scenario, node) for node in nodes)

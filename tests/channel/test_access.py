@@ -322,7 +322,7 @@ def test_a_flight_goes_on_in_the_middle_of_a_queue(way: str, tmp_path: Path) -> 
         (("radio.access=tdma", BANDS), "topology leader has no clusters; set `federation.clusters`"),
         (("radio.access=tdma", BANDS, "method=orca"), "topology leader has no clusters"),
         (("radio.access=tdma", BANDS, "federation.topology=neighbours"), "topology neighbours has no clusters"),
-        (("radio.contention_slot_s=1e-5",), "`radio.contention_slot_s` has no effect without `radio.access`"),
+        (("radio.contention_slot_s=1e-5",), "`radio.contention_slot_s` has no effect, because `radio.access` is"),
         (("radio.access=csma", "radio.coherence_time_s=3e-5"), "is more than half of `radio.coherence_time_s`"),
         (("radio.access=csma", "uavs=100", "start.spacing=1"), "80 UAVs send acknowledged .* known up to 50"),
     ],

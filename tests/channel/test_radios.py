@@ -86,6 +86,47 @@ def test_a_node_spends_what_it_sends_hears_and_waits() -> None:
     assert summary["radio"]["duty_max"] == pytest.approx(sent_s.max() / 20.0)
 
 
+def test_who_is_lost_or_sleeps_spends_and_hears_nothing() -> None:
+    spends = ("energy.receive_W=1.5", "energy.idle_W=1", "stations=[{place=[0.0, 0.0, 25.0]}]", "federation.station=0")
+    faults = [
+        {"kind": "kill", "tick": 10, "uavs": [3]},
+        {"kind": "kill", "tick": 100, "stations": [0]},
+        {"kind": "pause", "tick": 0, "duration_s": 60.0, "uavs": [2]},
+    ]
+    flown = scenario(*spends, "federation.period=20", "stop=duration", duration=20, faults=faults)
+    rows = np.array(Engine(flown, "asleep").complete()["radio"]["nodes"])
+    assert rows[[2, 3], 2].tolist() == [0.0, 0.0]
+    assert (rows[:2, 2] > 0).all()
+    assert rows[3, 3] == pytest.approx(1.0)
+    assert rows[4, 3] == pytest.approx(10.0 - rows[4, 1] + 0.5 * rows[4, 2])
+
+
+def test_a_station_is_judged_in_its_own_band() -> None:
+    def planned(band_hz: float, limit: float) -> Any:
+        mast = f"stations=[{{place=[0.0, 0.0, 25.0], bandwidth_hz={band_hz}}}]"
+        return plan_of(scenario(mast, "federation.station=0", f"radio.duty_max={limit}", "federation.period=50"))
+
+    slots = {2e6: 3, 2e5: 27, 1e8: 1}  # of a global model of 7,872 bits; 2,953 in a slot of 2 MHz
+    for band_hz, expected in slots.items():
+        plan = planned(band_hz, 1.0)
+        station = duties(plan.scenario, plan.hops)[4]
+        least = expected * 0.001 / 5.0
+        assert least <= station < 1.2 * least if band_hz != 2e5 else station == pytest.approx(8 * 0.001 / 5.0)
+    with pytest.raises(BadInput, match="station 0 would send models"):
+        planned(2e5, 0.001)
+
+
+def test_noise_counts_in_the_band_of_the_message() -> None:
+    flown = scenario("start.height=40", "stations=[{place=[0.0, 0.0, 40.0], bandwidth_hz=1e7}]", uavs=2)
+    channel, place = channel_of(flown), np.array([[100.0, 0.0], [200.0, 0.0], [0.0, 0.0]])
+    noise = np.array([[0.0, 300.0, 40.0, 20.0, 2e6]])
+    down = Message(0, 100, np.array([2]), np.array([0]), np.array([100.0]), place)
+    distance_m = np.hypot(100.0, 300.0)
+    fell = channel.signal_db(down) - channel.signal_db(down._replace(noise=noise))
+    heard_db = 34.4 - 20.0 * np.log10(distance_m / 300.0) - 10.0 * np.log10(5.0)
+    assert fell[0] == pytest.approx(heard_db, abs=0.1)
+
+
 def test_loads_go_on_after_a_kill(tmp_path: Path) -> None:
     flown = scenario("energy.idle_W=1", "energy.radio_W=3", LATER, faults=[{"kind": "kill", "tick": 150, "uavs": [2]}])
     whole = Engine(flown, "whole").complete()
@@ -145,10 +186,15 @@ def test_collisions_are_on_the_air_of_those_who_collide() -> None:
     ("settings", "options", "text"),
     [
         (("radios=[{uavs=[4], gain_dbi=1.0}]",), {}, r"`radios\[0\].uavs` names UAV 4 of 0…3"),
-        (("radios=[{uavs=[1], gain_dbi=1.0}, {uavs=[1]}]",), {}, r"`radios\[1\].uavs` names UAV 1, which has a radio"),
+        (
+            ("radios=[{uavs=[1], gain_dbi=1.0}, {uavs=[1], gain_dbi=2.0}]",),
+            {},
+            r"`radios\[1\].uavs` names UAV 1, which has a radio",
+        ),
         (("radios=[{gain_dbi=1.0}]",), {}, "uavs"),
         (("radios=[{uavs=[0], gain_dbi=nan}]",), {}, "gain_dbi"),
-        (("radios=[{uavs=[0]}]", "radio.model=rice"), {}, "the channel rice has one radio for all"),
+        (("radios=[{uavs=[0]}]",), {}, "differs in `tx_power_dbm`"),
+        (("radios=[{uavs=[0], gain_dbi=1.0}]", "radio.model=rice"), {}, "the channel rice has one radio for all"),
         (("radio.model=rice",), {"faults": [{**JAMMER, "place": [0.0, 0.0, 1.0]}]}, "the channel rice does not hear"),
         ((), {"faults": [{**JAMMER, "place": [0.0, 0.0]}]}, "place"),
     ],

@@ -1,5 +1,6 @@
 """Stations: who averages where and when, what goes over which link, and that no flight knows of them otherwise."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -126,12 +127,35 @@ def test_stations_serve_whom_they_hear_best_and_what_they_hand_over_is_counted()
     assert summary["radio"]["delivered"] == 2 * 12
 
 
+def test_the_wire_ends_at_stations() -> None:
+    """Stations sleep in the tick in which a round opens, so that the UAV averages it, and wake up before it ends."""
+    two = "stations=[{place=[100.0, 150.0, 2.0]}, {place=[200.0, 150.0, 2.0]}]"
+    asleep = {"kind": "pause", "tick": 20, "duration_s": 0.1, "stations": [0, 1]}
+    flown = scenario(two, "federation.topology=stations", "federation.fraction=1", "duration=3.5", faults=[asleep])
+    summary, (ended,) = rounds(flown)
+    assert (ended.receiver, ended.station, ended.reached) == (0, None, 5)
+    assert summary["radio"]["backhaul_bits"] == 0
+    assert {source for source, *_ in summary["radio"]["links"]} == set(range(6))
+
+
+def test_a_round_in_one_band_has_room_for_the_broadcasts_of_all_stations() -> None:
+    ring = [{"place": [150.0 + 30.0 * math.cos(at), 150.0 + 30.0 * math.sin(at), 2.0]} for at in range(6)]
+    slow = ("radio.coherence_time_s=0.05", "radio.access=tdma", "federation.topology=stations", "uavs=12")
+    with pytest.raises(BadInput, match=r"take at least (\d+)") as told:
+        plan_of(scenario(*slow, "federation.period=2", stations=ring))
+    least = int(str(told.value).rsplit(" ", 1)[1])
+    summary, ended = rounds(scenario(*slow, f"federation.period={least}", "duration=60", stations=ring))
+    assert summary["rounds_void"] == 0
+    assert summary["uploads_late"] == 0
+    assert all(each.reached == 12 for each in ended)
+
+
 def test_a_uav_changes_its_station_once_another_is_stronger_for_long() -> None:
     serving = Serving(scenario(THREE, uavs=1))
     both = np.ones(3, dtype=bool)
 
     def after(*signal_db: float, present: Any = both) -> int:
-        serving.update(np.array([signal_db]), present)
+        serving.update(np.array([signal_db]), present, np.ones(1, dtype=bool))
         return int(serving.node[0])
 
     assert after(-60, -61, -90) == 1

@@ -324,7 +324,7 @@ def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
         (
             (CLEAR, 'faults=[{kind="kill", tick=10, uavs=[3]}]'),
             "round 1: 4 of 5 participants sent, 1 absent, 4 received by UAV 0; averaged and broadcast, received "
-            "by 4 UAVs",
+            "by 3 UAVs",
         ),
         (
             (CLEAR, NEIGHBOURS, *LIARS),

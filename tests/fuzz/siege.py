@@ -201,7 +201,7 @@ class Siege:
     def _is_for(self, client: NodeClient, raw: bytes) -> bool:
         """Whether a request fits the rows of a node, and names UAVs of the swarm."""
         try:
-            tick.read_sense(raw, client._blank.copy(), client._everyone)
+            tick.read_sense(raw, client._blank.copy(), client._nodes)
         except MessageRejected:
             return False
         return True

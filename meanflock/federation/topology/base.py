@@ -87,7 +87,8 @@ def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
     chain: list[Hop] = []
     for number, hop in enumerate(hops, start=1):
         mail = chain[-1] if chain and hop.averages != "nothing" else None
-        ticks = attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario))
+        source = seat(scenario) if hop.role == "leader" else None
+        ticks = attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario), source)
         chain.append(msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops), attempt_ticks=ticks))
     return tuple(chain)
 
@@ -96,12 +97,15 @@ def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
     """Number of UAVs that transmit at once in a hop by radio in the busiest band, and to how many others each."""
     if hop.is_local:
         return 0, 0
+    receivers = scenario.uavs - 1 if hop.targets is None else hop.targets.shape[1]
+    if hop.role == "leader" and scenario.federation.station is not None:  # of its senders one, or all stations
+        return len(scenario.stations) if hop.by_station else 1, receivers
     transmits = hop.senders
     if hop.bands is not None and hop.targets is not None:
         transmits = transmits[(hop.targets[transmits] != transmits[:, None]).any(axis=1)]
     senders = in_busiest_band(hop.bands, transmits)
     senders = senders if hop.averages != "nothing" else min(senders, scenario.participants)
-    return senders, scenario.uavs - 1 if hop.targets is None else hop.targets.shape[1]
+    return senders, receivers
 
 
 def in_busiest_band(bands: Indices | None, senders: Indices) -> int:
@@ -141,9 +145,14 @@ class Topology:
         """(A,) the nodes where the leader may average, ascending: `senders` of its hops."""
         return np.sort(order_of_seats(self.scenario))
 
+    @property
+    def seat(self) -> int:
+        """The node where the leader averages, before any fault."""
+        return seat(self.scenario)
+
     def to_seat(self) -> dict[str, Any]:
         """`targets` and `seats` of a hop to the node where the leader averages."""
-        targets = np.full((self.scenario.uavs, 1), seat(self.scenario))
+        targets = np.full((self.scenario.uavs, 1), self.seat)
         return {"targets": targets, "seats": self.seats if len(self.seats) > 1 else None}
 
     def must_end(self, codec: Codec) -> bool:
@@ -154,14 +163,15 @@ class Topology:
         scenario = self.scenario
         return codec.count > 1 or scenario.federation.retries > 0 or scenario.radio.access != "fdma"
 
-    def ticks(self, codec: Codec, senders: int = 1, receivers: int = 1) -> int:
+    def ticks(self, codec: Codec, senders: int = 1, receivers: int = 1, source: int | None = None) -> int:
         """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included.
 
         Args:
             senders: number of UAVs that transmit at once in a band, each to so many `receivers`; it matters only where
                 transmissions share a band.
+            source: the node that transmits, if it is the leader's.
         """
-        return (1 + self.scenario.federation.retries) * attempt_ticks(self.scenario, codec, senders, receivers)
+        return (1 + self.scenario.federation.retries) * attempt_ticks(self.scenario, codec, senders, receivers, source)
 
     def upload_ticks(self, codec: Codec, receivers: int = 1, senders: int | None = None) -> int:
         """The same for uploads of participants, of which those after `federation.deadline` are late.

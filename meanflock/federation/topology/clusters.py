@@ -49,7 +49,9 @@ class Clusters(Topology):
             members = in_busiest_band(within, np.setdiff1d(everyone, division.heads))
         relays = self.upload_ticks(uploads, senders=members)
         after = relays + self.ticks(averages, len(division.heads))
-        least = after + (self.ticks(broadcasts, receivers=scenario.uavs - 1) if self.must_end(broadcasts) else 1)
+        least = after + (
+            self.ticks(broadcasts, receivers=scenario.uavs - 1, source=self.seat) if self.must_end(broadcasts) else 1
+        )
         if scenario.period_ticks < least:
             raise ValueError(
                 f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "

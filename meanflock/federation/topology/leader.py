@@ -13,10 +13,15 @@ class LeaderTopology(Topology):
     bears_clusters = False
     bears_station = True
 
+    @property
+    def broadcasters(self) -> int:
+        """Number of nodes that broadcast the global model at once."""
+        return 1
+
     def hops(self) -> tuple[Hop, ...]:
         scenario, codecs = self.scenario, self.codecs
         after = self.upload_ticks(codecs.upload)
-        ticks = after + self.ticks(codecs.broadcast, receivers=scenario.uavs - 1)
+        ticks = after + self.ticks(codecs.broadcast, self.broadcasters, scenario.uavs - 1, self.seat)
         if ticks > scenario.period_ticks and self.must_end(codecs.upload):
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "

@@ -218,6 +218,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             raise ValueError(
                 f"`radio.bands` is cluster, but `radio.access` is {self.radio.access}; take tdma, or `radio.bands` one"
             )
+        if self.radio.access != "csma" and self.radio.contention_slot_s != tables.Radio().contention_slot_s:
+            raise ValueError(
+                f"`radio.contention_slot_s` has no effect, because `radio.access` is {self.radio.access}; set "
+                "radio.access=csma, or leave it out"
+            )
         if self.radio.access == "csma" and self.radio.contention_slots > 0.5 * (1 + 1e-9):
             raise ValueError(
                 f"`radio.contention_slot_s` {self.radio.contention_slot_s:g} s is more than half of "
@@ -245,7 +250,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         if (station := self.federation.station) is not None and station >= len(self.stations):
             raise ValueError(
                 f"`federation.station` is {station}, and there are {len(self.stations)} `[[stations]]`, numbered from "
-                "0; add it, or name another one"
+                f"0; {'name one of them' if self.stations else 'add one'}, or leave the key out"
             )
         starts = state.position(mission.starts(self))
         for number, one in enumerate(self.stations):

@@ -79,7 +79,6 @@ SWITCHES = (
     Switch("training", "learner", NO_LEARNER, "digits"),
     Switch("cost", "separation", 0.0, "0.1", ("separation_range",)),
     Switch("wind", "field_rms", 0.0, "0.5", ("field_length", "field_modes")),
-    Switch("radio", "access", "fdma", "csma", ("contention_slot_s",)),
     Switch("federation", "byzantine_fraction", 0.0, "0.2", ("byzantine_kind",)),
 )
 

@@ -28,3 +28,10 @@ class UnequalRadio(_Table, frozen=True, omit_defaults=True):
         ]
         | None
     ) = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.tx_power_dbm is None and self.gain_dbi is None and self.noise_figure_db is None:
+            raise ValueError(
+                "a radio of `[[radios]]` differs in `tx_power_dbm`, `gain_dbi` or `noise_figure_db`: set one"
+            )
