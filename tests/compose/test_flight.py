@@ -36,6 +36,18 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
     assert {path.name for path in compose.folder.iterdir()} == files
 
 
+def test_containers_fly_with_a_mast_and_go_on_when_it_is_lost(compose, tmp_path) -> None:
+    mast = REPOSITORY / "scenarios" / "radio-mast.toml"
+    ways = ("federation.period=20", 'faults=[{kind="kill",tick=50,stations=[0]}]')
+    compose.up(" ".join([*SHORT, *ways]), MEANFLOCK_SCENARIO="scenarios/radio-mast.toml")
+    summary = compose.finished()
+    expected = flown_alone(tmp_path / "alone", ways, mast)
+    assert [summary[name] for name in HASHES] == [expected[name] for name in HASHES]
+    assert summary["radio"]["links"] == expected["radio"]["links"]
+    receivers = {target for source, target, *_ in summary["radio"]["links"] if source < UAVS}
+    assert {UAVS, 0} <= receivers  # the station, and then the UAV that leads
+
+
 def test_long_models_of_a_mounted_file_are_those_of_one_process_and_an_idle_leader_ends(compose, tmp_path) -> None:
     file = REPOSITORY / "tests" / "agent" / "large_model.py"
     ways = ("method=large", "federation.topology=neighbours", "federation.fragment=3")
