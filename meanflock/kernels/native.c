@@ -48,6 +48,18 @@ Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t r
     return sized(view, name, rows * each * width * D) ? each : -1;
 }
 
+Py_ssize_t states_of(Arrays *arrays, PyObject *array, const char *name, int *axes) {
+    const Py_buffer *view = hold(arrays, array, name, "d", D, READ);
+    if (view == NULL) return -1;
+    const Py_ssize_t columns = view->ndim ? view->shape[view->ndim - 1] : 0;
+    if (columns == 2 * PLANE || columns == 2 * SPACE) {
+        *axes = (int)columns / 2;
+        return view->len / (columns * D);
+    }
+    PyErr_Format(PyExc_ValueError, "%s: %zd columns, expected %d or %d", name, columns, 2 * PLANE, 2 * SPACE);
+    return -1;
+}
+
 double *room_for(Arrays *arrays, Py_ssize_t count) {
     if ((arrays->room = PyMem_Malloc((count + 1) * D)) == NULL) PyErr_NoMemory();
     return arrays->room;
@@ -56,7 +68,7 @@ double *room_for(Arrays *arrays, Py_ssize_t count) {
 /* ---- pairs ---- */
 
 /* Copies the columns of a half of states, from `column` on, one after the other. */
-FOR_AXES void copy_half(const int axes, const Py_buffer *states, int column, double *to) {
+static void copy_half(int axes, const Py_buffer *states, int column, double *to) {
     const Py_ssize_t width = 2 * axes, n = states->len / (width * D);
     const char *from = (const char *)states->buf + column * D; /* may be unaligned */
     for (Py_ssize_t i = 0; i < n; i++)
@@ -66,25 +78,27 @@ FOR_AXES void copy_half(const int axes, const Py_buffer *states, int column, dou
 static PyObject *align(PyObject *module, PyObject *states) {
     Arrays arrays = {.held = 0};
     double *room;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
-    if (n < 0 || (room = room_for(&arrays, alignment_room(PLANE, n))) == NULL) return done(&arrays, NULL);
-    copy_half(PLANE, arrays.view, PLANE, room);
-    return done(&arrays, PyFloat_FromDouble(alignment(n, room)));
+    int axes;
+    const Py_ssize_t n = states_of(&arrays, states, "states", &axes);
+    if (n < 0 || (room = room_for(&arrays, alignment_room(axes, n))) == NULL) return done(&arrays, NULL);
+    copy_half(axes, arrays.view, axes, room);
+    return done(&arrays, PyFloat_FromDouble(alignment(axes, n, room)));
 }
 
 static PyObject *measure(PyObject *module, PyObject *args) {
     PyObject *before, *after, *found;
     Arrays arrays = {.held = 0};
     double hazard, collision, nearest, *room;
+    int axes;
     if (!PyArg_ParseTuple(args, "OOdddO:pairs", &before, &after, &hazard, &collision, &nearest, &found)) return NULL;
-    const Py_ssize_t n = items(&arrays, before, "before", 1, 2 * PLANE);
-    if (n < 0 || !doubles(&arrays, after, "after", n * 2 * PLANE, READ)) return done(&arrays, NULL);
+    const Py_ssize_t n = states_of(&arrays, before, "before", &axes);
+    if (n < 0 || !doubles(&arrays, after, "after", n * 2 * axes, READ)) return done(&arrays, NULL);
     const Py_buffer *to = hold(&arrays, found, "found", "lq", 8, WRITTEN);
     const Py_ssize_t most = to == NULL ? 0 : to->len / 16; /* of pairs of 8 bytes each */
-    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(PLANE, n))) == NULL) return done(&arrays, NULL);
-    copy_half(PLANE, &arrays.view[0], 0, room);
-    copy_half(PLANE, &arrays.view[1], 0, room + PLANE * n);
-    const Measured seen = pairs(n, room, hazard, collision, nearest, to->buf, most);
+    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(axes, n))) == NULL) return done(&arrays, NULL);
+    copy_half(axes, &arrays.view[0], 0, room);
+    copy_half(axes, &arrays.view[1], 0, room + axes * n);
+    const Measured seen = pairs(axes, n, room, hazard, collision, nearest, to->buf, most);
     return done(&arrays, Py_BuildValue("LLd", (long long)seen.near, (long long)seen.touching, seen.nearest));
 }
 
