@@ -38,7 +38,7 @@ PyObject *motion_move(PyObject *module, PyObject *args) {
     int axes;
     if (!PyArg_ParseTuple(args, "OOOOdddO:move", &states, &acceleration, &noise, &wind, &m.drag, &m.shake, &m.dt, &moved))
         return NULL;
-    const Py_ssize_t n = states_of(&arrays, states, "states", &axes);
+    const Py_ssize_t n = rows_of(&arrays, states, "states", 2, &axes);
     if (n < 0 || !doubles(&arrays, acceleration, "acceleration", n * axes, READ)
         || !doubles(&arrays, noise, "noise", n * axes, READ))
         return done(&arrays, NULL);
@@ -77,7 +77,7 @@ PyObject *motion_reached(PyObject *module, PyObject *args) {
     double radius;
     int axes;
     if (!PyArg_ParseTuple(args, "OOdO:reached", &states, &goals, &radius, &within)) return NULL;
-    const Py_ssize_t n = states_of(&arrays, states, "states", &axes);
+    const Py_ssize_t n = rows_of(&arrays, states, "states", 2, &axes);
     if (n < 0 || !doubles(&arrays, goals, "goals", n * 2 * axes, READ)
         || !sized(hold(&arrays, within, "within", "?", 1, WRITTEN), "within", n))
         return done(&arrays, NULL);

@@ -9,8 +9,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
-from meanflock.swarm.scenario.tables.space import Point
-from meanflock.swarm.toml import Table
+from meanflock.swarm.toml import Point, Table
 
 Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs that it hits")]
 Stations: TypeAlias = Annotated[

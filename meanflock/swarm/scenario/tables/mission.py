@@ -1,13 +1,15 @@
 """Tables of the mission: starts, goals, obstacles, wind, and what is measured of it."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
-from meanflock.swarm.scenario.tables.space import Places, Point
+from meanflock.swarm.toml import Point
 from meanflock.swarm.toml import Table as _Table
+
+Places: TypeAlias = tuple[Point, ...]
 
 
 class Start(_Table, frozen=True):

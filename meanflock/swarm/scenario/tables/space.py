@@ -1,17 +1,13 @@
 """Table of space: the number of axes of a flight, and vectors of keys with that many numbers."""
 
 from functools import cache
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta
 
 from meanflock.swarm.scenario.described import PRINTED, key
 from meanflock.swarm.state import Vectors
 from meanflock.swarm.toml import Table as _Table
-
-Point: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=2, max_length=3)]  # x, y, and in space perhaps z
-Places: TypeAlias = tuple[Point, ...]
 
 
 class Space(_Table, frozen=True):
