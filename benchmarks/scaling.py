@@ -83,7 +83,7 @@ def samples_of(record: dict[str, Any]) -> Floats:
 def sizes_table(record: dict[str, Any]) -> list[str]:
     """Bytes of one UAV."""
     f4, f8 = 4, 8
-    row = f8 * 2 * state.DIMENSIONS + f4 * state.DIMENSIONS + f4 * len(sizes.declared("mfgfl-hf").diagnostics) + 1 + f4
+    row = f8 * 2 * state.PLANE + f4 * state.PLANE + f4 * len(sizes.declared("mfgfl-hf").diagnostics) + 1 + f4
     pss = [figure for figure in record["races"]["scale_processes"]["figures"] if figure["name"].startswith("PSS of")]
     each = [figure["median"] / int(figure["name"].split()[2]) for figure in pss]
     upload = sizes.size(sizes.act((sizes.upload("mfgfl-hf"),))) - sizes.size(sizes.act())

@@ -25,12 +25,12 @@ def declared(method: str) -> Declared:
 
 def sense(inbox: tuple[Frames, ...] = ()) -> Sense:
     """Request of one UAV."""
-    return Sense(RUN, TICK, np.full((1, 2 * state.DIMENSIONS), 1.5), inbox=inbox)
+    return Sense(RUN, TICK, np.full((1, 2 * state.PLANE), 1.5), inbox=inbox)
 
 
 def act(outbox: tuple[Frames, ...] = (), report: bool = False, method: str = "mfgfl-hf") -> Act:
     """Reply of one UAV; with its weights in a tick of reports."""
-    commands = np.full((1, state.DIMENSIONS + len(declared(method).diagnostics)), 1.5)
+    commands = np.full((1, state.PLANE + len(declared(method).diagnostics)), 1.5)
     return Act(
         RUN, TICK, commands, models=np.full((1, declared(method).weights), 1.5) if report else None, outbox=outbox
     )

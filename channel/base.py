@@ -192,7 +192,8 @@ class Channel:
             here = place
         apart = np.linalg.norm(here[source] - here[target], axis=-1)
         near = apart <= within_m
-        message = Message(0, bits, source[near], target[near], apart[near], place[:, :-1], kind, place)
+        flat = place[:, : scenario.dimensions]
+        message = Message(0, bits, source[near], target[near], apart[near], flat, kind, place)
         memory = self.init(scenario.nodes) if near.any() else {}
         found = sums(self, message, memory)
         return None if found is None else (found[0] + float(np.count_nonzero(~near)), found[1])
@@ -258,11 +259,11 @@ class Channel:
 
 
 def in_space(positions: Vectors, scenario: Scenario) -> Floats:
-    """Places (N + B, 3) of all nodes, m: UAVs at `positions` (N, 2) in the plane fly at `start.height`."""
-    uavs = len(positions)
+    """Places (N + B, 3) of all nodes, m: UAVs at `positions` (N, d); those in the plane fly at `start.height`."""
+    uavs, axes = positions.shape
     place = np.empty((uavs + len(scenario.stations), 3))
-    place[:uavs, :2] = positions
     place[:uavs, 2] = scenario.start.height
+    place[:uavs, :axes] = positions
     if scenario.stations:
         place[uavs:] = stations(scenario)
     return place

@@ -252,7 +252,7 @@ class Medium(Stateful):
         place = in_space(here, self._scenario)
         axes: Sequence[Floats] = state.parts(here)
         if self._scenario.stations:
-            here, axes = place[:, :-1], list(place.T)
+            here, axes = place[:, : self._scenario.dimensions], list(place.T)
         distance = _distance(axes, links)
         name = kind.name.lower()
         return Message(tick, bits, links.source, links.target, distance, here, name, place, links.first, noise)

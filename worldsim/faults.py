@@ -83,7 +83,7 @@ class Script:
         return np.array([(*fault.place, fault.power_dbm, fault.bandwidth_hz) for fault in acting])
 
     def gust(self, tick: int, states: state.States) -> state.Vectors | None:
-        """(N, 2), m/s², the acceleration of each UAV by gusts; None without gusts."""
+        """(N, d), m/s², the acceleration of each UAV by gusts; None without gusts."""
         acting = [fault for fault in self._acting(tick) if isinstance(fault, Gust)]
         if not acting:
             return None
@@ -93,7 +93,7 @@ class Script:
             hit[list(fault.uavs)] = True
             if not fault.uavs and fault.centre is None:
                 hit[:] = True
-            pushed[hit] += fault.acceleration
+            pushed[hit] += self._scenario.space.vector(fault.acceleration)
         return pushed
 
     def _stations_inside(self, fault: Jam) -> NDArray[np.bool_]:
@@ -132,7 +132,7 @@ def words(fault: Fault) -> str:
     if isinstance(fault, Jam | Gust) and fault.centre is not None:
         words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
     if isinstance(fault, Gust):
-        words += f" with ({fault.acceleration[0]:g}, {fault.acceleration[1]:g}) m/s²"
+        words += f" with ({', '.join(f'{along:g}' for along in fault.acceleration)}) m/s²"
     if isinstance(fault, Interference):
         words += f" of {fault.power_dbm:g} dBm from ({', '.join(f'{along:g}' for along in fault.place)}) m"
     if isinstance(fault, Pause | Partition | Jam | Interference | Gust):

@@ -3,6 +3,7 @@
 UAVs move straight within a tick, so encounters are closest approaches of segments, not distances at ticks.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import mission, state
-from meanflock.swarm.events import Arrived, Collided, Diverged, FlightEvent, HitObstacle, Lost, Rejoined
+from meanflock.swarm.events import Arrived, Collided, Diverged, FlightEvent, Grounded, HitObstacle, Lost, Rejoined
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.books import Books, Noise
+from meanflock.worldsim.ground import Ground
 from meanflock.worldsim.vehicles.base import Physics
 
 Pair = tuple[int, int]
@@ -39,7 +41,7 @@ class Pairs(NamedTuple):
 
 
 def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m: float, expected: int = 0) -> Pairs:
-    """Measure a tick in which all UAVs move straight from `before` to `after`, both (N, 4). Exact, over all pairs.
+    """Measure a tick in which all UAVs move straight from `before` to `after`, both (N, 2d). Exact, over all pairs.
 
     A UAV with NaN in `before` approaches no other; one with NaN in `after` is left out. `nearest_m` bounds the
     closest approach that is looked for. More touching pairs than one a UAV beyond those `expected` take twice as long.
@@ -90,7 +92,7 @@ class Encounters(Stateful):
         """Add the close pairs of a tick.
 
         Args:
-            on_way: (N,), UAVs that were on the way when it began. after: (N, 4), states at its end.
+            on_way: (N,), UAVs that were on the way when it began. after: (N, 2d), states at its end.
 
         Returns:
             The pairs on the way that collide for the first time.
@@ -109,7 +111,7 @@ class Encounters(Stateful):
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
-        """Add the discs that UAVs enter between `before` and `after`, (N, 4) each; a UAV with NaN enters none.
+        """Add the discs that UAVs enter between `before` and `after`, (N, 2d) each; a UAV with NaN enters none.
 
         Returns:
             Pairs (UAV, disc) of UAVs that are within a disc for the first time.
@@ -138,7 +140,7 @@ class Flight(Stateful):
     changes sides. Sums over the ticks are in the books, which are settled when one is read.
 
     Attributes:
-        states: (N, 4), [x, y, vx, vy] in m and m/s.
+        states: (N, 2d), positions and velocities in m and m/s.
         hidden: the vehicle's hidden state.
         status: (N,), FLYING, ARRIVED or LOST.
         on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
@@ -146,6 +148,7 @@ class Flight(Stateful):
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
         noise: of the motion.
+        ground: of a flight in space.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         steps: number of commands of UAVs that are not lost, one for each UAV and tick. lost_ticks: (N,), ticks in which
@@ -169,7 +172,7 @@ class Flight(Stateful):
             "speed_difference_squared_error",
             "near_sum",
         ),
-        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "noise"),
+        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "ground", "noise"),
     )
 
     def __init__(self, scenario: Scenario) -> None:
@@ -187,6 +190,7 @@ class Flight(Stateful):
         self.states: state.States = mission.starts(scenario)
         self.hidden = self._physics.init()
         self.encounters = Encounters(scenario)
+        self.ground = Ground(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)
         self.status = np.full(n, FLYING)
@@ -309,8 +313,8 @@ class Flight(Stateful):
         UAVs on the ground stay at rest and spend no energy.
 
         Args:
-            accelerations: (N, 2), m/s², the commands. Those of lost UAVs have no effect.
-            gust: (N, 2), m/s², the acceleration by gusts of every UAV in flight, lost UAVs included.
+            accelerations: (N, d), m/s², the commands. Those of lost UAVs have no effect.
+            gust: (N, d), m/s², the acceleration by gusts of every UAV in flight, lost UAVs included.
         """
         on_way = self.on_way
         waiting = self.waiting
@@ -326,7 +330,7 @@ class Flight(Stateful):
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
         moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting)
         self.tick += 1
-        self.states = moved.states
+        self.states = self.ground.above(moved.states) if self.ground.is_there else moved.states
         self.hidden = moved.hidden
         diverged = moved.diverged
         if len(diverged):
@@ -340,13 +344,16 @@ class Flight(Stateful):
             self._sort()
         self._observe(before, on_way)
         self._arrive(on_way, diverged)
+        if self.ground.is_there:
+            for uav in self.ground.touch(self.states, self.arrival_tick >= 0).tolist():
+                self.events.append(Grounded(self.tick, uav))
 
     def restored(self) -> None:
         self._sort()
         self.last_arrival = int(self.arrival_tick.max())
 
     def rehash(self, history: Floats) -> None:
-        """Continue the hash with the states (tick + 1, N, 4) of all ticks, which no checkpoint has.
+        """Continue the hash with the states (tick + 1, N, 2d) of all ticks, which no checkpoint has.
 
         Raises:
             ValueError: they do not end in the states of this tick.
@@ -368,8 +375,8 @@ class Flight(Stateful):
         self.on_way: Mask = flying & ~waiting
 
     def _limited(self, accelerations: state.Vectors, limit: float) -> state.Vectors:
-        """Commands (N, 2), those longer than the limit shortened to it and counted, m/s²."""
-        length = np.hypot(accelerations[:, 0], accelerations[:, 1])
+        """Commands (N, d), those longer than the limit shortened to it and counted, m/s²."""
+        length = functools.reduce(np.hypot, state.parts(accelerations))
         longer = length > limit * (1.0 + 1e-9)  # a controller may have shortened its command to the limit itself
         if not (count := int(np.count_nonzero(longer))):
             return accelerations
@@ -381,7 +388,7 @@ class Flight(Stateful):
         """Measure the tick that led to `states`.
 
         Args:
-            before: (N, 4), states at its begin; NaN for UAVs that flew no segment: they were on the ground or were put
+            before: (N, 2d), states at its begin; NaN for UAVs that flew no segment: they were on the ground or were put
                 back.
             on_way: (N,), UAVs that were on the way then.
         """

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from meanflock.swarm import state
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import SteeringBegan, SteeringEnded
 from meanflock.swarm.state import Mask, States
@@ -18,10 +19,10 @@ SILENCE_S = 1.0  # after which a UAV is given back to its controller
 
 
 class Setpoint(NamedTuple):
-    """Acceleration (m/s², along x and y) that a client asks of a UAV; the client's address."""
+    """Acceleration (m/s², along x, y and z; z is for a flight in space) that a client asks of a UAV; its address."""
 
     uav: int
-    acceleration: tuple[float, float]
+    acceleration: tuple[float, float, float]
     client: str
 
 
@@ -74,8 +75,9 @@ class Steered:
         if wanted:
             acts.steered = len(wanted)
             acts.commands, absent = acts.commands.copy(), absent.copy()
+            axes = state.axes(senses.states)
             for uav, setpoint in wanted.items():
-                acts.commands[uav, : len(setpoint.acceleration)], absent[uav] = setpoint.acceleration, False
+                acts.commands[uav, :axes], absent[uav] = setpoint.acceleration[:axes], False
         return acts, absent
 
     def write(self, row: Row) -> None:

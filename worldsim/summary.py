@@ -52,6 +52,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "collisions_at_ticks": len(flight.encounters.collided_at_ticks),
         "closest_approach_m": flight.encounters.closest_approach_m,
         "obstacle_hits": int(np.count_nonzero(flight.encounters.hit)),
+        "grounded": int(np.count_nonzero(flight.ground.touched)) if flight.ground.is_there else None,
         "speed_max_m_s": flight.speed_max,
         "speed_mean_m_s": flight.mean_speed,
         "distance_mean_m": float(flight.distance.mean()),

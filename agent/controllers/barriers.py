@@ -28,7 +28,7 @@ from meanflock.agent.controllers.sharing.nearby import (
     stopping_speed,
     with_obstacles,
 )
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Rows, States, Vectors
 
@@ -62,6 +62,7 @@ class HalfPlaneFilter(Filter):
     """
 
     columns = ("infeasible",)
+    dimensions = (2, 3)
     Options = BarrierOptions
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
@@ -71,14 +72,14 @@ class HalfPlaneFilter(Filter):
 
     @abstractmethod
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Vectors, Rows]:
-        """Half-planes n·a ≥ bound of accelerations of the rows.
+        """Half-planes (in space half-spaces) n·a ≥ bound of accelerations of the rows.
 
         Args:
             near: UAVs or obstacles near the M rows. rate: k, 1/s. distance: D, m; or (M, K). share: the row's share of
                 a half-plane, 0.5 for UAVs and 1 for obstacles.
 
         Returns:
-            Normals (M, K, 2), 0 in unused columns, and bounds (M, K), m/s².
+            Normals (M, K, d), 0 in unused columns, and bounds (M, K), m/s².
         """
         raise NotImplementedError
 
@@ -116,8 +117,7 @@ class Ecbf(HalfPlaneFilter):
     def half_planes(self, near: Closest, rate: float, distance: float | Rows, share: float) -> tuple[Vectors, Rows]:
         """ḧ + 2kḣ + k²h ≥ 0 of each pair, solved for the acceleration, see `HalfPlaneFilter`."""
         away, closing = near.away, near.closing
-        along = away[..., 0] * closing[..., 0] + away[..., 1] * closing[..., 1]
-        speed = closing[..., 0] * closing[..., 0] + closing[..., 1] * closing[..., 1]
+        along, speed = state.inner(away, closing), state.inner(closing, closing)
         bounds = -share * (speed + 2.0 * rate * along + 0.5 * rate * rate * (near.squared - distance * distance))
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         return np.where(near.present[..., None], away / length[..., None], 0.0), bounds / length
@@ -143,11 +143,10 @@ class Braking(HalfPlaneFilter):
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)
         closing = near.closing
-        along = normals[..., 0] * closing[..., 0] + normals[..., 1] * closing[..., 1]
-        across = normals[..., 0] * closing[..., 1] - normals[..., 1] * closing[..., 0]
+        along, across_squared = state.inner(normals, closing), state.cross_squared(normals, closing)
         deceleration = self._limit / share  # both UAVs of a pair brake
         delay_s = self.scenario.dt + self.options.reaction_s
         speed = stopping_speed(length - distance, deceleration, delay_s)
         slope = stopping_slope(length - distance, deceleration, delay_s)
-        bounds = -share * (rate * (speed + along) + slope * along + across * across / length)
+        bounds = -share * (rate * (speed + along) + slope * along + across_squared / length)
         return normals, bounds

@@ -7,7 +7,7 @@ store it. Random numbers come from `swarm.seeds`, by the number of the UAV.
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from functools import partial, reduce
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
@@ -30,13 +30,13 @@ class Prediction(Protocol):
     """Rule that predicts the state of another UAV from the last one it sent. Rows do not depend on each other."""
 
     def keep(self, states: States, uavs: NDArray[np.intp], tick: int) -> Floats:
-        """Returns the numbers to remember, (S, 4), of states (S, 4) that UAVs (S,) sent in a tick."""
+        """Returns the numbers to remember, (S, 2d), of states (S, 2d) that UAVs (S,) sent in a tick."""
 
     def now(self, remembered: Floats, age: NDArray[np.int32], uavs: Which, tick: int) -> Floats:
-        """Returns the states predicted for a tick, (M, 4, K), from numbers of `keep`, (M, 4, K), `age` (M, K) ticks
+        """Returns the states predicted for a tick, (M, 2d, K), from numbers of `keep`, (M, 2d, K), `age` (M, K) ticks
         old.
 
-        `uavs`: index of the UAVs; it selects (K, 4) or (M, K, 4) from an array (N, 4).
+        `uavs`: index of the UAVs; it selects (K, 2d) or (M, K, 2d) from an array (N, 2d).
         """
 
 
@@ -72,7 +72,7 @@ class Broadcast(msgspec.Struct, frozen=True, eq=False):
 class Step(msgspec.Struct, frozen=True, eq=False):
     """Result of a tick.
 
-    memory: the memory after the tick. acceleration: (M, 2), m/s². diagnostics: (M, K), in the declared order.
+    memory: the memory after the tick. acceleration: (M, d), m/s². diagnostics: (M, K), in the declared order.
     broadcasts: the frames to send; a receiver gets their position in the tuple as `number`. refused: UAVs whose
     received states were not used; the world counts them. news: texts for the events of the run.
     """
@@ -108,6 +108,7 @@ class Controller:
 
     plugin_kind: ClassVar[Literal["controller"]] = "controller"
     name: ClassVar[str] = ""  # value of `method`
+    dimensions: ClassVar[tuple[int, ...]] = (2,)  # numbers of axes d in which it flies
     Options: ClassVar[type[msgspec.Struct]] = Options
     parameters: int = 0  # floats of the model it shares with the federation
     parts: tuple[int, ...] = ()  # block sizes of the model; int8 scales each block separately
@@ -131,7 +132,7 @@ class Controller:
         """Returns the memory of a node's rows at take-off; none by default.
 
         Args:
-            uavs: (M,) the numbers of the node's UAVs, ascending. plan: (N, 4) the initial states of all UAVs.
+            uavs: (M,) the numbers of the node's UAVs, ascending. plan: (N, 2d) the initial states of all UAVs.
         """
         return {}
 
@@ -140,7 +141,7 @@ class Controller:
         """Computes one tick. It must not write to the arrays of `memory`, and returns new ones.
 
         Args:
-            own: (M, 4) the states of the rows. received: the frames that the radio delivered to them since the last
+            own: (M, 2d) the states of the rows. received: the frames that the radio delivered to them since the last
                 tick.
         """
         raise NotImplementedError
@@ -216,13 +217,13 @@ def believed(
 
 
 def plausible(scenario: Scenario) -> Callable[[Floats], Mask]:
-    """Make a function from states (S, 4) to a mask (S,) of those that a UAV can have.
+    """Make a function from states (S, 2d) to a mask (S,) of those that a UAV can have.
 
     No UAV is faster than `radio.plausible_speed`, nor farther from the origin than any can have come from its start at
     that speed.
     """
     speed = scenario.radio.plausible_speed
-    farthest = float(np.hypot(*state.position(starts(scenario)).T).max())
+    farthest = float(reduce(np.hypot, state.parts(state.position(starts(scenario)))).max())
     return partial(_can_be, farthest + speed * scenario.duration, speed)
 
 

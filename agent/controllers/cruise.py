@@ -62,7 +62,7 @@ def towards(end: Vectors, own: States, speed_m_s: Rows | float, slowing_1_s: flo
 
 def against_the_air(scenario: Scenario, own: States) -> Vectors:
     """Acceleration c0(v − v_o), (M, 2) m/s², that cancels drag and mean wind as they are known before take-off."""
-    return scenario.wind.drag * (state.velocity(own) - np.array(scenario.wind.mean))
+    return scenario.wind.drag * (state.velocity(own) - scenario.space.vector(scenario.wind.mean))
 
 
 def acceleration_limit(scenario: Scenario, most: float) -> float:
@@ -84,6 +84,7 @@ class Cruise(Controller):
     """
 
     name = "cruise"
+    dimensions = (2, 3)
     broadcast_numbers = 0
 
     class Options(base.Options, frozen=True):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import NeighbourStates
+from meanflock.swarm import state
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
@@ -30,6 +31,7 @@ class Filter:
 
     plugin_kind: ClassVar[Literal["filter"]] = "filter"
     name: ClassVar[str] = ""  # value of `filter.kind`
+    dimensions: ClassVar[tuple[int, ...]] = (2,)  # numbers of axes d in which it flies
     Options: ClassVar[type[msgspec.Struct]] = Options
     columns: tuple[str, ...] = ()  # diagnostics of the filter, after those of the controller and before `unsent`
 
@@ -64,12 +66,12 @@ class Filter:
         """Returns the accelerations that the rows fly, and the diagnostics of the filter.
 
         Args:
-            own: (M, 4) the states of the rows. others: (M, N, 4) each row's estimates of all UAVs' states; its own is
-                the one that it sent last. uavs: (M,) the numbers of the rows. wanted: (M, 2) m/s², the controller's
+            own: (M, 2d) the states of the rows. others: (M, N, 2d) each row's estimates of all UAVs' states; its own is
+                the one that it sent last. uavs: (M,) the numbers of the rows. wanted: (M, d) m/s², the controller's
                 command.
 
         Returns:
-            (M, 2) m/s², and (M, len(columns)). Leave rows non-finite whose `wanted` is not finite.
+            (M, d) m/s², and (M, len(columns)). Leave rows non-finite whose `wanted` is not finite.
         """
         raise NotImplementedError
 
@@ -85,8 +87,8 @@ class Filter:
         inner_memory, own_memory = _split(memory)
         step = self.inner.step(inner_memory, tick, own.copy(), of_inner(received))
         wanted = step.acceleration
-        if np.shape(wanted) != (len(own), 2):
-            raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {(len(own), 2)}")
+        if np.shape(wanted) != (shape := (len(own), state.axes(own))):
+            raise ValueError(f"acceleration has shape {np.shape(wanted)}; expected {shape}")
         own_memory, refused = self._neighbours.receive(own_memory, tick, received, _OWN)
         others = self._neighbours.states(own_memory, tick)
         acceleration, reported = self._admitted(own, others, own_memory["neighbour_uav"], wanted)
@@ -110,7 +112,7 @@ class Filter:
         except FAILURES as error:
             raise RuntimeError(f"filter {self.name!r}: {last_line(error)}") from error
         for part, table, shape in (
-            ("accelerations", acceleration, (len(own), 2)),
+            ("accelerations", acceleration, (len(own), state.axes(own))),
             ("columns", reported, (len(own), len(self.columns))),
         ):
             if np.shape(table) != shape:

@@ -27,6 +27,7 @@ class Lqr(Controller):
     """
 
     name = "lqr"
+    dimensions = (2, 3)
     broadcast_numbers = 0
 
     class Options(base.Options, frozen=True):

@@ -13,7 +13,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from meanflock.swarm.errors import BadInput, MessageRejected
-from meanflock.swarm.state import BEYOND_SENSE, States
+from meanflock.swarm.state import BEYOND_SENSE, States, in_three, position, velocity
 from meanflock.swarm.wire.messages import Status
 
 SYSTEMS = 255  # largest system id
@@ -100,19 +100,21 @@ class MavlinkVehicle:
             )
         )
 
-    def local_position(self, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
-        """LOCAL_POSITION_NED of a state, at height 0."""
-        return self._frame(mavlink.MAVLink_local_position_ned_message(self._time_ms(tick), y, x, 0.0, vy, vx, 0.0))
+    def local_position(self, tick: int, x: float, y: float, z: float, vx: float, vy: float, vz: float) -> bytes:
+        """LOCAL_POSITION_NED of a place and a velocity, z upward."""
+        return self._frame(mavlink.MAVLink_local_position_ned_message(self._time_ms(tick), y, x, -z, vy, vx, -vz))
 
-    def global_position(self, home: Home, tick: int, x: float, y: float, vx: float, vy: float) -> bytes:
-        """GLOBAL_POSITION_INT of a state about a home."""
+    def global_position(
+        self, home: Home, tick: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
+    ) -> bytes:
+        """GLOBAL_POSITION_INT of a place and a velocity about a home, z upward."""
         latitude, longitude = home.position(x, y)
         heading = round(100.0 * math.degrees(math.atan2(vx, vy))) % 36_000 if vx or vy else _UNKNOWN_HEADING
-        altitude = round(1e3 * home.altitude)
-        speed = _centimetres(vy), _centimetres(vx), 0
+        altitude, above_home = _millimetres(home.altitude + z), _millimetres(z)
+        speed = _centimetres(vy), _centimetres(vx), _centimetres(-vz)
         return self._frame(
             mavlink.MAVLink_global_position_int_message(
-                self._time_ms(tick), latitude, longitude, altitude, 0, *speed, heading
+                self._time_ms(tick), latitude, longitude, altitude, above_home, *speed, heading
             )
         )
 
@@ -156,12 +158,13 @@ class Fleet:
         """The messages of each vehicle in a tick: a heartbeat if it is due, and positions.
 
         Args:
-            states: (N, 4). status: (N,). now_s: seconds of a monotonic clock.
+            states: (N, 2d); in the plane z is 0. status: (N,). now_s: seconds of a monotonic clock.
         """
         is_due = now_s - self._beat_s >= HEARTBEAT_S
         if is_due:
             self._beat_s = now_s
-        for vehicle, row, now in zip(self._vehicles, states.tolist(), status.tolist(), strict=False):
+        rows = np.concatenate([in_three(position(states)), in_three(velocity(states))], axis=-1)
+        for vehicle, row, now in zip(self._vehicles, rows.tolist(), status.tolist(), strict=False):
             datagram = vehicle.heartbeat(now) if is_due else b""
             datagram += vehicle.local_position(tick, *row)
             if self._home is not None:
@@ -172,10 +175,10 @@ class Fleet:
 
 
 class WireSetpoint(NamedTuple):
-    """Acceleration of a UAV that a client asks for, m/s² along x and y of the scenario."""
+    """Acceleration of a UAV that a client asks for, m/s² along x, y and z of the scenario; z is 0 if it is ignored."""
 
     uav: int
-    acceleration: tuple[float, float]
+    acceleration: tuple[float, float, float]
 
 
 class Reader:
@@ -211,15 +214,16 @@ class Reader:
         frame = message.coordinate_frame
         mask = message.type_mask
         north, east = message.afx, message.afy
+        down = 0.0 if mask & _ANY_VERTICAL else message.afz
         if not 0 < system <= self._uavs:
             raise MessageRejected("unknown-system", f"system {system}; the UAVs are 1 to {self._uavs}")
         if frame != LOCAL_NED:
             raise MessageRejected("wrong-frame", f"frame {frame}; only {LOCAL_NED}, LOCAL_NED, is flown")
         if mask | _ANY_VERTICAL != ACCELERATION | _ANY_VERTICAL:
             raise MessageRejected("wrong-mask", f"type mask {mask:#06x}; only accelerations, {ACCELERATION:#06x}")
-        if not (abs(north) < BEYOND_SENSE and abs(east) < BEYOND_SENSE):
-            raise MessageRejected("non-finite", f"acceleration ({north}, {east})")
-        return WireSetpoint(system - 1, (east, north))
+        if not all(abs(along) < BEYOND_SENSE for along in (north, east, down)):
+            raise MessageRejected("non-finite", f"acceleration ({north}, {east}, {down})")
+        return WireSetpoint(system - 1, (east, north, -down))
 
 
 def _size(frame: bytes) -> int:
@@ -228,6 +232,10 @@ def _size(frame: bytes) -> int:
         return 0
     signature = _SIGNATURE if frame[0] == _V2 and frame[2] & _SIGNED else 0
     return _FRAMING[frame[0]] + frame[1] + signature
+
+
+def _millimetres(metres: float) -> int:
+    return max(-(2**31), min(2**31 - 1, round(1e3 * metres)))
 
 
 def _centimetres(metres: float) -> int:

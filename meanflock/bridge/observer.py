@@ -89,7 +89,7 @@ class Observer:
             try:
                 message = control.decode(delivery.payload)
                 if isinstance(message, Telemetry) and message.run == self._fingerprint:
-                    block = inbound.check(message, flown.uavs, flown.uavs + len(flown.stations))
+                    block = inbound.check(message, flown.uavs, flown.uavs + len(flown.stations), flown.space.dimensions)
                     if expected is not None and block.block > expected:
                         log.warning("%d blocks before tick %d did not arrive", block.block - expected, block.first_tick)
                     expected = block.block + 1

@@ -10,6 +10,7 @@ import numpy as np
 from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
+from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
 
@@ -21,13 +22,14 @@ _LAST = datetime(2038, 1, 1, tzinfo=UTC)  # messages of ROS 2 count seconds in 3
 class Instant(NamedTuple):
     """A tick.
 
-    time_ns: see `time_ns`. row: in the table of its piece. states: [x, y, vx, vy] of each UAV. headings: the
-    quaternion [z, w] of each velocity, about the vertical axis. events: since the tick before.
+    time_ns: see `time_ns`. row: in the table of its piece. places, velocities: [x, y, z] of each UAV; z is 0 in the
+    plane. headings: the quaternion [z, w] of each velocity, about the vertical axis. events: since the tick before.
     """
 
     time_ns: int
     row: int
-    states: list[list[float]]
+    places: list[list[float]]
+    velocities: list[list[float]]
     headings: list[list[float]]
     status: list[int]
     events: list[FlightEvent]
@@ -59,7 +61,8 @@ def take_off(text: str, folder: Path) -> int:
 def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     """The ticks of a piece of a flight; the last one has all events that are left."""
     states = states_of(piece.rows)
-    half = np.arctan2(states[..., 3], states[..., 2]) / 2
+    places, velocities = state.in_three(state.position(states)), state.in_three(state.velocity(states))
+    half = np.arctan2(velocities[..., 1], velocities[..., 0]) / 2
     headings = np.stack([np.sin(half), np.cos(half)], axis=-1)
     status = per_uav(piece.rows, "status")[..., 0]
     times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
@@ -68,7 +71,15 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     for row, tick in enumerate(ticks):
         now = [event for event in events if event.tick <= tick] if row + 1 < len(ticks) else events
         events = events[len(now) :]
-        yield Instant(times[row], row, states[row].tolist(), headings[row].tolist(), status[row].tolist(), now)
+        yield Instant(
+            times[row],
+            row,
+            places[row].tolist(),
+            velocities[row].tolist(),
+            headings[row].tolist(),
+            status[row].tolist(),
+            now,
+        )
 
 
 def about(flown: FlownKeys, finished: bool) -> dict[str, str]:

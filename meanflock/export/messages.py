@@ -8,7 +8,7 @@ from rosbags.typesys.stores import ros2_kilted as ros
 
 from meanflock.export.instants import NANOSECONDS, Instant
 from meanflock.results.event_log import event_level, event_text
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.mission import Mission
 from meanflock.swarm.wire.messages import Status
@@ -47,18 +47,17 @@ def transforms(at: Instant) -> Any:
 def poses(at: Instant) -> Any:
     """The pose of each UAV."""
     each = [
-        ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(x, y, 0.0), _heading(heading))
-        for (x, y, _, _), heading in zip(at.states, at.headings, strict=True)
+        ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(*place), _heading(heading))
+        for place, heading in zip(at.places, at.headings, strict=True)
     ]
     return ros.geometry_msgs__msg__PoseArray(_header(at.time_ns), each)
 
 
 def states(at: Instant) -> Any:
     """Name, transform and velocity over ground of each UAV."""
-    names = [_name(uav) for uav in range(len(at.states))]
+    names = [_name(uav) for uav in range(len(at.places))]
     velocities = [
-        ros.geometry_msgs__msg__Twist(ros.geometry_msgs__msg__Vector3(vx, vy, 0.0), _STILL)
-        for _, _, vx, vy in at.states
+        ros.geometry_msgs__msg__Twist(ros.geometry_msgs__msg__Vector3(*velocity), _STILL) for velocity in at.velocities
     ]
     return ros.sensor_msgs__msg__MultiDOFJointState(_header(at.time_ns), names, _transforms(at), velocities, [])
 
@@ -71,23 +70,23 @@ def uavs(status: Sequence[int]) -> Any:
         label = str(uav) if now == Status.FLYING else f"{uav} {now.name.lower()}"
         arrow = ros.visualization_msgs__msg__Marker.ARROW
         markers.append(_marker("uavs", uav, arrow, (0.0, 0.0, 0.0), size, _COLORS[now], frame=_name(uav)))
-        markers.append(_text(uav, (0.0, 0.0), label, _COLORS[now], frame=_name(uav)))
+        markers.append(_text(uav, (0.0, 0.0, 0.0), label, _COLORS[now], frame=_name(uav)))
     return ros.visualization_msgs__msg__MarkerArray(markers)
 
 
 def goals_and_obstacles(flown: Mission) -> Any:
     """A disc for each goal, and a cylinder for each obstacle and, thin and as high as its antenna, for each station."""
-    goals = np.unique(mission.goals(flown), axis=0).tolist()
+    goals = np.unique(state.in_three(mission.goals(flown)), axis=0).tolist()
     radius = flown.destination.radius
-    discs = [("goals", number, x, y, radius, 0.1, _GOAL, 0.4) for number, (x, y) in enumerate(goals)]
+    discs = [("goals", number, goal, radius, 0.1, _GOAL, 0.4) for number, goal in enumerate(goals)]
     for number, (x, y, width) in enumerate(mission.obstacles(flown).tolist()):
-        discs.append(("obstacles", number, x, y, width, _HEIGHT_M, _OBSTACLE, 0.6))
+        discs.append(("obstacles", number, (x, y, 0.0), width, _HEIGHT_M, _OBSTACLE, 0.6))
     for number, (x, y, height) in enumerate(mission.stations(flown).tolist()):
-        discs.append(("stations", number, x, y, _MAST_M, max(height, _MAST_M), _STATION, 0.9))
+        discs.append(("stations", number, (x, y, 0.0), _MAST_M, max(height, _MAST_M), _STATION, 0.9))
     cylinder = ros.visualization_msgs__msg__Marker.CYLINDER
     markers = [
-        _marker(kind, number, cylinder, (x, y, 0.0), (2 * width, 2 * width, height), color, alpha)
-        for kind, number, x, y, width, height, color, alpha in discs
+        _marker(kind, number, cylinder, place, (2 * width, 2 * width, height), color, alpha)
+        for kind, number, place, width, height, color, alpha in discs
     ]
     if len(goals) == 1:
         markers.append(_text(0, goals[0], "goal", _GOAL))
@@ -131,8 +130,8 @@ def _heading(heading: Sequence[float]) -> Any:
 
 def _transforms(at: Instant) -> list[Any]:
     return [
-        ros.geometry_msgs__msg__Transform(ros.geometry_msgs__msg__Vector3(x, y, 0.0), _heading(heading))
-        for (x, y, _, _), heading in zip(at.states, at.headings, strict=True)
+        ros.geometry_msgs__msg__Transform(ros.geometry_msgs__msg__Vector3(*place), _heading(heading))
+        for place, heading in zip(at.places, at.headings, strict=True)
     ]
 
 
@@ -144,16 +143,16 @@ def _diagnostic(subject: str, message: str, level: int, values: Mapping[str, Any
 
 
 def _text(number: int, place: Sequence[float], words: str, color: Color, frame: str = _MAP) -> Any:
-    x, y = place
+    x, y, z = place
     kind, size = ros.visualization_msgs__msg__Marker.TEXT_VIEW_FACING, (0.0, 0.0, _LETTERS_M)
-    return _marker("labels", number, kind, (x, y, _LENGTH_M / 2), size, color, text=words, frame=frame)
+    return _marker("labels", number, kind, (x, y, z + _LENGTH_M / 2), size, color, text=words, frame=frame)
 
 
 def _marker(
     namespace: str,
     number: int,
     kind: int,
-    place: tuple[float, float, float],
+    place: Sequence[float],
     size: tuple[float, float, float],
     color: Color,
     alpha: float = 1.0,

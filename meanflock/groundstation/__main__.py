@@ -65,7 +65,13 @@ def _run() -> None:
             outputs = stack.enter_context(Outputs(flown, folder.name, flight, so_far))
             first_block = so_far.next_block if so_far is not None else None
             station = RecordingStation(
-                bus, given.run, outputs.sinks, first_block=first_block, uavs=flown.uavs, nodes=flown.nodes
+                bus,
+                given.run,
+                outputs.sinks,
+                first_block=first_block,
+                uavs=flown.uavs,
+                nodes=flown.nodes,
+                dimensions=flown.dimensions,
             )
             outputs.summary = _listen(bus, station, outputs.folder, given, interrupted)
         print(json.dumps(outputs.summary, indent=1), flush=True)

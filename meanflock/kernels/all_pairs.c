@@ -112,6 +112,10 @@ static TARGET int any_close_in_plane(const Sweep *s, ptrdiff_t i, ptrdiff_t j, d
     return any_close(PLANE, s, i, j, reach);
 }
 
+static TARGET int any_close_in_space(const Sweep *s, ptrdiff_t i, ptrdiff_t j, double reach) {
+    return any_close(SPACE, s, i, j, reach);
+}
+
 FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest,
                            char *found, ptrdiff_t most) {
     const ptrdiff_t length = n + TOGETHER;
@@ -129,7 +133,7 @@ FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double haz
         for (ptrdiff_t first = i + 1; first < present; first += TOGETHER) {
             const double along = larger(s.low[0][first] - s.high[0][i], 0.0);
             if (along * along > reach) break;
-            if (!any_close_in_plane(&s, i, first, reach)) continue;
+            if (!(axes == PLANE ? any_close_in_plane : any_close_in_space)(&s, i, first, reach)) continue;
             const ptrdiff_t end = present - first < TOGETHER ? present : first + TOGETHER;
             for (ptrdiff_t j = first; j < end; j++) {
                 const double apart = box(axes, &s, i, j);
@@ -155,6 +159,7 @@ FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double haz
     return seen;
 }
 
-Measured pairs(ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found, ptrdiff_t most) {
-    return measured(PLANE, n, room, hazard, collision, nearest, found, most);
+Measured pairs(int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found,
+               ptrdiff_t most) {
+    return BY_AXES(axes, measured, n, room, hazard, collision, nearest, found, most);
 }

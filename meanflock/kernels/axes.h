@@ -7,7 +7,10 @@
 #ifndef MEANFLOCK_AXES_H
 #define MEANFLOCK_AXES_H
 
-enum { PLANE = 2, MOST_AXES = PLANE }; /* axes of a flight in the plane; the most that local arrays have room for */
+enum { PLANE = 2, SPACE = 3, MOST_AXES = SPACE }; /* axes of a flight; the most that local arrays have room for */
+
+/* Calls f(axes, ...) with a constant number of axes. */
+#define BY_AXES(axes, f, ...) ((axes) == PLANE ? f(PLANE, __VA_ARGS__) : f(SPACE, __VA_ARGS__))
 
 #if defined(__GNUC__)
 #define FOR_AXES static inline __attribute__((always_inline))

@@ -36,13 +36,24 @@ FOR_AXES void add_distances(const int axes, ptrdiff_t step, ptrdiff_t count, con
     }
 }
 
-static TARGET void flat_distances(ptrdiff_t n, const double *__restrict points, ptrdiff_t i, double *__restrict apart) {
+static TARGET void distances_in_plane(ptrdiff_t n, const double *__restrict points, ptrdiff_t i,
+                                      double *__restrict apart) {
     distances(PLANE, n, points, i, apart);
 }
 
-static TARGET void add_flat_distances(ptrdiff_t step, ptrdiff_t count, const float *__restrict from,
-                                      const float *__restrict points, double *__restrict sums) {
+static TARGET void distances_in_space(ptrdiff_t n, const double *__restrict points, ptrdiff_t i,
+                                      double *__restrict apart) {
+    distances(SPACE, n, points, i, apart);
+}
+
+static TARGET void add_distances_in_plane(ptrdiff_t step, ptrdiff_t count, const float *__restrict from,
+                                          const float *__restrict points, double *__restrict sums) {
     add_distances(PLANE, step, count, from, points, sums);
+}
+
+static TARGET void add_distances_in_space(ptrdiff_t step, ptrdiff_t count, const float *__restrict from,
+                                          const float *__restrict points, double *__restrict sums) {
+    add_distances(SPACE, step, count, from, points, sums);
 }
 
 /* Σ_{i < j} ‖u_j − u_i‖ of velocities relative to their mean, in single precision. `room`: n doubles and the points as
@@ -56,7 +67,8 @@ FOR_AXES double sum_of_all(const int axes, ptrdiff_t n, const double *points, do
         const ptrdiff_t end = n - start < BLOCK ? n : start + BLOCK;
         for (ptrdiff_t i = 0; i < end - 1; i++) {
             const ptrdiff_t first = i < start ? start : i + 1;
-            add_flat_distances(n, end - first, single + i, single + first, sums + first);
+            (axes == PLANE ? add_distances_in_plane : add_distances_in_space)(n, end - first, single + i, single + first,
+                                                                              sums + first);
         }
     }
     return sum_of(sums, n);
@@ -72,8 +84,9 @@ FOR_AXES double mean_distance(const int axes, ptrdiff_t n, double *points) {
         }
         return 2.0 * sum_of_all(axes, n, points, room) / ((double)n * (double)n);
     }
-    for (ptrdiff_t i = 0; i < n; i++) flat_distances(n, points, i, room + i * n);
+    for (ptrdiff_t i = 0; i < n; i++)
+        (axes == PLANE ? distances_in_plane : distances_in_space)(n, points, i, room + i * n);
     return sum_of(room, n * n) / (double)(n * n);
 }
 
-double alignment(ptrdiff_t n, double *room) { return mean_distance(PLANE, n, room); }
+double alignment(int axes, ptrdiff_t n, double *room) { return BY_AXES(axes, mean_distance, n, room); }

@@ -5,15 +5,7 @@
 
 static const double PARALLEL = 1e-12, EASE = 1e-9, SAME = 1e-16;
 
-typedef struct {
-    const double *x, *y, *bound; /* an unused half-plane has the bound −∞ */
-    const double *length;        /* of the given normals */
-    ptrdiff_t count;
-} Planes;
-
-/* Returns whether a point satisfies all half-planes with unit normals, each eased by `ease`; `a` is the point nearest to
- * `wanted`, of all half-planes or, without such a point, of those before the first contradiction. */
-static int project(Planes p, double ease, const double *wanted, double limit, double *a) {
+int project(Planes p, double ease, const double *wanted, double limit, double *a) {
     const double length = sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]);
     const double scale = length > limit ? limit / length : 1.0;
     a[0] = wanted[0] * scale, a[1] = wanted[1] * scale;

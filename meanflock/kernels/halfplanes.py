@@ -39,7 +39,7 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
         y = np.where(asks, y, 0.0)
         bound = np.where(asks, bound, -np.inf)
         length = np.where(asks, length, 1.0)
-        point, feasible = _project(wanted, x, y, bound, limit)
+        point, feasible = project(wanted, x, y, bound, np.full(len(wanted), limit))
         missing[:] = 0.0
         found[:] = point
         if not feasible.all():
@@ -50,12 +50,12 @@ def nearest(wanted: Floats, normals: Floats, bounds: Floats, limit: float, found
             length = length[rows]
             missing[rows] = need = _needed(x * length, y * length, bound * length, length, limit)
             eased = bound - (need + EASE * (1.0 + need))[:, None] / length
-            found[rows] = _project(wanted[rows], x, y, eased, limit)[0]
+            found[rows] = project(wanted[rows], x, y, eased, np.full(len(rows), limit))[0]
         found[~np.isfinite(wanted).all(axis=-1)] = np.nan
 
 
-def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The nearest points (M, 2) for unit normals (M, K), and a mask of the rows that have one."""
+def project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """The nearest points (M, 2) for unit normals (M, K) within limits (M,), and a mask of the rows that have one."""
     length = np.sqrt(wanted[:, 0] * wanted[:, 0] + wanted[:, 1] * wanted[:, 1])
     scale = np.where(length > limit, limit / length, 1.0)
     a_x, a_y = wanted[:, 0] * scale, wanted[:, 1] * scale
@@ -67,7 +67,7 @@ def _project(wanted: Floats, x: Floats, y: Floats, bound: Floats, limit: float) 
         n_x = x[rows, k]
         n_y = y[rows, k]
         b = bound[rows, k]
-        room = limit * limit - b * b
+        room = limit[rows] * limit[rows] - b * b
         high = np.sqrt(np.where(room > 0.0, room, 0.0))
         low = -high
         meets = room >= 0.0

@@ -32,6 +32,10 @@ int doubles(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t count,
  * it has another shape. */
 Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t rows, int width);
 
+/* Holds rows of so many vectors each, (..., vectors · axes) of doubles, to be read; returns their number and writes their
+ * axes, or returns -1 and sets an exception if they have neither the columns of the plane nor those of space. */
+Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vectors, int *axes);
+
 /* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 

@@ -35,14 +35,15 @@ PyObject *motion_move(PyObject *module, PyObject *args) {
     PyObject *states, *acceleration, *noise, *wind, *moved;
     Arrays arrays = {.held = 0};
     Motion m;
+    int axes;
     if (!PyArg_ParseTuple(args, "OOOOdddO:move", &states, &acceleration, &noise, &wind, &m.drag, &m.shake, &m.dt, &moved))
         return NULL;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
-    if (n < 0 || !doubles(&arrays, acceleration, "acceleration", n * PLANE, READ)
-        || !doubles(&arrays, noise, "noise", n * PLANE, READ))
+    const Py_ssize_t n = rows_of(&arrays, states, "states", 2, &axes);
+    if (n < 0 || !doubles(&arrays, acceleration, "acceleration", n * axes, READ)
+        || !doubles(&arrays, noise, "noise", n * axes, READ))
         return done(&arrays, NULL);
-    const Py_ssize_t winds = items(&arrays, wind, "wind", 1, PLANE);
-    if (winds < 0 || !doubles(&arrays, moved, "moved", n * 2 * PLANE, WRITTEN)) return done(&arrays, NULL);
+    const Py_ssize_t winds = items(&arrays, wind, "wind", 1, axes);
+    if (winds < 0 || !doubles(&arrays, moved, "moved", n * 2 * axes, WRITTEN)) return done(&arrays, NULL);
     if (winds != 1 && winds != n) {
         PyErr_SetString(PyExc_ValueError, "wind: not one, nor one for each UAV");
         return done(&arrays, NULL);
@@ -50,7 +51,7 @@ PyObject *motion_move(PyObject *module, PyObject *args) {
     m.states = arrays.view[0].buf, m.acceleration = arrays.view[1].buf, m.noise = arrays.view[2].buf;
     m.wind = arrays.view[3].buf, m.moved = arrays.view[4].buf;
     m.rows = n, m.winds = winds;
-    move(PLANE, &m);
+    BY_AXES(axes, move, &m);
     return done(&arrays, Py_NewRef(Py_None));
 }
 
@@ -74,11 +75,13 @@ PyObject *motion_reached(PyObject *module, PyObject *args) {
     PyObject *states, *goals, *within;
     Arrays arrays = {.held = 0};
     double radius;
+    int axes;
     if (!PyArg_ParseTuple(args, "OOdO:reached", &states, &goals, &radius, &within)) return NULL;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
-    if (n < 0 || !doubles(&arrays, goals, "goals", n * 2 * PLANE, READ)
+    const Py_ssize_t n = rows_of(&arrays, states, "states", 2, &axes);
+    if (n < 0 || !doubles(&arrays, goals, "goals", n * 2 * axes, READ)
         || !sized(hold(&arrays, within, "within", "?", 1, WRITTEN), "within", n))
         return done(&arrays, NULL);
     const Py_buffer *view = arrays.view;
-    return done(&arrays, PyLong_FromSsize_t(at_goals(PLANE, n, view[0].buf, view[1].buf, radius, view[2].buf)));
+    const Py_ssize_t left = BY_AXES(axes, at_goals, n, view[0].buf, view[1].buf, radius, view[2].buf);
+    return done(&arrays, PyLong_FromSsize_t(left));
 }

@@ -1,5 +1,5 @@
 /* The extension kernels._native: functions of arrays, checked here and in mean_field/learn.c. The mathematics is in
- * all_pairs.c, halfplanes.c and mean_field/.
+ * all_pairs.c, halfplanes.c, halfspaces.c and mean_field/.
  *
  * kernels/reference.py is the definition; this gives the same bits: every sum is taken in NumPy's order and nothing is
  * contracted into fused operations.
@@ -48,6 +48,18 @@ Py_ssize_t items(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t r
     return sized(view, name, rows * each * width * D) ? each : -1;
 }
 
+Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vectors, int *axes) {
+    const Py_buffer *view = hold(arrays, array, name, "d", D, READ);
+    if (view == NULL) return -1;
+    const Py_ssize_t columns = view->ndim ? view->shape[view->ndim - 1] : 0;
+    if (columns == vectors * PLANE || columns == vectors * SPACE) {
+        *axes = (int)columns / vectors;
+        return view->len / (columns * D);
+    }
+    PyErr_Format(PyExc_ValueError, "%s: %zd columns, expected %d or %d", name, columns, vectors * PLANE, vectors * SPACE);
+    return -1;
+}
+
 double *room_for(Arrays *arrays, Py_ssize_t count) {
     if ((arrays->room = PyMem_Malloc((count + 1) * D)) == NULL) PyErr_NoMemory();
     return arrays->room;
@@ -56,7 +68,7 @@ double *room_for(Arrays *arrays, Py_ssize_t count) {
 /* ---- pairs ---- */
 
 /* Copies the columns of a half of states, from `column` on, one after the other. */
-FOR_AXES void copy_half(const int axes, const Py_buffer *states, int column, double *to) {
+static void copy_half(int axes, const Py_buffer *states, int column, double *to) {
     const Py_ssize_t width = 2 * axes, n = states->len / (width * D);
     const char *from = (const char *)states->buf + column * D; /* may be unaligned */
     for (Py_ssize_t i = 0; i < n; i++)
@@ -66,25 +78,27 @@ FOR_AXES void copy_half(const int axes, const Py_buffer *states, int column, dou
 static PyObject *align(PyObject *module, PyObject *states) {
     Arrays arrays = {.held = 0};
     double *room;
-    const Py_ssize_t n = items(&arrays, states, "states", 1, 2 * PLANE);
-    if (n < 0 || (room = room_for(&arrays, alignment_room(PLANE, n))) == NULL) return done(&arrays, NULL);
-    copy_half(PLANE, arrays.view, PLANE, room);
-    return done(&arrays, PyFloat_FromDouble(alignment(n, room)));
+    int axes;
+    const Py_ssize_t n = rows_of(&arrays, states, "states", 2, &axes);
+    if (n < 0 || (room = room_for(&arrays, alignment_room(axes, n))) == NULL) return done(&arrays, NULL);
+    copy_half(axes, arrays.view, axes, room);
+    return done(&arrays, PyFloat_FromDouble(alignment(axes, n, room)));
 }
 
 static PyObject *measure(PyObject *module, PyObject *args) {
     PyObject *before, *after, *found;
     Arrays arrays = {.held = 0};
     double hazard, collision, nearest, *room;
+    int axes;
     if (!PyArg_ParseTuple(args, "OOdddO:pairs", &before, &after, &hazard, &collision, &nearest, &found)) return NULL;
-    const Py_ssize_t n = items(&arrays, before, "before", 1, 2 * PLANE);
-    if (n < 0 || !doubles(&arrays, after, "after", n * 2 * PLANE, READ)) return done(&arrays, NULL);
+    const Py_ssize_t n = rows_of(&arrays, before, "before", 2, &axes);
+    if (n < 0 || !doubles(&arrays, after, "after", n * 2 * axes, READ)) return done(&arrays, NULL);
     const Py_buffer *to = hold(&arrays, found, "found", "lq", 8, WRITTEN);
     const Py_ssize_t most = to == NULL ? 0 : to->len / 16; /* of pairs of 8 bytes each */
-    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(PLANE, n))) == NULL) return done(&arrays, NULL);
-    copy_half(PLANE, &arrays.view[0], 0, room);
-    copy_half(PLANE, &arrays.view[1], 0, room + PLANE * n);
-    const Measured seen = pairs(n, room, hazard, collision, nearest, to->buf, most);
+    if (!sized(to, "found", most * 16) || (room = room_for(&arrays, pairs_room(axes, n))) == NULL) return done(&arrays, NULL);
+    copy_half(axes, &arrays.view[0], 0, room);
+    copy_half(axes, &arrays.view[1], 0, room + axes * n);
+    const Measured seen = pairs(axes, n, room, hazard, collision, nearest, to->buf, most);
     return done(&arrays, Py_BuildValue("LLd", (long long)seen.near, (long long)seen.touching, seen.nearest));
 }
 
@@ -94,20 +108,23 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
     PyObject *wanted, *normals, *bounds, *found, *missing;
     Arrays arrays = {.held = 0};
     double limit, *room;
+    int axes;
     if (!PyArg_ParseTuple(args, "OOOdOO:nearest", &wanted, &normals, &bounds, &limit, &found, &missing)) return NULL;
-    const Py_ssize_t rows = items(&arrays, wanted, "wanted", 1, 2);
-    const Py_ssize_t count = rows < 0 ? -1 : items(&arrays, normals, "normals", rows, 2);
+    const Py_ssize_t rows = rows_of(&arrays, wanted, "wanted", 1, &axes);
+    const Py_ssize_t count = rows < 0 ? -1 : items(&arrays, normals, "normals", rows, axes);
     if (count < 0 || !doubles(&arrays, bounds, "bounds", rows * count, READ)
-        || !doubles(&arrays, found, "found", rows * 2, WRITTEN) || !doubles(&arrays, missing, "missing", rows, WRITTEN)
-        || (room = room_for(&arrays, 10 * count)) == NULL) /* of one row, because arrays may be unaligned */
+        || !doubles(&arrays, found, "found", rows * axes, WRITTEN)
+        || !doubles(&arrays, missing, "missing", rows, WRITTEN)
+        || (room = room_for(&arrays, (axes + 1 + NEAREST_ROOM) * count)) == NULL) /* of one row, because arrays may be unaligned */
         return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < rows; m++) {
-        double point[2], a[2], *row_bounds = room + 2 * count;
-        memcpy(point, (const char *)arrays.view[0].buf + m * 2 * D, 2 * D);
-        memcpy(room, (const char *)arrays.view[1].buf + m * count * 2 * D, count * 2 * D);
+        double point[MOST_AXES], a[MOST_AXES], *row_bounds = room + axes * count;
+        memcpy(point, (const char *)arrays.view[0].buf + m * axes * D, axes * D);
+        memcpy(room, (const char *)arrays.view[1].buf + m * count * axes * D, count * axes * D);
         memcpy(row_bounds, (const char *)arrays.view[2].buf + m * count * D, count * D);
-        const double need = nearest(point, room, row_bounds, count, limit, row_bounds + count, a);
-        memcpy((char *)arrays.view[3].buf + m * 2 * D, a, 2 * D);
+        const double need =
+            (axes == PLANE ? nearest : nearest_in_space)(point, room, row_bounds, count, limit, row_bounds + count, a);
+        memcpy((char *)arrays.view[3].buf + m * axes * D, a, axes * D);
         memcpy((char *)arrays.view[4].buf + m * D, &need, D);
     }
     return done(&arrays, Py_NewRef(Py_None));

@@ -10,7 +10,7 @@ from meanflock.kernels.budget import interpolate, waves
 from meanflock.kernels.differences import alignment
 from meanflock.kernels.elimination import multiply, solve
 from meanflock.kernels.fading import fade, poisson, send
-from meanflock.kernels.halfplanes import nearest
+from meanflock.kernels.halfspaces import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.motion import move, reached

@@ -81,6 +81,24 @@ def dot(first: Floats, second: Floats) -> Rows:
     return np.add.reduce(products, axis=-1)
 
 
+def inner(first: Vectors, second: Vectors) -> Rows:
+    """Inner product of vectors that have few axes, `(...,)`: products along each axis, added in their order."""
+    total: Rows = first[..., 0] * second[..., 0]
+    for axis in range(1, first.shape[-1]):
+        total += first[..., axis] * second[..., axis]
+    return total
+
+
+def cross_squared(first: Vectors, second: Vectors) -> Rows:
+    """‖first × second‖², `(...,)`."""
+    across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    if first.shape[-1] == 2:
+        return across * across
+    x = first[..., 1] * second[..., 2] - first[..., 2] * second[..., 1]
+    y = first[..., 2] * second[..., 0] - first[..., 0] * second[..., 2]
+    return across * across + x * x + y * y
+
+
 def length(vectors: Vectors) -> Rows:
     """‖·‖ of vectors, `(...,)`."""
     return np.sqrt(squared(parts(vectors)))

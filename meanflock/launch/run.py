@@ -216,7 +216,13 @@ def _processes(
         outputs.progress.say("joining")
         first_block = 0 if start is None else start.block + 1
         station = RecordingStation(
-            bus, run_id, outputs.sinks, first_block=first_block, uavs=scenario.uavs, nodes=scenario.nodes
+            bus,
+            run_id,
+            outputs.sinks,
+            first_block=first_block,
+            uavs=scenario.uavs,
+            nodes=scenario.nodes,
+            dimensions=scenario.dimensions,
         )
         _listen(bus, station, swarm, interrupted, outputs)
     except BadInput as error:

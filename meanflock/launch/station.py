@@ -43,15 +43,17 @@ class RecordingStation:
         first_block: int | None = None,
         uavs: int | None = None,
         nodes: int | None = None,
+        dimensions: int | None = None,
     ) -> None:
         """`first_block`: the first block that the sinks need; None: the first that arrives. `uavs`: number of UAVs;
-        None: as in the telemetry. `nodes`: of them and of the stations of the radio; None: as many.
+        None: as in the telemetry. `nodes`: of them and of the stations of the radio; None: as many. `dimensions`: of
+        the flight; None: as in the telemetry.
         """
         self._bus = bus
         self._run = run
         self._sinks = sinks
         self._fingerprint = keys.fingerprint(run)
-        self._next_block, self._uavs, self._nodes = first_block, uavs, nodes
+        self._next_block, self._uavs, self._nodes, self._dimensions = first_block, uavs, nodes, dimensions
         self._asked_at = -1  # the block before which others were missing when the world was asked
         self.summary: dict[str, Any] | None = None
         self.dropped: Counter[str] = Counter()
@@ -81,7 +83,7 @@ class RecordingStation:
                 log.warning("dropped a message under %s: %s", delivery.key, error, extra={"reason": error.reason})
 
     def _take(self, block: Telemetry) -> None:
-        inbound.check(block, self._uavs, self._nodes)
+        inbound.check(block, self._uavs, self._nodes, self._dimensions)
         if not self._follows(block.block):
             return
         expected = block.block if self._next_block is None else self._next_block

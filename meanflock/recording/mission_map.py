@@ -58,7 +58,7 @@ def is_about_its_start(scenario: Scenario) -> bool:
 def box(scenario: Scenario) -> Corners:
     """The mission on the map: all starts, all obstacles and stations, all goals with room to overshoot."""
     first, last = start_box(scenario)
-    goals, discs = mission.goals(scenario), mission.obstacles(scenario)
+    goals, discs = state.flat(mission.goals(scenario)), mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
     for x, y, radius in discs.tolist():
@@ -108,7 +108,7 @@ def layout(scenario: Scenario, words: int, maps: int = 1) -> Layout:
 
 def _way_m(scenario: Scenario) -> float:
     low, high = start_box(scenario)
-    return math.hypot(*(_middle(mission.goals(scenario)) - (low + high) / 2))
+    return math.hypot(*(_middle(state.flat(mission.goals(scenario))) - (low + high) / 2))
 
 
 def _middle(places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,7 +139,7 @@ def _log_start(part: Part, scenario: Scenario) -> None:
 
 
 def _log_goals(part: Part, scenario: Scenario) -> None:
-    goals, radius = mission.goals(scenario), scenario.destination.radius
+    goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
     if (goals == goals[0]).all():
         x, y = goals[0].tolist()
         part.line("map/goal", circle((x, y), radius), drawing.GREEN, 1.5)
@@ -254,7 +254,7 @@ def _log_colours(part: Part, left: float, right: float, y: float, gap: float, by
 
 def _log_mean_wind(part: Part, scenario: Scenario, at: Point, length: float) -> None:
     """Logs an arrow with the direction of the mean wind; the word has its speed."""
-    wind = np.array(scenario.flown().wind.mean)
+    wind = state.flat(np.array(scenario.flown().wind.mean))
     speed = float(np.hypot(*wind))
     if speed:
         arrow = wind / speed * length

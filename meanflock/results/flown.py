@@ -16,7 +16,7 @@ from meanflock.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Start, Station
+from meanflock.swarm.scenario import Destination, Metrics, Obstacle, Space, Start, Station
 
 _MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
@@ -29,6 +29,7 @@ class FlownKeys(msgspec.Struct):
     seed: int = 0
     uavs: Annotated[int, Meta(ge=1, le=100_000)] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3)] = 0.1
+    space: Space = field(default_factory=Space)
     start: Start = field(default_factory=Start)
     destination: Destination = field(default_factory=Destination)
     metrics: Metrics = field(default_factory=Metrics)

@@ -18,10 +18,11 @@ from meanflock.swarm.wire.messages import SWARM_COLUMNS, Finished, FrameKind, Li
 _LAST_TICK = 2**31 - 1  # ticks are kept in 32 bits
 
 
-def check(block: Telemetry, uavs: int | None, nodes: int | None = None) -> Telemetry:
+def check(block: Telemetry, uavs: int | None, nodes: int | None = None, dimensions: int | None = None) -> Telemetry:
     """Check that the arrays of a block have the same T ≥ 1 rows and `uavs` UAVs (None: as many as its states).
 
-    `nodes`: number of UAVs and stations, between which there are links; None: there are no stations.
+    `nodes`: number of UAVs and stations, between which there are links; None: there are no stations. `dimensions`: of
+    the flight; None: 2 or 3, by its states.
 
     Raises:
         MessageRejected: `wrong-shape` or `non-finite`.
@@ -29,10 +30,12 @@ def check(block: Telemetry, uavs: int | None, nodes: int | None = None) -> Telem
     if block.states.ndim != 3 or not len(block.states):
         raise MessageRejected("wrong-shape", f"states of shape {block.states.shape} are no rows")
     rows, n = len(block.states), block.states.shape[1] if uavs is None else uavs
+    flown = state.SPACE if block.states.shape[2] == 2 * state.SPACE else state.PLANE
+    d = flown if dimensions is None else dimensions
     reports = len(expect("report_ticks", block.report_ticks, (None,), np.int32))
     for name, shape, dtype in (
-        ("states", (rows, n, 2 * state.DIMENSIONS), np.float64),
-        ("accelerations", (rows, n, state.DIMENSIONS), np.float32),
+        ("states", (rows, n, 2 * d), np.float64),
+        ("accelerations", (rows, n, d), np.float32),
         ("diagnostics", (rows, n, len(block.diagnostic_names)), np.float32),
         ("status", (rows, n), np.uint8),
         ("energy", (rows, n), np.float32),

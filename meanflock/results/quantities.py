@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, keys_of
+from meanflock.swarm.state import PLANE, SPACE
 from meanflock.swarm.wire.messages import SWARM_COLUMNS
 
 
@@ -197,6 +198,13 @@ SUMMARY = (
         "1",
         "entries of a UAV into a disc of `[[obstacles]]`, also between ticks; each UAV and disc once",
     ),
+    Field(
+        "grounded",
+        "1",
+        "UAVs that came down to the ground, z = 0, after they had been higher than r_coll and before they arrived; "
+        "null in the plane",
+        optional=True,
+    ),
     Field("speed_max_m_s", SPEED, "highest speed of a UAV on the way"),
     Field("speed_mean_m_s", SPEED, "mean speed of the UAVs on the way"),
     Field("distance_mean_m", DISTANCE, "distance that a UAV flies until it arrives: mean"),
@@ -326,17 +334,35 @@ SUMMARY = (
 
 # Columns of timeseries.parquet. A row is a tick, the first that of take-off. The diagnostics of the controller lie
 # between the two tuples.
-COLUMNS_BEFORE = (
-    Field("tick", "ticks", "number of the tick", type="int32"),
-    Field("sim_time_s", TIME, "simulated time since take-off"),
-    Field("x_m", "m", "position of each UAV, relative to the origin", type="float64[]"),
-    Field("y_m", "m", "position of each UAV, relative to the origin", type="float64[]"),
-    Field("vx_m_s", "m/s", "velocity of each UAV over ground", type="float64[]"),
-    Field("vy_m_s", "m/s", "velocity of each UAV over ground", type="float64[]"),
-    Field("ax_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
-    Field("ay_m_s2", "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]"),
-    Field("energy_J", ENERGY, "energy that each UAV has used, also after its arrival", True, "float32[]"),
-)
+POSITION = ("x_m", "y_m", "z_m")
+VELOCITY = ("vx_m_s", "vy_m_s", "vz_m_s")
+ACCELERATION = ("ax_m_s2", "ay_m_s2", "az_m_s2")
+_OF_VECTORS = {
+    **{key: Field(key, "m", "position of each UAV, relative to the origin", type="float64[]") for key in POSITION},
+    **{key: Field(key, "m/s", "velocity of each UAV over ground", type="float64[]") for key in VELOCITY},
+    **{
+        key: Field(key, "m/s²", "commanded acceleration of each UAV in the tick that led here", type="float32[]")
+        for key in ACCELERATION
+    },
+}
+
+
+def vectors(dimensions: int) -> tuple[str, ...]:
+    """Columns of position, velocity and acceleration, in this order."""
+    return (*POSITION[:dimensions], *VELOCITY[:dimensions], *ACCELERATION[:dimensions])
+
+
+def _before(dimensions: int) -> tuple[Field, ...]:
+    return (
+        Field("tick", "ticks", "number of the tick", type="int32"),
+        Field("sim_time_s", TIME, "simulated time since take-off"),
+        *(_OF_VECTORS[key] for key in vectors(dimensions)),
+        Field("energy_J", ENERGY, "energy that each UAV has used, also after its arrival", True, "float32[]"),
+    )
+
+
+COLUMNS_BEFORE = _before(PLANE)
+IN_SPACE = tuple(_OF_VECTORS[each[-1]] for each in (POSITION, VELOCITY, ACCELERATION))  # columns in space only
 _SENT = "payload sent by {}, counted once per transmission"
 COLUMNS_AFTER = (
     Field("status", "", "mission status of each UAV", type="uint8[]"),
@@ -358,7 +384,7 @@ COLUMNS_AFTER = (
     Field("leader_model", "1", "the reported model of the leader's UAV; null between reports", type="float32[]"),
 )
 assert tuple(column.key for column in COLUMNS_AFTER[1 : 1 + len(SWARM_COLUMNS)]) == SWARM_COLUMNS
-RESERVED = frozenset(column.key for column in (*COLUMNS_BEFORE, *COLUMNS_AFTER))
+RESERVED = frozenset(column.key for column in (*_before(SPACE), *COLUMNS_AFTER))
 
 DERIVED = (  # numbers that studies make of summaries and time series
     Field("t_s", TIME, "simulated time since take-off"),
@@ -388,9 +414,9 @@ def diagnostic(name: str) -> Field:
     return Field(name, quantity or "", f"{about}, in the tick that led here; 0 at take-off", type="float32[]")
 
 
-def columns(diagnostics: Iterable[str]) -> tuple[Field, ...]:
+def columns(diagnostics: Iterable[str], dimensions: int = PLANE) -> tuple[Field, ...]:
     """All columns of a run whose controller reports these diagnostics."""
-    return (*COLUMNS_BEFORE, *map(diagnostic, diagnostics), *COLUMNS_AFTER)
+    return (*_before(dimensions), *map(diagnostic, diagnostics), *COLUMNS_AFTER)
 
 
 def check_diagnostics(controller: str, diagnostics: Iterable[str]) -> None:
@@ -406,7 +432,7 @@ def check_diagnostics(controller: str, diagnostics: Iterable[str]) -> None:
         )
 
 
-_BY_KEY = {field.key: field for field in (*SUMMARY, *columns(DIAGNOSTICS), *DERIVED)}
+_BY_KEY = {field.key: field for field in (*SUMMARY, *columns(DIAGNOSTICS, SPACE), *DERIVED)}
 # The quantity of every field that has one.
 FIELDS = {key: field.measured for key, field in _BY_KEY.items() if isinstance(field.measured, Quantity)}
 

@@ -141,7 +141,9 @@ class RunFolder:
             begun = Spool(part, self._flown.dt)
             if past is not None:
                 for rows in unbroken(past.rows, max(1, _PAST_STATES // self._flown.uavs)):
-                    block = inbound.check(block_of(rows, past.next_block - 1), self._flown.uavs)
+                    block = inbound.check(
+                        block_of(rows, past.next_block - 1), self._flown.uavs, dimensions=self._flown.dimensions
+                    )
                     begun.append(block, past.events_bytes)
                 self.last_tick = past.rows.num_rows - 1
                 self._events.truncate(past.events_bytes)

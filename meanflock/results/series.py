@@ -10,7 +10,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.results.quantities import PHI_G, Field, columns
+from meanflock.results.quantities import ACCELERATION, PHI_G, POSITION, VELOCITY, Field, columns
+from meanflock.swarm import state
 from meanflock.swarm.declared import Declared
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, LinkColumn, Status, Telemetry
@@ -49,9 +50,9 @@ class Reported(NamedTuple):
 
 
 @functools.cache
-def schema(diagnostics: tuple[str, ...]) -> pa.Schema:
+def schema(diagnostics: tuple[str, ...], dimensions: int = state.PLANE) -> pa.Schema:
     """Columns of `timeseries.parquet`: a row a tick; lists have an entry a UAV. `diagnostics`: of the controller."""
-    return pa.schema([_arrow(column) for column in columns(diagnostics)])
+    return pa.schema([_arrow(column) for column in columns(diagnostics, dimensions)])
 
 
 def _arrow(column: Field) -> pa.Field:
@@ -94,7 +95,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
             pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
             pa.array([None if k is None else block.reports[k] for k in reported], pa.list_(pa.float32())),
         ],
-        schema=schema(block.diagnostic_names),
+        schema=schema(block.diagnostic_names, state.axes(block.states)),
     )
 
 
@@ -108,7 +109,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) 
         block=number,
         first_tick=rows["tick"][0].as_py(),
         states=states_of(rows),
-        accelerations=per_uav(rows, "ax_m_s2", "ay_m_s2"),
+        accelerations=per_uav(rows, *ACCELERATION[: dimensions_in(rows.schema)]),
         diagnostics=per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32),
         status=per_uav(rows, "status")[..., 0],
         energy=per_uav(rows, "energy_J")[..., 0],
@@ -126,6 +127,11 @@ def diagnostics_in(columns: pa.Schema) -> tuple[str, ...]:
     """Names of the diagnostics in a time series: the columns between energy and status."""
     names = columns.names
     return tuple(names[names.index("energy_J") + 1 : names.index("status")])
+
+
+def dimensions_in(columns: pa.Schema) -> int:
+    """Number of axes of the flight of a time series."""
+    return state.SPACE if POSITION[-1] in columns.names else state.PLANE
 
 
 def unbroken(rows: pa.Table, at_most: int) -> Iterator[pa.Table]:
@@ -152,8 +158,9 @@ def long_form(rows: pa.Table) -> pa.Table:
 
 
 def states_of(rows: pa.Table) -> NDArray[np.float64]:
-    """The states (T, N, 4) in rows of a time series."""
-    return per_uav(rows, "x_m", "y_m", "vx_m_s", "vy_m_s")
+    """The states (T, N, 2d) in rows of a time series."""
+    d = dimensions_in(rows.schema)
+    return per_uav(rows, *POSITION[:d], *VELOCITY[:d])
 
 
 def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from pyarrow import csv
 
 from meanflock.results.quantities import COLUMNS_BEFORE
-from meanflock.results.series import diagnostics_in, long_form, rows_of, schema
+from meanflock.results.series import diagnostics_in, dimensions_in, long_form, rows_of, schema
 from meanflock.results.spool import spooled
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
@@ -169,7 +169,7 @@ def _opened(path: Path) -> pq.ParquetFile:
     found = file.schema_arrow
     if lacking := [name for name in _NEEDED if name not in found.names]:
         raise OSError(f"damaged: it has no column {', '.join(lacking)}")
-    expected = schema(diagnostics_in(found))
+    expected = schema(diagnostics_in(found), dimensions_in(found))
     if odd := [
         field.name for field in expected if field.name in found.names and found.field(field.name).type != field.type
     ]:

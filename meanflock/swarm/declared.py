@@ -63,9 +63,10 @@ def controller(scenario: Any) -> Any:
     """A new instance of the controller of a `Scenario` (which this module cannot import), behind learner and filter.
 
     Raises:
-        BadInput: one of them is not installed here, or its options do not fit; or the controller and the learner both
-            have a model.
+        BadInput: one of them is not installed here, its options do not fit, or it does not fly in the dimensions of the
+            scenario; or the controller and the learner both have a model.
     """
+    plugins.check_dimensions("controller", scenario.method, scenario.dimensions)
     alone = plugins.create("controller", scenario.method, scenario.controller, scenario)
     return filtered(learning(alone, scenario), scenario)
 
@@ -107,6 +108,7 @@ def filtered(instance: Any, scenario: Any) -> Any:
     """
     if scenario.filter.kind == NO_FILTER:
         return instance
+    plugins.check_dimensions("filter", scenario.filter.kind, scenario.dimensions)
     declarations_of(instance, scenario.method)  # first, so that an error names the controller and not the filter
     return plugins.create("filter", scenario.filter.kind, scenario.filter.options, scenario, instance)
 

@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta
 
-from meanflock.swarm.toml import Table
+from meanflock.swarm.toml import Point, Table
 
 Uavs: TypeAlias = Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs that it hits")]
 Stations: TypeAlias = Annotated[
@@ -114,7 +114,7 @@ class Interference(_Fault, frozen=True, kw_only=True, tag="noise"):
 class Gust(_Where, frozen=True, kw_only=True, tag="gust"):
     """Wind that accelerates the named UAVs, those in the area, or all."""
 
-    acceleration: Annotated[tuple[float, float], Meta(description="acceleration of every UAV that it hits, m/s²")]
+    acceleration: Annotated[Point, Meta(description="acceleration of every UAV that it hits, m/s²")]
 
 
 class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):

@@ -25,6 +25,10 @@ class Mission(Protocol):
         """Length of a tick, s."""
 
     @property
+    def space(self) -> Any:
+        """`[space]`."""
+
+    @property
     def start(self) -> Any:
         """`[start]`."""
 
@@ -46,10 +50,11 @@ class Mission(Protocol):
 
 
 def starts(mission: Mission) -> state.States:
-    """Initial states, (N, 4) in m and m/s. All UAVs are at rest."""
+    """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
     start = mission.start
-    places = np.array(start.positions, dtype=np.float64) if start.positions else _positions(start, mission.uavs)
-    return state.at_rest(places)
+    if start.positions:
+        return state.at_rest(mission.space.vectors(start.positions, start.height))
+    return state.at_rest(_positions(mission)[:, : mission.space.dimensions])
 
 
 def formation(start: Any) -> str:
@@ -58,67 +63,90 @@ def formation(start: Any) -> str:
     return name or "grid"
 
 
-def _positions(start: Any, uavs: int) -> Floats:
-    """Positions of the UAVs of a formation, (N, 2) in m.
+def _positions(mission: Mission) -> Floats:
+    """Positions of the UAVs of a formation, (N, 3) in m.
 
-    grid: a centred square, ⌈√N⌉ = w wide: UAV k stands in column k mod w and row k div w, so the last row may be short.
+    grid: a centred square in each layer, ⌈√n⌉ = w wide: UAV k of the layer's n stands in column k mod w and row
+    k div w, so the last row may be short. UAVs fill the lowest layer first.
     waves: the same with `start.group` columns, so a wave is a row.
-    circle: evenly on a circle of `start.radius`, UAV 0 at angle 0.
-    streams: two streams, each four UAVs abreast, that cross in the centre. The first ⌈N/2⌉ UAVs fly along x, the others
-    along y; each stream begins around a point `start.radius` before the centre.
+    circle: evenly on a level circle of `start.radius`, UAV 0 at angle 0.
+    sphere: evenly on a sphere of `start.radius`, UAV 0 at the top.
+    streams: two streams, each four UAVs abreast in each layer, that cross in the centre. The first ⌈N/2⌉ UAVs fly along
+    x, the others along y; each stream begins around a point `start.radius` before the centre.
     """
-    kind, centre = formation(start), np.array(start.centre)
+    start, uavs = mission.start, mission.uavs
+    kind, centre = formation(start), np.array((*start.centre, start.height)[:3])
     if kind == "circle":
         angle = 2.0 * math.pi * np.arange(uavs) / uavs
-        return centre + start.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return centre + start.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(uavs)], axis=-1)
+    if kind == "sphere":
+        return centre + start.radius * _sphere(uavs)
     if kind == "streams":
-        heading = _headings(uavs)
         first = -(-uavs // 2)
-        along = [_stream(count, start.spacing) for count in (first, uavs - first)]
-        offset = np.concatenate([along[0], along[1][:, ::-1]])  # the second stream, along y
-        return centre - start.radius * heading + offset
-    width = start.group if kind == "waves" else math.isqrt(uavs - 1) + 1
-    number, placed = np.arange(uavs), np.empty((uavs, 2))
-    last_row = (uavs - 1) // width
-    placed[:, 0] = start.centre[0] + start.spacing * (number % width - (width - 1) / 2)
-    placed[:, 1] = start.centre[1] + start.spacing * (number // width - last_row / 2)
-    return placed
+        along = [_stream(count, start.spacing, start.layers) for count in (first, uavs - first)]
+        offset = np.concatenate([along[0], along[1][:, [1, 0, 2]]])  # the second stream, along y
+        return centre - start.radius * _headings(uavs) + offset
+    each = -(-uavs // start.layers)
+    width = start.group if kind == "waves" else math.isqrt(each - 1) + 1
+    each = -(-each // width) * width if kind == "waves" else each  # whole waves in a layer
+    layer, number = np.divmod(np.arange(uavs), each)
+    last_row = (min(each, uavs) - 1) // width
+    middle = np.array([(width - 1) / 2, last_row / 2, (start.layers - 1) / 2])
+    return centre + start.spacing * (np.stack([number % width, number // width, layer], axis=-1) - middle)
 
 
 def _headings(uavs: int) -> Floats:
-    """Unit vectors of two streams, (N, 2): the first ⌈N/2⌉ UAVs along x, the others along y."""
+    """Unit vectors of two streams, (N, 3): the first ⌈N/2⌉ UAVs along x, the others along y."""
     first = np.arange(uavs) < -(-uavs // 2)
-    return np.stack([first, ~first], axis=-1).astype(np.float64)
+    return np.stack([first, ~first, np.zeros(uavs)], axis=-1).astype(np.float64)
 
 
-def _stream(uavs: int, spacing: float) -> Floats:
-    """A stream along x about the origin, (n, 2): four abreast, row after row, the foremost first."""
-    number, rows = np.arange(uavs), -(-uavs // _LANES)
-    along = spacing * ((rows - 1) / 2 - number // _LANES)
-    return np.stack([along, spacing * (number % _LANES - (_LANES - 1) / 2)], axis=-1)
+def _stream(uavs: int, spacing: float, layers: int) -> Floats:
+    """A stream along x about the origin, (n, 3): rows of four abreast in each layer, the foremost first."""
+    number, lane = np.divmod(np.arange(uavs), _LANES)
+    row, layer = np.divmod(number, layers)
+    rows = -(-uavs // (_LANES * layers))
+    offsets = [(rows - 1) / 2 - row, lane - (_LANES - 1) / 2, layer - (layers - 1) / 2]
+    return spacing * np.stack(offsets, axis=-1)
+
+
+def _sphere(uavs: int) -> Floats:
+    """Points of a Fibonacci lattice on the unit sphere, (N, 3): equal areas, from the top down in golden angles."""
+    upward = 1.0 - (2.0 * np.arange(uavs) + 1.0) / uavs
+    angle, across = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(uavs), np.sqrt(1.0 - upward * upward)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), upward], axis=-1)
 
 
 def goals(mission: Mission) -> state.Vectors:
-    """Goal of each UAV, (N, 2) in m. By default the origin is the goal of all.
+    """Goal of each UAV, (N, d) in m. By default the origin is the goal of all; in space, the point above it at
+    `start.height`.
 
     `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the
     stream. `parallel`: the whole formation moved from `start.centre` to the origin.
     """
-    destination, start = mission.destination, mission.start
+    destination, start, space = mission.destination, mission.start, mission.space
     if destination.positions:
-        return np.array(destination.positions, dtype=np.float64)
-    from_there = state.position(starts(mission))
+        return space.vectors(destination.positions, start.height)
+    from_there, centre = state.position(starts(mission)), space.vector(start.centre, start.height)
     if destination.goals == "opposite":
-        return 2.0 * np.array(start.centre) - from_there
+        return 2.0 * centre - from_there
     if destination.goals == "across":
-        return from_there + 2.0 * start.radius * _headings(mission.uavs)
+        return from_there + 2.0 * start.radius * _headings(mission.uavs)[:, : space.dimensions]
+    origin = space.vector((0.0, 0.0), start.height)
     if destination.goals == "parallel":
-        return from_there - np.array(start.centre)
-    return np.zeros(from_there.shape)
+        return from_there - (centre - origin)
+    return np.tile(origin, (mission.uavs, 1))
+
+
+def in_space(mission: Mission, positions: state.Vectors) -> Floats:
+    """Positions (N, d) of UAVs with their heights, (N, 3) in m: in the plane all fly at `start.height`."""
+    if positions.shape[-1] == state.SPACE:
+        return positions
+    return np.concatenate([positions, np.full((len(positions), 1), mission.start.height)], axis=-1)
 
 
 def goal_states(mission: Mission) -> state.States:
-    """Goals as states at rest, (N, 4). A controller that flies to the origin needs the state minus its goal."""
+    """Goals as states at rest, (N, 2d). A controller that flies to the origin needs the state minus its goal."""
     return state.at_rest(goals(mission))
 
 
@@ -129,7 +157,7 @@ def launches(mission: Mission) -> NDArray[np.intp]:
 
 
 def obstacles(mission: Mission) -> Floats:
-    """Obstacles, (K, 3): x, y and radius of each disc in m."""
+    """Obstacles, (K, 3): x, y and radius of each disc in m. In space a disc is a column."""
     return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
 
 
@@ -142,9 +170,15 @@ def check(mission: Mission) -> None:
     """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
     discs = obstacles(mission)
-    if len(discs):
+    is_space = mission.space.dimensions == state.SPACE
+    if is_space or len(discs):
         remedy = "move one of them"
         for verb, places in (("starts", state.position(starts(mission))), ("has its goal", goals(mission))):
+            if is_space and (lowest := places[:, -1].min()) < 0.0:
+                raise ValueError(
+                    f"UAV {places[:, -1].argmin()} {verb} {-lowest:g} m below the ground, z = 0; place it higher, or "
+                    "the whole formation by `start.height`"
+                )
             for number, (x, y, radius) in enumerate(discs.tolist()):
                 inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
                 if len(inside):
@@ -162,6 +196,13 @@ def _check_tables(mission: Mission) -> None:
             raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")
         if table.positions and len(table.positions) != uavs:
             raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
+    if formation(start) == "sphere" and mission.space.dimensions != state.SPACE:
+        raise ValueError('`start.formation` "sphere" needs space; set `space.dimensions` to 3, or take circle')
+    if start.layers > 1:
+        if mission.space.dimensions != state.SPACE:
+            raise ValueError("`start.layers` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
+        if start.positions or formation(start) not in (*GRIDS, "streams"):
+            raise ValueError("`start.layers` has no effect here; leave it out, or take grid, waves or streams")
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
 
@@ -183,7 +224,7 @@ def _check_apart(mission: Mission) -> None:
         if near.any():
             at = int(np.flatnonzero(near)[0])
             first, second = sorted((int(order[at]), int(order[at + ahead])))
-            apart = float(np.hypot(*(places[first] - places[second])))
+            apart = float(state.length(places[first] - places[second]))
             raise ValueError(
                 f"UAV {first} and UAV {second} start {apart:g} m apart, nearer than `metrics.collision_radius` "
                 f"{least:g} m; move them apart, or take fewer UAVs"

@@ -18,8 +18,10 @@ from meanflock.kernels.state import (  # noqa: F401
     approach,
     at_rest,
     axes,
+    cross_squared,
     dot,
     flat,
+    inner,
     length,
     norm,
     parts,
@@ -30,7 +32,15 @@ from meanflock.kernels.state import (  # noqa: F401
     velocity,
 )
 
-DIMENSIONS = 2  # number of axes of every flight; code that has a scenario asks it, code that has an array asks that
+PLANE, SPACE = 2, 3  # numbers of axes; code that has a scenario asks it, code that has an array asks that
+
+
+def in_three(vectors: Vectors) -> Vectors:
+    """Vectors (..., d) with three numbers, (..., 3): z is 0 in the plane."""
+    if vectors.shape[-1] == SPACE:
+        return vectors
+    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 1))], axis=-1)
+
 
 BEYOND_SENSE = 1e30  # bound of commands, models and diagnostics: a larger number, or NaN, has diverged
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
 
@@ -15,6 +15,11 @@ from meanflock.swarm.state import BEYOND_SENSE
 FOLDER = Path("scenarios")  # of the names that users give to the shipped files, in every working folder
 _SURROGATE = re.compile("[\ud800-\udfff]")  # stands for a byte that is not UTF-8
 _SHIPPED = Path(__file__).parent / "scenarios"
+
+
+Point: TypeAlias = Annotated[
+    tuple[float, ...], msgspec.Meta(min_length=2, max_length=3)
+]  # x, y, and in space perhaps z
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -31,12 +31,12 @@ def measured(
 
 def distances(states: np.ndarray) -> np.ndarray:
     """The squared distances of all pairs, N × N."""
-    difference = states[:, None] - states[None]
-    return difference[..., 0] ** 2 + difference[..., 1] ** 2
+    places = state.position(states)
+    return state.squared(state.parts(places[:, None] - places[None]))
 
 
 coarse = st.sampled_from([0.0, 0.1, 0.25, -0.3, 0.5, 1.0, -7.75, 1e-160, 1e6, 1e6 + 0.25])
-swarms = arrays(np.float64, st.tuples(st.integers(1, 40), st.just(4)), elements=coarse)
+swarms = arrays(np.float64, st.tuples(st.integers(1, 40), st.sampled_from([4, 6])), elements=coarse)
 
 
 @both_forms
@@ -76,14 +76,23 @@ def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     st.sampled_from([0.1, 1.0]),
     st.sampled_from([math.inf, 0.2, 1e-3]),
     st.booleans(),
+    st.sampled_from([2, 3]),
     st.integers(0, 2**32 - 1),
 )
 def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike(
-    backend: ModuleType, uavs: int, spread: float, step: float, collision: float, bound: float, grid: bool, seed: int
+    backend: ModuleType,
+    uavs: int,
+    spread: float,
+    step: float,
+    collision: float,
+    bound: float,
+    grid: bool,
+    axes: int,
+    seed: int,
 ) -> None:
     """Some UAVs have no segment, some are left out; on a grid many have the same x."""
     draw = np.random.default_rng(seed)
-    before = draw.normal(size=(uavs, 4)) * spread
+    before = draw.normal(size=(uavs, 2 * axes)) * spread
     before = np.rint(before / spread) * spread if grid else before
     after = before + draw.normal(size=before.shape) * step
     before[draw.random(uavs) < 0.1] = np.nan
@@ -136,28 +145,28 @@ def exact(velocities: np.ndarray) -> float:
     total = 0.0
     for i, velocity in enumerate(velocities):
         apart = velocities[i + 1 :] - velocity
-        total += float(np.hypot(apart[:, 0], apart[:, 1]).sum())
+        total += float(state.length(apart).sum())
     return 2.0 * total / len(velocities) ** 2
 
 
 def flown(velocities: np.ndarray) -> np.ndarray:
-    states = np.zeros((len(velocities), 4))
-    state.velocity(states)[...] = velocities
-    return states
+    return np.concatenate([np.zeros(velocities.shape), velocities], axis=-1)
 
 
 @both_forms
-@given(st.integers(1, FEW), st.integers(0, 2**32 - 1))
-def test_few_uavs_are_one_sum_in_double_precision(backend: ModuleType, uavs: int, seed: int) -> None:
-    velocities = np.random.default_rng(seed).choice([0.0, 0.1, -0.3, 1.0, 1e-160, 1e6 + 0.25], (uavs, 2))
-    apart = velocities[:, None] - velocities
-    speeds = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2)
+@given(st.integers(1, FEW), st.sampled_from([2, 3]), st.integers(0, 2**32 - 1))
+def test_few_uavs_are_one_sum_in_double_precision(backend: ModuleType, uavs: int, axes: int, seed: int) -> None:
+    velocities = np.random.default_rng(seed).choice([0.0, 0.1, -0.3, 1.0, 1e-160, 1e6 + 0.25], (uavs, axes))
+    speeds = state.length(velocities[:, None] - velocities)
     assert backend.alignment(flown(velocities)) == speeds.ravel().sum() / uavs**2
 
 
 @st.composite
 def velocities_of_many(draw: st.DrawFn) -> np.ndarray:
-    """Velocities of more than FEW UAVs: clusters of any widths, on a line or not, some UAVs far away, some alike."""
+    """Velocities of more than FEW UAVs, of two or three axes: clusters of any widths, on a line or not, some UAVs far
+    away, some alike.
+    """
+    axes = draw(st.sampled_from([2, 3]))
     uavs = draw(st.sampled_from([FEW + 1, 800, 1500]))
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     clusters = draw(st.integers(1, 5))
@@ -165,14 +174,16 @@ def velocities_of_many(draw: st.DrawFn) -> np.ndarray:
         draw(st.lists(st.sampled_from([0.0, 1e-9, 1e-3, 0.1, 1.0]), min_size=clusters, max_size=clusters))
     )
     cluster = random.integers(clusters, size=uavs)
-    velocities = random.normal(size=(clusters, 2))[cluster] + widths[cluster, None] * random.normal(size=(uavs, 2))
+    velocities = random.normal(size=(clusters, axes))[cluster]
+    velocities += widths[cluster, None] * random.normal(size=(uavs, axes))
     far = random.integers(uavs, size=draw(st.sampled_from([0, 1, 7, uavs // 4])))
     velocities[far] *= draw(st.sampled_from([30.0, 1e4, 1e9]))
     velocities[:, 1] *= draw(st.sampled_from([0.0, 1e-6, 1.0]))
     if draw(st.booleans()):
         velocities = np.round(velocities, 1)  # many alike
     angle = draw(st.sampled_from([0.0, 0.7]))
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    turn = np.eye(axes)
+    turn[:2, :2] = [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
     return velocities @ turn * draw(st.sampled_from([1e-9, 1.0, 1e6])) + draw(st.sampled_from([0.0, 12.0]))
 
 

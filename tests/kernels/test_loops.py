@@ -146,24 +146,28 @@ def test_a_number_is_between_those_of_the_columns_around_it(
 
 
 @both_forms
-@given(st.integers(0, 20), st.booleans(), seeds)
-def test_a_point_mass_is_pushed_dragged_and_shaken(backend: ModuleType, uavs: int, alike: bool, seed: int) -> None:
+@given(st.integers(0, 20), st.sampled_from([2, 3]), st.booleans(), seeds)
+def test_a_point_mass_is_pushed_dragged_and_shaken(
+    backend: ModuleType, uavs: int, axes: int, alike: bool, seed: int
+) -> None:
     draw = np.random.default_rng(seed)
-    states, push, noise = draw.normal(0, 9, (uavs, 4)), draw.normal(0, 3, (uavs, 2)), draw.normal(size=(uavs, 2))
-    wind = draw.normal(0, 2, 2 if alike else (uavs, 2))
+    states, (push, noise) = draw.normal(0, 9, (uavs, 2 * axes)), draw.normal(0, 2, (2, uavs, axes))
+    wind = draw.normal(0, 2, axes if alike else (uavs, axes))
     drag, shake, dt = draw.uniform(0, 1, 3)
-    moved = np.full((uavs, 4), np.nan)
+    moved = np.full((uavs, 2 * axes), np.nan)
     backend.move(states, push, noise, wind, drag, shake, dt, moved)
-    velocity = (states[:, 2:] + (push - (states[:, 2:] - wind) * drag) * dt) + shake * noise
-    np.testing.assert_array_equal(moved[:, 2:], velocity)
-    np.testing.assert_array_equal(moved[:, :2], velocity * dt + states[:, :2])
+    before, velocity = states[:, axes:], moved[:, axes:]
+    np.testing.assert_array_equal(velocity, (before + (push - (before - wind) * drag) * dt) + shake * noise)
+    np.testing.assert_array_equal(moved[:, :axes], velocity * dt + states[:, :axes])
 
 
 @both_forms
-@given(st.integers(0, 30), seeds)
-def test_those_within_the_radius_that_were_asked_for_are_counted(backend: ModuleType, uavs: int, seed: int) -> None:
+@given(st.integers(0, 30), st.sampled_from([2, 3]), seeds)
+def test_those_within_the_radius_that_were_asked_for_are_counted(
+    backend: ModuleType, uavs: int, axes: int, seed: int
+) -> None:
     draw = np.random.default_rng(seed)
-    states, goals = draw.normal(0, 1, (2, uavs, 4))
+    states, goals = draw.normal(0, 1, (2, uavs, 2 * axes))
     asked = draw.random(uavs) < 0.7
     off = states - goals
     distances = np.sqrt(np.add.reduce(off * off, axis=1))

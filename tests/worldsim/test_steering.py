@@ -62,7 +62,7 @@ class Flight:
 
 
 OWN = [0.0, 0.0]
-PUSH = Setpoint(1, (3.0, -4.0), "127.0.0.1:5000")
+PUSH = Setpoint(1, (3.0, -4.0, 0.0), "127.0.0.1:5000")
 
 
 def test_a_setpoint_replaces_the_command_of_its_uav_until_a_second_of_silence() -> None:
@@ -110,10 +110,13 @@ GOOD = frame(setpoint(2, north=-4.0, east=3.0))
 @pytest.mark.parametrize(
     ("datagram", "read"),
     [
-        (GOOD, [WireSetpoint(1, (3.0, -4.0))]),
-        (frame(heartbeat()) + GOOD, [None, WireSetpoint(1, (3.0, -4.0))]),
-        (setpoint(3, 1.0).pack(WRITER, force_mavlink1=True), [WireSetpoint(2, (0.0, 1.0))]),
-        (frame(setpoint(1, mask=0x0C3F | 0x100)), [WireSetpoint(0, (0.0, 0.0))]),  # the vertical one may be ignored
+        (GOOD, [WireSetpoint(1, (3.0, -4.0, 0.0))]),
+        (frame(heartbeat()) + GOOD, [None, WireSetpoint(1, (3.0, -4.0, 0.0))]),
+        (setpoint(3, 1.0).pack(WRITER, force_mavlink1=True), [WireSetpoint(2, (0.0, 1.0, 0.0))]),
+        (
+            frame(setpoint(1, mask=0x0C3F | 0x100)),
+            [WireSetpoint(0, (0.0, 0.0, 0.0))],
+        ),  # the vertical one may be ignored
         (frame(setpoint(0, 1.0)), ["unknown-system"]),
         (frame(setpoint(4, 1.0)), ["unknown-system"]),
         (frame(setpoint(1, frame=8)), ["wrong-frame"]),
@@ -126,7 +129,7 @@ GOOD = frame(setpoint(2, north=-4.0, east=3.0))
         (GOOD[:-1], ["malformed"]),
         (GOOD[:-1] + bytes([GOOD[-1] ^ 1]), ["malformed"]),
         (GOOD[:20] + bytes([GOOD[20] ^ 1]) + GOOD[21:], ["malformed"]),
-        (GOOD + b"rest", [WireSetpoint(1, (3.0, -4.0)), "malformed"]),
+        (GOOD + b"rest", [WireSetpoint(1, (3.0, -4.0, 0.0)), "malformed"]),
         (b"\xfd", ["malformed"]),
         (b"nonsense", ["malformed"]),
         (b"", []),

@@ -23,12 +23,13 @@ class Vehicle:
     """Base class of vehicles. Derive from it and set `name`, which `vehicle.model` then refers to.
 
     Row i of every result must depend on row i of the arguments only, so that flights are bit-identical in every mode.
-    Arguments must not be written to. Anything besides the states [x, y, vx, vy] (m, m/s) belongs in `hidden`, which
-    checkpoints store, and not in self.
+    Arguments must not be written to. Anything besides the states [x, y, vx, vy] (m, m/s; in space also z and vz)
+    belongs in `hidden`, which checkpoints store, and not in self.
     """
 
     plugin_kind: ClassVar = "vehicle"
     name: ClassVar[str] = ""
+    dimensions: ClassVar[tuple[int, ...]] = (2,)  # numbers of axes d in which it flies
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Keys of `[vehicle.options]`, with units and bounds."""
@@ -54,18 +55,18 @@ class Vehicle:
         """Computes the states after one tick.
 
         Args:
-            states: (N, 4). hidden: the result of `init` or of the last step.
-            acceleration: (N, 2), m/s², the command plus the gust. noise: (N, 2), standard normal.
+            states: (N, 2d). hidden: the result of `init` or of the last step.
+            acceleration: (N, d), m/s², the command plus the gust. noise: (N, d), standard normal.
 
         Returns:
-            New states (N, 4), finite float64, and the new hidden state, with the same names, shapes and dtypes. A UAV
+            New states (N, 2d), finite float64, and the new hidden state, with the same names, shapes and dtypes. A UAV
             beyond 10⁹ m or m/s is lost: the world puts it back to its last position, at rest.
         """
         raise NotImplementedError
 
     @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
-        """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 4) and `hidden`.
+        """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 2d) and `hidden`.
 
         The R rows are those of all UAVs in one or several ticks, tick by tick.
         """
@@ -86,25 +87,33 @@ class MeanWind:
 
     def __init__(self, scenario: Scenario) -> None:
         wind = scenario.wind
-        self._mean = np.array(wind.mean)
+        self._mean = scenario.space.vector(wind.mean)
         self.uniform = wind.field_rms == 0.0
         if not self.uniform:
             draw = generator(scenario.seed, "wind-field")
             self._waves = draw.standard_normal((wind.field_modes, scenario.dimensions)) / wind.field_length
             self._phases = draw.uniform(0.0, 2.0 * math.pi, wind.field_modes)
-            across = np.stack([-self._waves[:, 1], self._waves[:, 0]], axis=-1)
+            across = _across(self._waves, draw)
             length = np.sqrt(state.dot(across, across))[:, None]
             self._modes = wind.field_rms * math.sqrt(2.0 / wind.field_modes) * (across / length)
 
     def __call__(self, states: state.States) -> state.Vectors:
-        """The wind at each of `states` (..., 4), `(..., 2)`, m/s; `(2,)` if it is the same everywhere."""
+        """The wind at each of `states` (..., 2d), `(..., d)`, m/s; `(d,)` if it is the same everywhere."""
         if self.uniform:
             return self._mean
-        x, y = (along[..., None] for along in state.parts(state.flat(states)))
         # Products first, then a sum in NumPy's order: a row's bits do not depend on how many rows there are.
-        swing = np.cos(x * self._waves[:, 0] + y * self._waves[:, 1] + self._phases)
+        place = state.parts(state.position(states))
+        phase = sum(along[..., None] * waves for along, waves in zip(place, self._waves.T, strict=True))
+        swing = np.cos(phase + self._phases)
         along = [np.add.reduce(swing * mode, axis=-1) for mode in self._modes.T]
         return self._mean + np.stack(along, axis=-1)
+
+
+def _across(waves: state.Floats, draw: np.random.Generator) -> state.Floats:
+    """Vectors at right angles to wave vectors (M, d), (M, d); in space their directions around these are drawn."""
+    if waves.shape[-1] == state.SPACE:
+        return np.cross(waves, draw.standard_normal(waves.shape))
+    return np.stack([-waves[:, 1], waves[:, 0]], axis=-1)
 
 
 BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
@@ -125,10 +134,13 @@ class Physics:
     """The vehicle of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput if the scenario's vehicle is not installed or its options do not fit."""
+        """Raises BadInput if the scenario's vehicle is not installed, does not fly in its dimensions, or its options do
+        not fit.
+        """
         chosen = scenario.vehicle
         self._uavs = scenario.uavs
         self._name = chosen.model
+        plugins.check_dimensions("vehicle", chosen.model, scenario.dimensions)
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
 
     def init(self) -> Hidden:

@@ -15,6 +15,7 @@ class PointMass(Vehicle):
     `[vehicle]` and `[wind]`."""
 
     name = "point-mass"
+    dimensions = (2, 3)
 
     def __init__(self, options: Vehicle.Options, scenario: Scenario) -> None:
         super().__init__(options, scenario)

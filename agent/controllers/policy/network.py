@@ -66,7 +66,7 @@ class Network(NamedTuple):
         arrays: list[tuple[str, Any, tuple[int, ...]]] = [("limit", self.limit, ()), ("scale", self.scale, (inputs,))]
         for number, (weights, biases) in enumerate(self.layers):
             last = number == len(self.layers) - 1
-            outputs = state.DIMENSIONS + self.message if last else np.shape(biases)[-1] if np.ndim(biases) else 0
+            outputs = state.PLANE + self.message if last else np.shape(biases)[-1] if np.ndim(biases) else 0
             arrays += [(f"weights_{number}", weights, (inputs, outputs)), (f"biases_{number}", biases, (outputs,))]
             inputs = outputs
         for name, array, shape in arrays:

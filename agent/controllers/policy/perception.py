@@ -22,7 +22,7 @@ from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States
 
-_STATE = 2 * state.DIMENSIONS
+_STATE = 2 * state.PLANE
 AGE, MASK, MESSAGE = _STATE, _STATE + 1, _STATE + 2  # columns of another UAV; its message begins at the last
 _STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
 

@@ -2,8 +2,9 @@
 
 A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is an error of the state that
 all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. The state is sent as
-(x, y, vx, vy) in 1 cm and 1 cm/s, four int16. The current state is sent again in the next r − 1 ticks. The origin of x
-and y is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that is not sent.
+(x, y, vx, vy) in 1 cm and 1 cm/s, four int16; in space six, with z and vz. The current state is sent again in the next
+r − 1 ticks. The origin is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that
+is not sent.
 
 A received state counts as sent in the tick before. On a slow radio it may be older. With events, a silent UAV counts as
 flying as predicted, for any time. With a broadcast every tick, a silent UAV is lost or out of range, and is forgotten

@@ -37,6 +37,7 @@ class BufferedVoronoi(TravellingController):
     """
 
     name = "bvc"
+    dimensions = (2, 3)
     diagnostics = ("infeasible", "unsent")
     stays_inside = True
 
@@ -74,20 +75,21 @@ class BufferedVoronoi(TravellingController):
             discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = self._faces(discs, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
-        velocity, missing = np.empty((len(own), 2)), np.empty(len(own))
+        velocity, missing = np.empty(preferred.shape), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, velocity, missing)
         acceleration = limited(options.velocity_gain_1_s * (velocity - state.velocity(own)), self._limit)
         return Step(memory, acceleration, (missing > INFEASIBLE_M_S)[:, None].astype(np.float64))
 
     def _faces(self, near: Closest, buffer: float | Rows, share: float) -> tuple[Vectors, Rows]:
-        """Half-planes n·v ≥ bound of velocities from which a row stops before the faces of its cell.
+        """Half-planes, in space half-spaces, n·v ≥ bound of velocities from which a row stops before the faces of its
+        cell.
 
         Args:
             near: UAVs or obstacles near the M rows. buffer: distance of a row from a face, m; or (M, K). share:
                 position of the face on the way to the other: 0.5 for a UAV, 1 for the centre of an obstacle.
 
         Returns:
-            Normals (M, K, 2), 0 in unused columns, and bounds (M, K), m/s.
+            Normals (M, K, d), 0 in unused columns, and bounds (M, K), m/s.
         """
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         normals = np.where(near.present[..., None], near.away / length[..., None], 0.0)

@@ -19,8 +19,8 @@ NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the
 class Near(NamedTuple):
     """P pairs of a row and another UAV, sorted by row, then by number.
 
-    row, other: (P,). apart: (P, 2) own position minus the other's, m. closing: (P, 2) own velocity minus the other's,
-    m/s. distance: (P,) m. away: (P, 2) unit vector away from the other; if both are at one place, it is along x, and
+    row, other: (P,). apart: (P, d) own position minus the other's, m. closing: (P, d) own velocity minus the other's,
+    m/s. distance: (P,) m. away: (P, d) unit vector away from the other; if both are at one place, it is along x, and
     the higher number is on the right.
     """
 
@@ -42,7 +42,7 @@ def near(
     """The pairs at most `range_m` apart that satisfy `matters`.
 
     Args:
-        own: (M, 4). states: (M, N, 4), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
+        own: (M, 2d). states: (M, N, 2d), states of all UAVs known to each row. uavs: (M,), the numbers of the rows.
         matters: condition on squared distances and squared differences of velocity, (M, N) each, m² and m²/s².
     """
     axes = state.axes(own)
@@ -68,6 +68,11 @@ def _gaps(own: Floats, others: Floats, columns: range) -> list[Floats]:
     return [own[:, column, None] - others[..., column] for column in columns]
 
 
+def level(axes: int, x: Rows, y: Rows) -> Vectors:
+    """Level vectors (…, axes) with these numbers along x and y, (…) each."""
+    return np.stack([x, y] if axes == state.PLANE else [x, y, np.zeros(x.shape)], axis=-1)
+
+
 def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
     """Distances of rows (M, 4) from the edges of discs (K, 3), m, negative inside; unit vectors away from the centres.
 
@@ -81,14 +86,14 @@ def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def summed(row: NDArray[np.intp], vectors: Vectors, rows: int) -> Vectors:
-    """Sums of vectors (P, 2) by row, (rows, 2), in the order of the vectors."""
+    """Sums of vectors (P, d) by row, (rows, d), in the order of the vectors."""
     return np.stack([np.bincount(row, vectors[:, axis], rows) for axis in range(vectors.shape[1])], axis=-1)
 
 
 class Closest(NamedTuple):
     """The K closest objects (UAVs or obstacles) of each of M rows, the closest first.
 
-    away: (M, K, 2) m, from the object to the row's UAV. closing: (M, K, 2) m/s, velocity of the UAV minus that of the
+    away: (M, K, d) m, from the object to the row's UAV. closing: (M, K, d) m/s, velocity of the UAV minus that of the
     object. squared: (M, K) m², of `away`. present: (M, K), mask of the columns in use; other columns have no meaning.
     """
 
@@ -102,7 +107,7 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     """The other UAVs within reach, at most so many, ties by number.
 
     Args:
-        own: (M, 4), states of the rows, which are `uavs` (M,). others: (M, N, 4), states of all UAVs known to them.
+        own: (M, 2d), states of the rows, which are `uavs` (M,). others: (M, N, 2d), states of all UAVs known to them.
     """
     axes = state.axes(own)
     gaps = _gaps(own, others, range(axes))
@@ -115,12 +120,18 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
 
 
 def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
-    """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m."""
+    """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m.
+
+    In space a disc is a column, and what is relative to it is level.
+    """
     gaps = _gaps(own, discs, FLAT)
     which, present = _first(np.sqrt(state.squared(gaps)) - discs[:, 2], reach_m, most)
-    row, velocity = np.arange(len(own))[:, None], state.flat(state.velocity(own))
-    closing = np.broadcast_to(velocity[:, None], (*which.shape, velocity.shape[1]))
-    return _apart([gap[row, which] for gap in gaps], closing, present, 1.0), discs[which, 2]
+    row, axes, velocity = np.arange(len(own))[:, None], state.axes(own), state.velocity(own)
+    gaps = [gap[row, which] for gap in gaps]
+    if axes != state.PLANE:
+        gaps, velocity = [*gaps, np.zeros(which.shape)], level(axes, velocity[:, 0], velocity[:, 1])
+    closing = np.broadcast_to(velocity[:, None], (*which.shape, axes))
+    return _apart(gaps, closing, present, 1.0), discs[which, 2]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
@@ -160,11 +171,11 @@ def stopping_slope(distance_m: Rows, deceleration: float, delay_s: float) -> Row
 
 
 def to_the_right(velocity: Vectors, bias: float) -> Vectors:
-    """Velocities (M, 2) plus a share of each, turned by 90° to the right, m/s."""
-    return velocity + bias * np.stack([velocity[:, 1], -velocity[:, 0]], axis=-1)
+    """Velocities (M, d) plus a share of each, turned by 90° to the right about the vertical, m/s."""
+    return velocity + bias * level(velocity.shape[1], velocity[:, 1], -velocity[:, 0])
 
 
 def with_obstacles(normals: Vectors, bounds: Rows, more: Vectors, least: Rows) -> tuple[Vectors, Rows]:
     """Append the half-planes of obstacles, `more` and `least`, with weight `OBSTACLE`, to those of UAVs, normals
-    (M, K, 2) and bounds (M, K)."""
+    (M, K, d) and bounds (M, K)."""
     return np.concatenate([normals, OBSTACLE * more], axis=1), np.concatenate([bounds, OBSTACLE * least], axis=1)

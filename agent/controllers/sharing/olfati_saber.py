@@ -12,7 +12,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import SharingController
-from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
+from meanflock.agent.controllers.sharing.nearby import Near, edges, level, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
@@ -31,6 +31,7 @@ class OlfatiSaber(SharingController):
     """
 
     name = "olfati-saber"
+    dimensions = (2, 3)
 
     class Options(base.Options, frozen=True):
         """The options of `olfati-saber`, by their names in the source where it has them."""
@@ -74,7 +75,7 @@ class OlfatiSaber(SharingController):
         return Step(memory, limited(acceleration, self._limit))
 
     def _of_pairs(self, pairs: Near) -> Vectors:
-        """Accelerations by pairs, c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, (P, 2) m/s²."""
+        """Accelerations by pairs, c1 φ_α(‖Δ‖σ) n + c2 ρ_h (Δv), his Eq. 23, (P, d) m/s²."""
         options = self.options
         squared = pairs.distance * pairs.distance
         sigma = self._sigma(squared)
@@ -86,7 +87,7 @@ class OlfatiSaber(SharingController):
         return -along - (options.c2_1_s * weight)[:, None] * pairs.closing
 
     def _of_obstacles(self, own: States) -> Vectors:
-        """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, 2) m/s²."""
+        """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, d) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)
         gap = np.maximum(edge, 0.0)
@@ -100,7 +101,7 @@ class OlfatiSaber(SharingController):
         damping = options.c2_obstacle_1_s * weight
         ax = action * x + damping * (-y * slower - vx)
         ay = action * y + damping * (x * slower - vy)
-        return np.stack([np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1)], axis=-1)
+        return level(state.axes(own), np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1))
 
     def _sigma(self, squared: Any) -> Any:
         """σ-norm (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""

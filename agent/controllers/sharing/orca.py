@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from meanflock import kernels
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import Closest, closest, closest_discs, to_the_right, with_obstacles
+from meanflock.agent.controllers.sharing.nearby import (
+    Closest,
+    closest,
+    closest_discs,
+    level,
+    to_the_right,
+    with_obstacles,
+)
 from meanflock.swarm import state
 from meanflock.swarm.state import Rows, States, Vectors
 
@@ -29,6 +36,7 @@ class Orca(TravellingController):
     """
 
     name = "orca"
+    dimensions = (2, 3)
     diagnostics = ("infeasible", "unsent")
     stays_inside = True
 
@@ -56,10 +64,10 @@ class Orca(TravellingController):
     def velocity(
         self, own: States, others: States, uavs: NDArray[np.integer], preferred: Vectors
     ) -> tuple[Vectors, Rows]:
-        """Velocities chosen by rows (M, 4), (M, 2) m/s, and the largest violation of a half-plane, (M,) m/s.
+        """Velocities chosen by rows (M, 2d), (M, d) m/s, and the largest violation of a half-plane, (M,) m/s.
 
-        `others`: (M, N, 4), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows.
-        `preferred`: (M, 2), the preferred velocities.
+        `others`: (M, N, 2d), states of all UAVs known to each row. `uavs`: (M,), the numbers of the rows.
+        `preferred`: (M, d), the preferred velocities.
         """
         options, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
@@ -68,7 +76,7 @@ class Orca(TravellingController):
             discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = half_planes(discs, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
-        chosen, missing = np.empty((len(own), 2)), np.empty(len(own))
+        chosen, missing = np.empty(preferred.shape), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, chosen, missing)
         return chosen, missing
 
@@ -76,13 +84,15 @@ class Orca(TravellingController):
 def half_planes(
     near: Closest, own: States, radius: float | Rows, horizon_s: float, dt: float, share: float
 ) -> tuple[Vectors, Rows]:
-    """Half-planes n·v ≥ n·(v_own + share · u) of collision-free velocities: normals (M, K, 2), 0 in unused columns, and
-    bounds (M, K).
+    """Half-planes n·v ≥ n·(v_own + share · u) of collision-free velocities: normals (M, K, d), 0 in unused columns, and
+    bounds (M, K). In space they are half-spaces, with other last digits than in a plane.
 
     u is the least change of the relative velocity that takes it out of the velocity obstacle (their Eq. 2 to 5), a cone
     about −`away` cut off by a disc; for two that touch already, the obstacle is that
     of one tick.
     """
+    if state.axes(own) != state.PLANE:
+        return _half_spaces(near, own, radius, horizon_s, dt, share)
     x = -near.away[..., 0]
     y = -near.away[..., 1]
     v_x = near.closing[..., 0]
@@ -107,3 +117,33 @@ def half_planes(
     off = np.where(disc, radius * rate - length, -(v_x * n_x + v_y * n_y))  # how far u leads along n
     bounds = n_x * own[:, None, 2] + n_y * own[:, None, 3] + share * off
     return np.where(near.present[..., None], np.stack([n_x, n_y], axis=-1), 0.0), bounds
+
+
+def _half_spaces(
+    near: Closest, own: States, radius: float | Rows, horizon_s: float, dt: float, share: float
+) -> tuple[Vectors, Rows]:
+    """The half-spaces of `half_planes`: the normal of the cone is in the plane of −`away` and the relative velocity."""
+    towards, closing = -near.away, near.closing
+    squared = np.where(near.present, near.squared, 1.0)
+    apart = np.sqrt(squared)
+    touching = squared <= radius * radius
+    rate = np.where(touching, 1.0 / dt, 1.0 / horizon_s)
+    # Relative to the centre of the ball that cuts the cone off.
+    relative = closing - rate[..., None] * towards
+    length, along = state.length(relative), state.inner(relative, towards)
+    ball = touching | ((along < 0.0) & (along * along > radius * radius * (length * length)))
+    unit = np.where(length > 0.0, length, 1.0)[..., None]
+    out = np.where(length[..., None] > 0.0, relative / unit, -towards / apart[..., None])
+    # Away from the axis of the cone; for a relative velocity along it, to the right, or along x if it is vertical.
+    across = relative - (along / squared)[..., None] * towards
+    right = level(state.SPACE, towards[..., 1], -towards[..., 0])
+    right[..., 0] += (right == 0.0).all(axis=-1)
+    across = np.where((state.length(across) > 0.0)[..., None], across, right)
+    across = across / state.length(across)[..., None]
+    sine = np.where(touching, 0.0, radius / apart)
+    cosine = np.sqrt(np.maximum(1.0 - sine * sine, 0.0))
+    edge = cosine[..., None] * across - (sine / apart)[..., None] * towards
+    normals = np.where(ball[..., None], out, edge)
+    off = np.where(ball, radius * rate - length, -state.inner(closing, normals))  # how far u leads along n
+    bounds = state.inner(normals, state.velocity(own)[:, None]) + share * off
+    return np.where(near.present[..., None], normals, 0.0), bounds

@@ -13,7 +13,7 @@ from msgspec import Meta
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import edges, near, summed
+from meanflock.agent.controllers.sharing.nearby import edges, level, near, summed
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
@@ -26,6 +26,7 @@ class PotentialField(TravellingController):
     """
 
     name = "potential-field"
+    dimensions = (2, 3)
 
     class Options(Travelling, frozen=True):
         """The options of `potential-field`, by their names in the source where it has them."""
@@ -60,11 +61,11 @@ class PotentialField(TravellingController):
         return Step(memory, limited(acceleration, self._limit))
 
     def _off_obstacles(self, own: States) -> Vectors:
-        """Repulsion of rows by all obstacles, (M, 2) m/s²."""
+        """Repulsion of rows by all obstacles, (M, d) m/s²."""
         options = self.options
         edge, x, y = edges(own, self._obstacles)
         force = repulsion(edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, self._limit)
-        return np.stack([np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1)], axis=-1)
+        return level(state.axes(own), np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1))
 
 
 def repulsion(rho_m: Rows, rho0_m: float, eta: float, most: float) -> Rows:

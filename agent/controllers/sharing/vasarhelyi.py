@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, near, summed
+from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, level, near, summed
 from meanflock.swarm import state
 from meanflock.swarm.state import Floats, Rows, States, Vectors
 
@@ -33,6 +33,7 @@ class Vasarhelyi(TravellingController):
     """
 
     name = "vasarhelyi"
+    dimensions = (2, 3)
 
     class Options(Travelling, frozen=True):
         """The options of `vasarhelyi`, by their names in the source where it has them."""
@@ -75,7 +76,7 @@ class Vasarhelyi(TravellingController):
 
     def _off_obstacles(self, own: States) -> Vectors:
         """Friction with `shill` agents, which move away from the nearest points of all obstacles: their Eq. 5 and 6,
-        (M, 2) m/s.
+        (M, d) m/s.
         """
         options = self.options
         edge, x, y = edges(own, self._obstacles)
@@ -84,10 +85,10 @@ class Vasarhelyi(TravellingController):
         difference = np.sqrt(vx * vx + vy * vy)
         allowed = braking(edge - options.r0_shill_m, options.p_shill_1_s, options.a_shill_m_s2)
         share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
-        return -np.stack([np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1)], axis=-1)
+        return -level(state.axes(own), np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1))
 
     def _push(self, pairs: Near) -> Vectors:
-        """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, 2) m/s."""
+        """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, d) m/s."""
         options = self.options
         repulsion = options.p_rep_1_s * np.maximum(options.r0_rep_m - pairs.distance, 0.0)
         difference = np.sqrt(state.dot(pairs.closing, pairs.closing))

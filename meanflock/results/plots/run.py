@@ -25,7 +25,7 @@ from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import FIELDS, PHI_G, quantity
 from meanflock.results.run_folder import EVENTS, flown_rows
 from meanflock.results.series import diagnostics_in, per_uav, span_where
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 
@@ -128,7 +128,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
 
 def _draw_mission(ax: Axes, flown: FlownKeys | Scenario) -> None:
     """Draws goals, obstacles and stations over the paths, and names them in the legend."""
-    goals, radius = mission.goals(flown), flown.destination.radius
+    goals, radius = state.flat(mission.goals(flown)), flown.destination.radius
     for x, y, size in mission.obstacles(flown).tolist():
         ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
     if len(flown.obstacles):

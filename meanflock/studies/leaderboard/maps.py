@@ -1,5 +1,6 @@
 """A small map of a mission: starts, ways, goals, obstacles and wind."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ _RING: dict[str, Any] = {**plotstyle.RING, "markersize": 3.6, "markeredgewidth":
 
 def draw(flown: Scenario) -> Figure:
     """The map of a scenario, in metres."""
-    starts, goals = state.position(mission.starts(flown)), mission.goals(flown)
+    starts, goals = state.flat(mission.starts(flown)), state.flat(mission.goals(flown))
     discs = mission.obstacles(flown)
     with plotstyle.style():
         figure = plotstyle.figure(_SIDE_IN, _SIDE_IN)
@@ -92,7 +93,7 @@ def _wind(ax: Axes, flown: Scenario, middle: state.Floats, side: float) -> None:
     wind = MeanWind(flown.flown())
     if wind.uniform:
         if speed := _speed(flown):
-            length = np.array(flown.flown().wind.mean) / speed * _ARROW * side
+            length = np.array(flown.flown().wind.mean[:2]) / speed * _ARROW * side
             _arrows(ax, (middle + side * _CORNER - length / 2.0)[None], length[None], _WIND)
         return
     along = (np.arange(_FIELD) + 0.5) / _FIELD - 0.5
@@ -103,7 +104,7 @@ def _wind(ax: Axes, flown: Scenario, middle: state.Floats, side: float) -> None:
 
 
 def _speed(flown: Scenario) -> float:
-    return float(np.hypot(*flown.flown().wind.mean))
+    return math.hypot(*flown.flown().wind.mean[:2])
 
 
 def _gusts(ax: Axes, flown: Scenario, starts: state.Vectors, side: float) -> None:
@@ -114,8 +115,8 @@ def _gusts(ax: Axes, flown: Scenario, starts: state.Vectors, side: float) -> Non
         _arrows(ax, np.repeat(starts.mean(axis=0)[None], len(gusts), axis=0), lengths, _GUST, width=0.009)
 
 
-def _pushes(flown: Scenario) -> list[tuple[float, float]]:
-    return [fault.acceleration for fault in flown.faults if isinstance(fault, Gust)]
+def _pushes(flown: Scenario) -> list[tuple[float, ...]]:
+    return [fault.acceleration[:2] for fault in flown.faults if isinstance(fault, Gust)]
 
 
 def _arrows(

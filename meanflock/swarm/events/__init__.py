@@ -14,6 +14,7 @@ from meanflock.swarm.events.mission import (
     FaultBegan,
     FaultEnded,
     FaultNeverBegins,
+    Grounded,
     HitObstacle,
     LinksClamped,
     Lost,
@@ -72,6 +73,7 @@ FlightEvent: TypeAlias = (
     | SteeringEnded
     | Collided
     | HitObstacle
+    | Grounded
     | DutyExceeded
     | LinksClamped
     | FaultBegan

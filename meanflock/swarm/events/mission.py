@@ -48,6 +48,24 @@ class HitObstacle(BaseEvent, frozen=True):
         return (self.uav,)
 
 
+class Grounded(BaseEvent, frozen=True):
+    """A UAV came down to the ground."""
+
+    meanings = {
+        "grounded": "in space, a UAV came down to the ground for the first time, after take-off and not arrived"
+    }
+    level = "ERROR"
+    uav: Count
+
+    @property
+    def text(self) -> str:
+        return f"UAV {self.uav} hit the ground"
+
+    @property
+    def uavs(self) -> Uavs:
+        return (self.uav,)
+
+
 class LinksClamped(BaseEvent, frozen=True):
     """Links lead where the path loss of the channel does not hold."""
 

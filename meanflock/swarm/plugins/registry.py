@@ -2,6 +2,7 @@
 
 import importlib
 import re
+from contextlib import suppress
 from functools import cache
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
@@ -161,6 +162,27 @@ def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) 
         raise BadInput(f"{kind} {name!r} cannot be made: {last_line(error)}") from error
 
 
+def dimensions_of(plugin_class: Any) -> Any:
+    """The numbers of axes in which a plug-in flies: its `dimensions`, by default the plane alone."""
+    return getattr(plugin_class, "dimensions", (2,))
+
+
+def check_dimensions(kind: PluginKind, name: str, dimensions: int) -> None:
+    """Raises BadInput if the plug-in of that name does not fly in so many dimensions, or if there is none."""
+    flies = dimensions_of(load(kind, name))
+    if dimensions in flies:
+        return
+    able = []
+    for other in names(kind):
+        with suppress(BadInput):  # a package that is missing here
+            if dimensions in dimensions_of(load(kind, other)):
+                able.append(other)
+    raise BadInput(
+        f"{kind} {name!r} flies in {' and '.join(map(str, flies))} dimensions, and `space.dimensions` is {dimensions}; "
+        f"take one that does ({', '.join(able) or 'there is none here'}), or set `space.dimensions` to {flies[0]}"
+    )
+
+
 def options_of(kind: PluginKind, name: str, options: dict[str, Any]) -> Any:
     """The options of the plug-in of that name, converted to their type.
 
@@ -221,6 +243,9 @@ def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:
     lacking += [method for method in dir(found) if getattr(getattr(found, method, None), "__isabstractmethod__", False)]
     if lacking:
         raise BadInput(f"{kind} {name!r} of {source} lacks {' and '.join(f'`{method}`' for method in lacking)}")
+    flies = dimensions_of(found)
+    if not (isinstance(flies, tuple) and flies and set(flies) <= {2, 3}):
+        raise BadInput(f"{kind} {name!r} of {source}: `dimensions` is {flies!r}; it must be (2,), (3,) or (2, 3)")
     options = getattr(found, "Options", None)
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
         raise BadInput(f"{kind} {name!r} of {source}: `Options` must be a msgspec.Struct")

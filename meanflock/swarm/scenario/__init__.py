@@ -19,6 +19,7 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     Obstacle,
     Radio,
     Sharing,
+    Space,
     Start,
     Station,
     Truth,

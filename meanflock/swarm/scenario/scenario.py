@@ -106,6 +106,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         ]
         | None
     ) = None
+    space: Annotated[tables.Space, LATER] = field(default_factory=tables.Space)
     start: tables.Start = field(default_factory=tables.Start)
     destination: tables.Destination = field(default_factory=tables.Destination)
     obstacles: Annotated[
@@ -228,6 +229,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`radio.contention_slot_s` {self.radio.contention_slot_s:g} s is more than half of "
                 f"`radio.coherence_time_s` {self.radio.coherence_time_s:g} s; take less, or longer slots"
             )
+        self._check_plane()
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -245,6 +247,26 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                         "`[[stations]]`, numbered from 0"
                     )
 
+    def _check_plane(self) -> None:
+        """Raises ValueError where a flight in the plane has a vector of three numbers."""
+        if self.dimensions != state.PLANE:
+            return
+        vectors = {
+            "start.positions": self.start.positions,
+            "start.centre": (self.start.centre,),
+            "destination.positions": self.destination.positions,
+            "wind.mean": (self.wind.mean,),
+            "truth.wind": (self.truth.wind or (),),
+        }
+        for number, fault in enumerate(self.faults):
+            vectors[f"faults[{number}].acceleration"] = (getattr(fault, "acceleration", ()),)
+        for name, given in vectors.items():
+            if any(len(vector) > state.PLANE for vector in given):
+                raise ValueError(
+                    f"`{name}` has three numbers, and the flight is in the plane; set `space.dimensions` to 3, or "
+                    "leave the third out"
+                )
+
     def _check_stations(self) -> None:
         """Raises ValueError where a station is named that is not there, or stands where a UAV starts."""
         if (station := self.federation.station) is not None and station >= len(self.stations):
@@ -252,14 +274,13 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`federation.station` is {station}, and there are {len(self.stations)} `[[stations]]`, numbered from "
                 f"0; {'name one of them' if self.stations else 'add one'}, or leave the key out"
             )
-        starts = state.position(mission.starts(self))
+        starts = mission.in_space(self, state.position(mission.starts(self)))
         for number, one in enumerate(self.stations):
-            x, y, z = one.place
-            apart = np.hypot(np.hypot(*(state.flat(starts) - (x, y)).T), self.start.height - z)
+            apart = state.length(starts - np.array(one.place))
             if (near := float(apart.min())) < _LEAST_FROM_STATION_M:
                 raise ValueError(
                     f"`stations[{number}]` stands {near:.2g} m from the start of UAV {apart.argmin()}, at a height of "
-                    f"{self.start.height:g} m; move it {_LEAST_FROM_STATION_M:g} m away or more"
+                    f"{starts[apart.argmin(), -1]:g} m; move it {_LEAST_FROM_STATION_M:g} m away or more"
                 )
 
     def _check_radios(self) -> None:
@@ -278,7 +299,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     @property
     def dimensions(self) -> int:
         """Number of axes of the flight, d: the numbers of a position, a velocity or an acceleration."""
-        return state.DIMENSIONS
+        return self.space.dimensions
 
     @property
     def state_numbers(self) -> int:

@@ -6,9 +6,10 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.toml import Point
 from meanflock.swarm.toml import Table as _Table
 
-Places: TypeAlias = tuple[tuple[float, float], ...]
+Places: TypeAlias = tuple[Point, ...]
 
 
 class Start(_Table, frozen=True):
@@ -16,17 +17,30 @@ class Start(_Table, frozen=True):
 
     formation: (
         Annotated[
-            Literal["grid", "circle", "streams", "waves"],
+            Literal["grid", "circle", "streams", "waves", "sphere"],
             key(
-                "formation in which the UAVs start; unset: a grid",
+                "formation in which the UAVs start; unset: a grid; `sphere` needs space",
                 PRINTED,
-                "a square whose rows are filled in order; other missions use circle, streams and waves",
+                "a square whose rows are filled in order; other missions use circle, streams, waves and sphere",
                 later=True,
             ),
         ]
         | None
     ) = None
-    centre: Annotated[tuple[float, float], key("centre of the formation", PRINTED, "", unit="m")] = (150.0, 100.0)
+    centre: Annotated[
+        Point, key("centre of the formation; in space, its z is `height` if left out", PRINTED, "", unit="m")
+    ] = (150.0, 100.0)
+    layers: Annotated[
+        int,
+        key(
+            "in space, number of layers of a grid, of waves or of streams, at the distance `spacing`",
+            OURS,
+            "a formation is level",
+            later=True,
+            ge=1,
+            le=1000,
+        ),
+    ] = 1
     spacing: Annotated[
         float,
         key(
@@ -40,7 +54,7 @@ class Start(_Table, frozen=True):
     radius: Annotated[
         float,
         key(
-            "radius of the circle; for streams, their distance from the crossing at the start",
+            "radius of the circle or sphere; for streams, their distance from the crossing at the start",
             OURS,
             "position swaps of this size are common in work on collision avoidance",
             unit="m",
@@ -82,7 +96,14 @@ class Start(_Table, frozen=True):
         ),
     ] = 0.0
     height: Annotated[
-        float, key("constant altitude h", PRINTED, "constant; it does not affect the model", unit="m", gt=0)
+        float,
+        key(
+            "altitude h: constant in the plane; in space, z of every place that is given without",
+            PRINTED,
+            "constant; it does not affect the model",
+            unit="m",
+            gt=0,
+        ),
     ] = 40.0
 
 
@@ -118,7 +139,7 @@ class Destination(_Table, frozen=True):
 
 
 class Obstacle(_Table, frozen=True):
-    """A disc that no UAV should enter. A UAV that enters it is counted once and flies on."""
+    """A disc that no UAV should enter; in space, a column. A UAV that enters it is counted once and flies on."""
 
     centre: Annotated[tuple[float, float], Meta(description="its centre, m")]
     radius: Annotated[float, Meta(gt=0, description="its radius, m")]
@@ -137,7 +158,7 @@ class Wind(_Table, frozen=True):
             ge=0,
         ),
     ] = 0.1
-    mean: Annotated[tuple[float, float], key("v_o, mean wind", PRINTED, "", unit="m/s")] = (1.0, -1.0)
+    mean: Annotated[Point, key("v_o, mean wind", PRINTED, "", unit="m/s")] = (1.0, -1.0)
     drag: Annotated[float, key("c0, drag towards the mean wind", PRINTED, "", unit="1/s", ge=0)] = 0.1
     common: Annotated[
         float,
@@ -188,10 +209,7 @@ class Truth(_Table, frozen=True):
         | None
     ) = None
     wind: (
-        Annotated[
-            tuple[float, float], key("mean wind of the world, instead of `wind.mean`", PRINTED, "likewise", unit="m/s")
-        ]
-        | None
+        Annotated[Point, key("mean wind of the world, instead of `wind.mean`", PRINTED, "likewise", unit="m/s")] | None
     ) = None
 
 

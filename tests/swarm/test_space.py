@@ -1,0 +1,146 @@
+"""Space: keys with two and three numbers, layouts, and what a flight in the plane or in space refuses."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.swarm import mission, plugins, state
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import load
+
+
+def in_space(*settings: str) -> mf.Scenario:
+    return load(None, ["space.dimensions=3", *settings])
+
+
+def test_every_shipped_scenario_is_one_in_space_too_level_and_at_its_height() -> None:
+    for name in ("swap", "streams", "windy", "faults"):
+        flat = mf.Scenario.load(name)
+        space = flat.replace(**{"space.dimensions": 3})
+        starts, goals = state.position(mission.starts(space)), mission.goals(space)
+        np.testing.assert_array_equal(state.flat(starts), state.position(mission.starts(flat)))
+        np.testing.assert_array_equal(state.flat(goals), mission.goals(flat))
+        assert (starts[:, 2] == flat.start.height).all()
+        assert (goals[:, 2] == flat.start.height).all()
+
+
+def test_the_hash_of_a_scenario_in_the_plane_does_not_know_of_space() -> None:
+    flat = mf.Scenario(method="cruise")
+    assert flat.sha256() == mf.Scenario(method="cruise", space={"dimensions": 2}).sha256()
+    assert flat.sha256() != mf.Scenario(method="cruise", space={"dimensions": 3}).sha256()
+
+
+def test_a_place_has_a_height_of_its_own_or_that_of_the_start() -> None:
+    scenario = in_space(
+        "uavs=2", "start.positions=[[1,2],[3,4,5]]", "start.height=7", "destination.positions=[[0,0,0],[9,9]]"
+    )
+    np.testing.assert_array_equal(mission.starts(scenario)[:, :3], [[1, 2, 7], [3, 4, 5]])
+    np.testing.assert_array_equal(mission.goals(scenario), [[0, 0, 0], [9, 9, 7]])
+
+
+def test_wind_and_gusts_of_two_numbers_are_level() -> None:
+    scenario = in_space()
+    np.testing.assert_array_equal(scenario.space.vector(scenario.wind.mean), [1.0, -1.0, 0.0])
+
+
+@pytest.mark.parametrize("formation", ["grid", "waves", "streams"])
+def test_layers_lie_one_above_the_other_about_the_centre(formation: str) -> None:
+    scenario = in_space("uavs=24", f"start.formation={formation}", "start.layers=3", "start.group=4", "start.spacing=2")
+    places = state.position(mission.starts(scenario))
+    heights, counts = np.unique(places[:, 2], return_counts=True)
+    np.testing.assert_allclose(heights, [38.0, 40.0, 42.0])
+    assert counts.tolist() == [8, 8, 8]
+    apart = np.linalg.norm(places[:, None] - places, axis=-1) + 9.0 * np.eye(24)
+    assert apart.min() == pytest.approx(2.0)
+    if formation == "waves":  # the last rows of a grid are short
+        np.testing.assert_allclose(places.mean(axis=0), [150.0, 100.0, 40.0])
+
+
+def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
+    scenario = in_space("uavs=100", "start.formation=sphere", "start.radius=10", "destination.goals=opposite")
+    centre = np.array([150.0, 100.0, 40.0])
+    places, goals = state.position(mission.starts(scenario)) - centre, mission.goals(scenario) - centre
+    np.testing.assert_allclose(np.linalg.norm(places, axis=-1), 10.0)
+    np.testing.assert_allclose(goals, -places)
+    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=0.1)
+    apart = np.linalg.norm(places[:, None] - places, axis=-1) + 99.0 * np.eye(100)
+    assert (apart.min(axis=1) > 0.7 * np.sqrt(4 * np.pi / 100) * 10.0).all()  # of the side of a square of equal area
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["start.centre=[1,2,3]"], "`start.centre` has three numbers, and the flight is in the plane"),
+        (["uavs=1", "start.positions=[[1,2,3]]"], "`start.positions` has three numbers"),
+        (["uavs=1", "destination.positions=[[1,2,3]]"], "`destination.positions` has three numbers"),
+        (["wind.mean=[1,2,3]"], "`wind.mean` has three numbers"),
+        (["truth.wind=[1,2,3]"], "`truth.wind` has three numbers"),
+        (["faults=[{kind='gust',tick=1,duration_s=1,acceleration=[1,2,3]}]"], "`faults[0].acceleration` has three"),
+        (["start.layers=2"], "`start.layers` has no effect in the plane; set `space.dimensions` to 3"),
+        (["start.formation=sphere"], '"sphere" needs space; set `space.dimensions` to 3'),
+        (["space.dimensions=3", "start.formation=circle", "start.layers=2"], "`start.layers` has no effect here"),
+        (["space.dimensions=3", "start.centre=[1,2,-3]"], "UAV 0 starts 3 m below the ground, z = 0; place it higher"),
+        (["space.dimensions=3", "start.layers=90"], "below the ground"),
+        (
+            ["space.dimensions=3", "uavs=1", "destination.positions=[[1,2,-3]]"],
+            "UAV 0 has its goal 3 m below the ground",
+        ),
+        (["space.dimensions=4"], "space.dimensions: Invalid enum value 4; choose one of 2, 3"),
+        (["start.centre=[1,2,3,4]"], "start.centre: expected a list of length <= 3"),
+        (["space.dimensions=3", "stations=[{place=[150,100,40.5]}]"], "stands 0.5 m from the start of UAV 12"),
+    ],
+)
+def test_a_scenario_that_contradicts_its_dimensions_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(BadInput) as error:
+        load(None, settings)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            {"method": "plan"},
+            "controller 'plan' flies in 2 dimensions, and `space.dimensions` is 3; take one that does (",
+        ),
+        ({"method": "cruise", "filter.kind": "flat"}, "filter 'flat' flies in 2 dimensions"),
+        ({"method": "cruise", "vehicle.model": "flat"}, "vehicle 'flat' flies in 2 dimensions"),
+    ],
+)
+def test_a_plug_in_that_does_not_declare_space_is_refused_there(settings: dict[str, Any], words: str) -> None:
+    class FlatFilter(mf.Controller):
+        plugin_kind = "filter"  # type: ignore[assignment]
+        name = "flat"
+
+        def step(self, *_: Any) -> Any: ...
+
+    class FlatVehicle(mf.Vehicle):
+        name = "flat"
+
+        def step(self, *_: Any) -> Any: ...
+
+        def power(self, *_: Any) -> Any: ...
+
+    for each in (FlatFilter, FlatVehicle):
+        plugins.register(each)
+    try:
+        with pytest.raises(BadInput) as error:
+            mf.fly(mf.Scenario(**settings, **{"space.dimensions": 3}))
+        assert words in str(error.value)
+        assert "or set `space.dimensions` to 2" in str(error.value)
+    finally:
+        for kind in ("filter", "vehicle"):
+            plugins.registry.registered.pop((kind, "flat"))  # type: ignore[call-overload]
+
+
+def test_dimensions_of_a_plug_in_are_numbers_of_axes() -> None:
+    class Deep(mf.Controller):
+        name = "deep"
+        dimensions = (4,)
+
+        def step(self, *_: Any) -> Any: ...
+
+    with pytest.raises(BadInput, match=r"`dimensions` is \(4,\); it must be \(2,\), \(3,\) or \(2, 3\)"):
+        plugins.register(Deep)
