@@ -15,13 +15,13 @@ from meanflock.federation.topology.clusters import Division
 from meanflock.recording import blueprint, drawing, mission_map
 from meanflock.recording.blueprint import Lane
 from meanflock.recording.drawing import Sent, Ticks, circle
-from meanflock.swarm import state
-from meanflock.swarm.faults import Gust, Jam, Partition, Pause
+from meanflock.swarm import mission, state
+from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.worldsim.faults import Script, words
 
-Lasting = Pause | Partition | Jam | Gust
+Lasting = Pause | Partition | Jam | Interference | Gust
 Component = tuple[rr.ComponentDescriptor, Any]  # with the class of batch that takes a list of its values
 
 _POINTS: Component = (rr.Points2D.descriptor_positions(), rr.components.Position2DBatch)
@@ -69,10 +69,13 @@ class Disturbances:
     def __init__(self, scenario: Scenario) -> None:
         self._dt, self._script = scenario.dt, Script(scenario)
         self._faults = [fault for fault in scenario.faults if isinstance(fault, Lasting)]
+        self._kills = [fault for fault in scenario.faults if isinstance(fault, Kill) and fault.stations]
+        self._stations, self._uavs = mission.stations(scenario)[:, :2], scenario.uavs
         self._heads = Division(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
-        self._shown: list[Lasting] | None = None  # faults in the last row; None: there is no row
+        self._shown: list[Fault] | None = None  # faults in the last row; None: there is no row
         self._lanes: NDArray[np.uint8] = np.full(scenario.uavs, 255, dtype=np.uint8)  # likewise; 255: there is no row
         low, high = mission_map.box(scenario)
+        self._jammer = mission_map.STATION * float((high - low).max()) * drawing.CROSS
         self._words_at = [float(0.45 * low[0] + 0.55 * high[0]), float(high[1])]
 
     def lanes(self, ticks: Ticks, status: NDArray[np.uint8]) -> Iterator[Sent]:
@@ -103,7 +106,7 @@ class Disturbances:
             for tick, places in zip(ticks.tolist(), state.flat(states[:, self._heads]).tolist(), strict=True):
                 heads.add(tick, places)
             yield from heads.sent()
-        if self._faults:
+        if self._faults or self._kills:
             yield from self._fault_rows(ticks, states)
 
     def _fault_rows(self, ticks: Ticks, states: States) -> Iterator[Sent]:
@@ -111,15 +114,16 @@ class Disturbances:
         gusts, areas = _Rows(blueprint.GUSTS, _VECTORS, _ORIGINS), _Rows(blueprint.AREAS, _STRIPS, _STRIP_COLORS)
         texts = _Rows(blueprint.WORDS, _POINTS, _LABELS)
         for tick, now in zip(ticks.tolist(), states, strict=True):
-            acting = [fault for fault in self._faults if fault.acts(tick, self._dt)]
+            acting: list[Fault] = [fault for fault in self._faults if fault.acts(tick, self._dt)]
+            acting += [fault for fault in self._kills if fault.begins(self._dt) <= tick]
             if not acting and self._shown == []:
                 continue
-            points = state.flat(now)
-            halos.add(tick, *_halos(acting, points))
-            jams.add(tick, _jammed_links(acting, points))
+            points = np.concatenate([state.flat(now), self._stations])
+            halos.add(tick, *self._halos(acting, points))
+            jams.add(tick, self._jammed_links(acting, points))
             gusts.add(tick, *self._gusts(tick, now))
             if acting != self._shown:
-                areas.add(tick, *_areas(acting))
+                areas.add(tick, *self._areas(acting))
                 labels = ["\n".join(words(fault) for fault in acting)] if acting else []
                 texts.add(tick, [self._words_at] * len(labels), labels)
             self._shown = acting
@@ -134,25 +138,32 @@ class Disturbances:
         hit = (pushed != 0.0).any(axis=-1)
         return (state.flat(pushed[hit]) * blueprint.GUST_S2).tolist(), state.flat(states[hit]).tolist()
 
+    def _hit(self, fault: Pause | Partition | Jam) -> list[int]:
+        """The nodes that a fault names: UAVs, then stations."""
+        return [*fault.uavs, *(self._uavs + station for station in fault.stations)]
 
-def _halos(acting: Sequence[Lasting], points: NDArray[np.float64]) -> tuple[list[list[float]], list[int]]:
-    """A dot, larger than a UAV's, under every UAV that is frozen or cut off, and its colour."""
-    frozen = sorted({uav for fault in acting if isinstance(fault, Pause) for uav in fault.uavs})
-    cut = sorted({uav for fault in acting if isinstance(fault, Partition) for uav in fault.uavs})
-    return points[cut + frozen].tolist(), [drawing.CUT] * len(cut) + [drawing.FROZEN] * len(frozen)
+    def _halos(self, acting: Sequence[Fault], points: NDArray[np.float64]) -> tuple[list[list[float]], list[int]]:
+        """A dot, larger than a UAV's, under every node that is frozen or cut off, or a lost station, and its colour."""
+        frozen = sorted({node for fault in acting if isinstance(fault, Pause) for node in self._hit(fault)})
+        cut = sorted({node for fault in acting if isinstance(fault, Partition) for node in self._hit(fault)})
+        lost = sorted({self._uavs + one for fault in acting if isinstance(fault, Kill) for one in fault.stations})
+        colors = [drawing.CUT] * len(cut) + [drawing.FROZEN] * len(frozen) + [drawing.GREY] * len(lost)
+        return points[cut + frozen + lost].tolist(), colors
 
+    def _jammed_links(self, acting: Sequence[Fault], points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """A line for every pair of nodes whose link is jammed."""
+        jams = (fault for fault in acting if isinstance(fault, Jam))
+        pairs = (pair for fault in jams for pair in itertools.combinations(self._hit(fault), 2))
+        return [points[list(pair)] for pair in itertools.islice(pairs, blueprint.JAMS_DRAWN)]
 
-def _jammed_links(acting: Sequence[Lasting], points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """A line for every pair of UAVs whose link is jammed."""
-    pairs = (pair for fault in acting if isinstance(fault, Jam) for pair in itertools.combinations(fault.uavs, 2))
-    return [points[list(pair)] for pair in itertools.islice(pairs, blueprint.JAMS_DRAWN)]
-
-
-def _areas(acting: Sequence[Lasting]) -> tuple[list[NDArray[np.float64]], list[int]]:
-    """A circle for every area, and its colour."""
-    strips, colors = [], []
-    for fault in acting:
-        if isinstance(fault, Jam | Gust) and fault.centre is not None and fault.radius_m is not None:
-            strips.append(circle(fault.centre, fault.radius_m))
-            colors.append(drawing.JAMMED if isinstance(fault, Jam) else drawing.GUST)
-    return strips, colors
+    def _areas(self, acting: Sequence[Fault]) -> tuple[list[NDArray[np.float64]], list[int]]:
+        """A circle for every area and a cross for every jammer that sends noise, and its colour."""
+        strips, colors = [], []
+        for fault in acting:
+            if isinstance(fault, Jam | Gust) and fault.centre is not None and fault.radius_m is not None:
+                strips.append(circle(fault.centre, fault.radius_m))
+                colors.append(drawing.JAMMED if isinstance(fault, Jam) else drawing.GUST)
+            elif isinstance(fault, Interference):
+                strips.append(self._jammer + fault.place[:2])
+                colors.append(drawing.JAMMED)
+        return strips, colors

@@ -14,7 +14,7 @@ from meanflock.recording import drawing
 from meanflock.recording.drawing import Part, Point, circle
 from meanflock.results.series import Reported
 from meanflock.swarm import mission, state
-from meanflock.swarm.faults import Gust, Jam, Kill, Partition, Pause
+from meanflock.swarm.faults import Gust, Interference, Jam, Kill, Partition, Pause
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import MeanWind
 
@@ -225,6 +225,7 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
         Pause: ("frozen", drawing.FROZEN, ring, 2.0),
         Partition: ("cut off", drawing.CUT, ring, 2.0),
         Jam: ("jammed", drawing.JAMMED, circle((0.0, 0.0), 0.8), 1.2),
+        Interference: ("jammer", drawing.JAMMED, 0.7 * drawing.CROSS, 1.5),
         Gust: ("gust", drawing.GUST, across, 1.0),
         Kill: ("lost", drawing.GREY, ring, 2.0),
     }
