@@ -11,16 +11,15 @@ from research.round_cost import flights, page
 
 def main() -> None:
     """Fly every cell, unless `--page` is set, and write the page."""
-    given = published.options(__doc__, seeds=10, page=True).parse_args()
+    given = published.options(__doc__, page=True).parse_args()
     if not given.page:
         flights.load_classifier()
-        seeds = range(flights.FIRST_SEED, flights.FIRST_SEED + given.seeds)
-        points = {cell: flights.flights(cell, seeds) for cell in flights.cells()}
+        points = {cell: flights.flights(cell, flights.seeds(cell)) for cell in flights.cells()}
         found = published.flown("round_cost", points, given.jobs, flights.measure)
         rows = [
             {**cell._asdict(), "seed": seed, **row}
             for cell, measured in found.items()
-            for seed, row in zip(seeds, measured, strict=True)
+            for seed, row in zip(flights.seeds(cell), measured, strict=True)
         ]
         published.write_rows(page.RESULTS, rows)
     published.write_page(page.PAGE, page.page, page.RESULTS)

@@ -7,7 +7,7 @@ from typing import Any
 from meanflock.results import statistics
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced, table
-from research.round_cost.flights import ACCESS, CONTENTION, OWN, SHARED, Cell
+from research.round_cost.flights import ACCESS, CONTENTION, FIRST_SEED, OWN, SHARED, Cell
 
 PAGE = published.DOCS / "round-cost.md"
 RESULTS = published.DOCS / "results" / "round_cost.json"
@@ -19,8 +19,11 @@ Rows = dict[Cell, list[Row]]
 def page(text: str, code: str, rows: Sequence[Row]) -> str:
     """The page `text` with the tables of these flights."""
     found = by_cell(rows)
-    least = min(map(len, found.values()))
-    flown = f"{len(rows):,} flights, {least} of each cell, with seeds from {min(row['seed'] for row in rows)} on."
+    few, many = min(map(len, found.values())), max(map(len, found.values()))
+    flown = (
+        f"{len(rows):,} flights with seeds from {FIRST_SEED} on: {few} of each cell, and {many} on the two radios that "
+        "lose slots, whose flights differ more."
+    )
     parts = {
         "flights": [flown, "", published.flown_by(code)],
         "ranking": ranking(found),
