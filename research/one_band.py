@@ -1,6 +1,6 @@
 """Flies the central comparisons of federation.md and price-of-safety.md with bands of their own and in one band.
 
-python -m research.one_band          # 400 flights; ten minutes on one core
+python -m research.one_band          # 200 flights; five minutes on one core
 python -m research.one_band --page   # the tables again, from docs/results/one_band.json
 """
 
@@ -32,7 +32,7 @@ Flight = dict[str, Any]
 
 def main() -> None:
     """Fly the cases, unless `--page` is set, and write the tables."""
-    given = published.options(__doc__, seeds=20, page=True).parse_args()
+    given = published.options(__doc__, seeds=10, page=True).parse_args()
     if not given.page:
         seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
         points = {case: [scenario(case, seed) for seed in seeds] for case in cases()}
@@ -95,7 +95,9 @@ def page(text: str, code: str, flights: Sequence[Flight]) -> str:
     for kind in PAGES:
         if (begin := f"<!-- one band: {kind} -->") in text:
             here = [flight for flight in flights if flight["table"] == kind]
-            lines = ["", *(_models(here) if kind == "models" else _states(here)), "", published.flown_by(code), ""]
+            seeds = len({flight["seed"] for flight in here})
+            flown = f"{seeds} flights of each case, with seeds from {FIRST_SEED} on. {published.flown_by(code)}"
+            lines = ["", *(_models(here) if kind == "models" else _states(here)), "", flown, ""]
             text = replaced(text, begin, "<!-- end -->", lines)
     return text
 

@@ -45,19 +45,27 @@ def by_cell(rows: Sequence[Row]) -> Rows:
     return found
 
 
-def lead(found: Rows, radio: str, access: str, way: str = "neighbours") -> statistics.Estimate:
-    """Accuracy of a way less that of the leader in percentage points, paired by seed."""
-    accuracies = (
-        [100.0 * row["accuracy"] for row in found[Cell("classifier", radio, one, access)]] for one in (way, "leader")
+def gain(found: Rows, radio: str, access: str) -> statistics.Estimate:
+    """Accuracy with neighbours less that under a leader, in percentage points, paired by seed."""
+    neighbours, leader = (
+        [100.0 * row["accuracy"] for row in found[Cell("classifier", radio, way, access)]]
+        for way in ("neighbours", "leader")
     )
-    return statistics.difference(*accuracies)
+    return statistics.difference(neighbours, leader)
 
 
-def verdict(difference: statistics.Estimate) -> str:
-    """Which of neighbours and leader is better, where the 95 % interval says so."""
-    if difference.low <= 0.0 <= difference.high:
+def tracking_saved(found: Rows, radio: str, access: str) -> statistics.Estimate:
+    """Logarithm of the leader's tracking cost less that of neighbours, paired by seed."""
+    return statistics.difference(
+        *(_logarithms(found[Cell("fed-lspi", radio, way, access)]) for way in ("leader", "neighbours"))
+    )
+
+
+def verdict(advantage: statistics.Estimate) -> str:
+    """Which of neighbours and leader is better, where the 95 % interval of the advantage of neighbours says so."""
+    if advantage.low <= 0.0 <= advantage.high:
         return "undecided"
-    return "neighbours" if difference.value > 0.0 else "leader"
+    return "neighbours" if advantage.value > 0.0 else "leader"
 
 
 def ranking(found: Rows) -> list[str]:
@@ -66,7 +74,8 @@ def ranking(found: Rows) -> list[str]:
     for radio in (radio for radio, way in _ways(found) if way == "leader"):
         for access in PLAIN:
             leader, neighbours = (found[Cell("classifier", radio, way, access)] for way in ("leader", "neighbours"))
-            difference = lead(found, radio, access)
+            points, saved = gain(found, radio, access), tracking_saved(found, radio, access)
+            ratio = [math.exp(-end) for end in (saved.value, saved.high, saved.low)]
             rows.append(
                 (
                     radio,
@@ -75,12 +84,14 @@ def ranking(found: Rows) -> list[str]:
                     f"{_mean(neighbours, 'round_s'):.1f}",
                     _accuracy(leader),
                     _accuracy(neighbours),
-                    f"{difference.value:+.1f} [{difference.low:+.1f}, {difference.high:+.1f}]",
-                    verdict(difference),
+                    f"{points.value:+.1f} [{points.low:+.1f}, {points.high:+.1f}]",
+                    verdict(points),
+                    f"× {ratio[0]:.2f} [{ratio[1]:.2f}, {ratio[2]:.2f}]",
+                    verdict(saved),
                 )
             )
     head = ("radio", "access", "round of a leader, s", "of neighbours, s", "leader, %", "neighbours, %")
-    return table((*head, "difference", "better"), rows)
+    return table((*head, "difference", "better", "tracking", "better"), rows)
 
 
 def _by_access(found: Rows, shown: Callable[[Sequence[Row]], str]) -> list[str]:
@@ -153,8 +164,12 @@ def _accuracy(rows: Sequence[Row]) -> str:
 
 def _cost(rows: Sequence[Row]) -> str:
     """Geometric mean of tracking costs with its 95 % interval."""
-    found = statistics.mean([math.log(row["tracking"]) for row in rows])
+    found = statistics.mean(_logarithms(rows))
     return f"{math.exp(found.value):.0f} [{math.exp(found.low):.0f}, {math.exp(found.high):.0f}]"
+
+
+def _logarithms(rows: Sequence[Row]) -> list[float]:
+    return [math.log(row["tracking"]) for row in rows]
 
 
 def _mean(rows: Sequence[Row], name: str) -> float:
