@@ -84,7 +84,7 @@ def ranking(found: Rows) -> list[str]:
                     f"{_mean(neighbours, 'round_s'):.1f}",
                     _accuracy(leader),
                     _accuracy(neighbours),
-                    f"{points.value:+.1f} [{points.low:+.1f}, {points.high:+.1f}]",
+                    f"{points.value:+.2f} [{points.low:+.2f}, {points.high:+.2f}]",
                     verdict(points),
                     f"× {ratio[0]:.2f} [{ratio[1]:.2f}, {ratio[2]:.2f}]",
                     verdict(saved),
