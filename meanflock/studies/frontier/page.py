@@ -165,6 +165,8 @@ def method(record: FrontierRecord) -> list[str]:
         "[leaderboard](leaderboard.md); UAVs that arrived, never arrive or are lost count. Bits are the payload of "
         "all UAVs until the last arrival. They include the mission plan, which every swarm broadcasts before "
         "take-off. An outage is the probability that a broadcast of 64 bits fails, set by `radio.target_snr_db`.",
+        "All missions have the paper's radio, whose slots last 50 µs and where each link has a band of its own "
+        "(`fdma`). In one band 25 UAVs fly the same flights: [states in one band](round-cost.md#states-in-one-band).",
         "A target is reached if the one-sided 95 % bound of Clopper and Pearson of the share of free flights reaches "
         f"it. The plans are fixed before the first flight ({plans}), and no policy is accepted before the last flight "
         "of its plan. A policy is dropped as soon as its plan can no longer accept it, which changes no answer.",
