@@ -59,6 +59,7 @@ def radios() -> dict[str, tuple[str, ...]]:
         lent = lent_radio(ROOT / "scenarios" / f"{name}.toml").settings
         own = tuple(one for one in lent if not one.startswith("federation.station="))
         found[name] = own if any(one.startswith("stations=") for one in own) else own + MAST
+    found["radio-thin"] += ("radio.duty_max=1.0",)  # its limit of 1 % would rule, in place of the ways
     for name, noise in LOSSY.items():
         slots = "radio.coherence_time_s=0.06", "radio.bandwidth_hz=13e3", f"radio.noise_psd_dbm_hz={noise}"
         found[name] = *slots, *MAST
