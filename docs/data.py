@@ -29,6 +29,8 @@ def page() -> str:
         "",
         *_table(("column", "unit", "", "cumulative", "what"), map(_column, quantities.COLUMNS_BEFORE)),
         "",
+        f"In [space](space.md) {', '.join(f'`{field.key}`' for field in quantities.IN_SPACE)} stand behind those of y.",
+        "",
         "Then follows a column for each diagnostic of the controller, under its name. `offline` declares none,",
         "`hjb` all of these but `fpk_residual`, and the other methods of the paper all of them.",
         "",

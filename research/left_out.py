@@ -95,11 +95,10 @@ class MfgflHfScaffold(MfgflHf):
     """
 
     name = "mfgfl-hf-scaffold"
-    parts = 2 * MfgflHf.parts
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self.parameters = 2 * MfgflHf.weights
+        self.parameters, self.parts = 2 * self.weights, 2 * self.parts
 
     def init(self, uavs: NDArray[np.intp], plan: state.States) -> Memory:
         memory = super().init(uavs, plan)

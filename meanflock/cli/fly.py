@@ -87,7 +87,8 @@ def run(
     \b
     crowd, faults, gusts, hierarchical, lossy, obstacles, paper,
     paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
-    radio-street, radio-thin, streams, swap, unknown, windmap, windy.
+    radio-street, radio-thin, sphere, streams, swap, unknown, windmap,
+    windy.
 
     Results are written to OUT/<id>/: summary, time series, events, recording.
 

@@ -39,7 +39,7 @@ Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vector
 /* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 
-/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, elimination.c, ranking.c and mean_field/learn.c. */
+/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, elimination.c, ranking.c and mean_field/learner.c. */
 PyObject *wire_read(PyObject *module, PyObject *args);
 PyObject *wire_write(PyObject *module, PyObject *args);
 PyObject *motion_move(PyObject *module, PyObject *args);

@@ -1,4 +1,4 @@
-/* The extension kernels._native: functions of arrays, checked here and in mean_field/learn.c. The mathematics is in
+/* The extension kernels._native: functions of arrays, checked here and in mean_field/. The mathematics is in
  * all_pairs.c, halfplanes.c, halfspaces.c and mean_field/.
  *
  * kernels/reference.py is the definition; this gives the same bits: every sum is taken in NumPy's order and nothing is

@@ -79,7 +79,7 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
 
 def _empty_rows(swarm: PointSwarm) -> None:
     """Check that arrays without rows have the right shapes."""
-    instance, none = swarm.make(), np.zeros((0, 4))
+    instance, none = swarm.make(), np.zeros((0, swarm.plan.shape[1]))
     memory = swarm.init(instance, swarm.uavs[:0])
     swarm.checked(swarm.step(instance, memory, 0, none, ()), memory, 0)
 

@@ -9,7 +9,7 @@ import numpy as np
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Step
 from meanflock.agent.controllers.filtered import Filter
 from meanflock.federation.plan import Plan
-from meanflock.swarm import threads
+from meanflock.swarm import state, threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.testing.controller import UAVS, check_swarm
@@ -22,21 +22,24 @@ class Hasty(Controller):
     """Controller behind the filter: all UAVs fly to one place; it has a model, a diagnostic and a broadcast."""
 
     name = "hasty"
-    parameters = 2
     period_ticks = 15
     diagnostics = ("frames",)
 
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.parameters = scenario.dimensions
+
     def init(self, uavs: Any, plan: States) -> Memory:
         """A model of zeros."""
-        return {"model": np.zeros((len(uavs), 2)), "frames": np.zeros(len(uavs))}
+        return {"model": np.zeros((len(uavs), self.parameters)), "frames": np.zeros(len(uavs))}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         """Flies to the origin and counts received frames."""
         count = memory["frames"].copy()
         for frames in received:
             np.add.at(count, frames.links[:, 1], 1.0)
-        push = -2.0 * own[:, :2] + 0.01 * memory["model"]
-        return Step(memory | {"frames": count}, push, count[:, None], [Broadcast(own[:, :2])])
+        push = -2.0 * state.position(own) + 0.01 * memory["model"]
+        return Step(memory | {"frames": count}, push, count[:, None], [Broadcast(state.position(own))])
 
     def get(self, memory: Memory) -> Any:
         """The model."""
@@ -83,9 +86,9 @@ def check_filter(
 
 def _admits(plugin: type[Filter], instance: Filter, swarm: PointSwarm) -> None:
     """Check `admit`: shapes, no written arguments, and rows that are not finite stay so."""
-    uavs = len(swarm.uavs)
+    uavs, axes = len(swarm.uavs), state.axes(swarm.plan)
     others = np.repeat(swarm.plan[None], uavs, axis=0)
-    wanted = np.linspace(-5.0, 5.0, 2 * uavs).reshape(uavs, 2)
+    wanted = np.linspace(-5.0, 5.0, axes * uavs).reshape(uavs, axes)
     given = [swarm.plan.copy(), others, swarm.uavs.copy(), wanted]
     before = copies(given)
     answer = asked(plugin, instance.admit, *given, remedy="any states must do")
@@ -95,7 +98,7 @@ def _admits(plugin: type[Filter], instance: Filter, swarm: PointSwarm) -> None:
             f"`admit` returns a {type(answer).__name__}",
             "return the accelerations and what is reported of them",
         )
-    expected = (uavs, 2), (uavs, len(instance.columns))
+    expected = (uavs, axes), (uavs, len(instance.columns))
     if (shapes := tuple(map(np.shape, answer))) != expected:
         fail(plugin, f"`admit` returns shapes {shapes}, expected {expected}", "return a row a UAV, `columns` wide")
     if not all(same(one, other) for one, other in zip(before, given, strict=True)):

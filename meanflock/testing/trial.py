@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Received, Step
 from meanflock.agent.guarded import checked_step, received_by
 from meanflock.federation.cut import bound_of_models
+from meanflock.swarm import state
 from meanflock.swarm.declared import declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.mission import starts
@@ -57,7 +58,7 @@ class PointSwarm:
 
     Attributes:
         controller: the class of a controller or filter. make: makes an instance. declared: its declarations.
-        uavs: numbers of the UAVs, (N,). plan: initial states, (N, 4), m and m/s.
+        uavs: numbers of the UAVs, (N,). plan: initial states, (N, 2d), m and m/s.
     """
 
     def __init__(self, controller: Any, scenario: Scenario, make: Callable[[], Controller]) -> None:
@@ -259,8 +260,8 @@ class PointSwarm:
 
     def _moved(self, own: States, acceleration: NDArray[np.float64], tick: int) -> States:
         dt = self._scenario.dt
-        velocity = own[:, 2:] + dt * np.clip(acceleration, -50.0, 50.0) + 0.03 * self._shake[tick]
-        return np.concatenate([own[:, :2] + dt * velocity, velocity], axis=-1)
+        velocity = state.velocity(own) + dt * np.clip(acceleration, -50.0, 50.0) + 0.03 * self._shake[tick]
+        return np.concatenate([state.position(own) + dt * velocity, velocity], axis=-1)
 
     def _on_air(self, payload: NDArray[Any]) -> NDArray[Any]:
         """A broadcast, its floats as floats of the radio."""

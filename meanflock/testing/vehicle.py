@@ -46,8 +46,8 @@ def check_vehicle(
     check_class(vehicle, "vehicle")
     flown = scenario or Scenario(uavs=UAVS)
     draw = np.random.default_rng(3)
-    start = draw.normal(0.0, 5.0, (UAVS, 4))
-    pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, 2))
+    start = draw.normal(0.0, 5.0, (UAVS, flown.state_numbers))
+    pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, flown.dimensions))
 
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False, number: int = 1) -> list[np.ndarray]:
         remedy = GONE if afresh else "any number of UAVs must do"
@@ -78,7 +78,7 @@ def check_vehicle(
                         "`step` or `power` writes to an array it was given",
                         "return new arrays; copy before you write",
                     )
-                _check(vehicle, len(push), np.asarray(states), np.asarray(power))
+                _check(vehicle, (len(push), flown.state_numbers), np.asarray(states), np.asarray(power))
                 trace += [np.array(states), np.array(power)]
             return trace
 
@@ -140,10 +140,10 @@ def _check_block(vehicle: type, instance: Any, states: np.ndarray, pushes: np.nd
         fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 
 
-def _check(vehicle: type, rows: int, states: np.ndarray, power: np.ndarray) -> None:
-    if states.shape != (rows, 4) or power.shape != (rows,):
+def _check(vehicle: type, shape: tuple[int, int], states: np.ndarray, power: np.ndarray) -> None:
+    if states.shape != shape or power.shape != shape[:1]:
         came = f"states {states.shape} and power {power.shape}"
-        fail(vehicle, f"{came} of {rows} UAVs", f"return states {(rows, 4)} and power {(rows,)}")
+        fail(vehicle, f"{came} of {shape[0]} UAVs", f"return states {shape} and power {shape[:1]}")
     if states.dtype != np.float64 or power.dtype != np.float64:
         fail(vehicle, f"states are {states.dtype} and power is {power.dtype}", "return float64")
     if not (np.isfinite(states).all() and np.isfinite(power).all()):

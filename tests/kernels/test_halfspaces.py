@@ -1,4 +1,4 @@
-"""The nearest point in half-spaces and a ball: both forms against a judge, conditions of optimality, and each other."""
+"""The nearest point in half-spaces and a ball: both forms against a judge, the plane, and each other."""
 
 from types import ModuleType
 

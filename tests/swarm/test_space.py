@@ -102,8 +102,8 @@ def test_a_scenario_that_contradicts_its_dimensions_is_refused(settings: list[st
     ("settings", "words"),
     [
         (
-            {"method": "plan"},
-            "controller 'plan' flies in 2 dimensions, and `space.dimensions` is 3; take one that does (",
+            {"method": "windmap"},
+            "controller 'windmap' flies in 2 dimensions, and `space.dimensions` is 3; take one that does (",
         ),
         ({"method": "cruise", "filter.kind": "flat"}, "filter 'flat' flies in 2 dimensions"),
         ({"method": "cruise", "vehicle.model": "flat"}, "vehicle 'flat' flies in 2 dimensions"),

@@ -69,6 +69,12 @@ POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02}
 ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
 SOON: dict[str, Any] = {"uavs": 6, "federation.period": 15}  # two rounds are shorter
 SOONER = dict.fromkeys(("mfgfl-f", "mfgfl-h", "mfgfl-hf"), SOON)
+SPACE: dict[str, Any] = {"uavs": 6, "space.dimensions": 3, "start.layers": 2, "start.spacing": 1.0}
+SPATIAL = [
+    name
+    for name in plugins.names("controller")
+    if 3 in plugins.registry.dimensions_of(plugins.load("controller", name))
+]
 # Kind, plug-in, options, and keys of the scenario, if it is not that of the suite.
 CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
     *((kind, name, {}, SOONER.get(name, {})) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),
@@ -83,6 +89,12 @@ CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
         ("controller", name, {}, {"uavs": uavs, "obstacles": DISCS, "start.spacing": 0.5, "sharing": policy})
         for name, uavs, policy in product(SHARING, (1, 6), POLICIES)
     ),
+    *(
+        ("controller", name, {}, {**SPACE, **keys} | SOONER.get(name, {}))
+        for name, keys in product(SPATIAL, ({}, {**ECBF, **TICK}))
+    ),
+    *(("filter", name, {}, {**SPACE, "filter.kind": name, "obstacles": DISCS}) for name in plugins.names("filter")),
+    ("vehicle", "point-mass", {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0}),
     *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
     *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),
     ("channel", Bursts, {}, {}),

@@ -23,27 +23,16 @@ from meanflock import kernels
 from meanflock.kernels.mean_field import features, interaction
 from meanflock.kernels.mean_field.features import POWERS
 from meanflock.kernels.mean_field.interaction import empirical
-from meanflock.kernels.mean_field.layout import (
-    DENSITY,
-    DENSITY_FEATURES,
-    DIMENSIONS,
-    MODEL_FLOATS,
-    NUMBERS,
-    VALUE_FEATURES,
-    Tables,
-)
+from meanflock.kernels.mean_field.layout import DENSITY_DEGREE, VALUE_DEGREE, Tables, layout_of
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario, mean_field
-from meanflock.swarm.scenario.tables import Wind
+from meanflock.swarm.scenario.tables import Space, Wind
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import Floats
 
 Indices = NDArray[np.intp]
-Products = tuple[Indices, Indices, Floats]  # first and second of the 28 powers, and a factor
+Products = tuple[Indices, Floats]  # which of the powers each factor of a product is, and a factor more
 Power = tuple[int, int, int]  # coordinate, exponent, order of the derivative by the coordinate
-
-VALUE_DEGREE = 6
-DENSITY_DEGREE = 4
 
 
 class Keys(NamedTuple):
@@ -54,51 +43,48 @@ class Keys(NamedTuple):
     wind: Wind
     density: mean_field.Density
     radius: float  # of the destination, m
+    space: Space
 
 
-def _value_exponents() -> Indices:
+def value_exponents(axes: int) -> Indices:
     """Exponents of σ_H, (54, 4): axis x then y, lexicographic in (position, velocity) within an axis."""
     rows = []
-    for axis in range(DIMENSIONS):
+    for axis in range(axes):
         for i, j in product(range(VALUE_DEGREE + 1), repeat=2):
             if 1 <= i + j <= VALUE_DEGREE:
-                row = [0] * (2 * DIMENSIONS)
-                row[axis], row[DIMENSIONS + axis] = i, j
+                row = [0] * (2 * axes)
+                row[axis], row[axes + axis] = i, j
                 rows.append(row)
     return np.array(rows)
 
 
-def _density_exponents() -> Indices:
+def density_exponents(axes: int) -> Indices:
     """Exponents of σ_F, (69, 4), lexicographic: the terms of degree 1…4 in four variables."""
-    grid = product(range(DENSITY_DEGREE + 1), repeat=2 * DIMENSIONS)
+    grid = product(range(DENSITY_DEGREE + 1), repeat=2 * axes)
     return np.array([row for row in grid if 1 <= sum(row) <= DENSITY_DEGREE])
 
 
-VALUE_EXPONENTS = _value_exponents()
-DENSITY_EXPONENTS = _density_exponents()
-assert len(VALUE_EXPONENTS) == VALUE_FEATURES
-assert len(DENSITY_EXPONENTS) == DENSITY_FEATURES
-
-
-def scales(learner: mean_field.LearnerTable) -> Floats:
+def scales(learner: mean_field.LearnerTable, axes: int) -> Floats:
     """Scales [L_r, L_r, L_v, L_v] of a state."""
-    return np.repeat([learner.position_scale, learner.velocity_scale], DIMENSIONS)
+    return np.repeat([learner.position_scale, learner.velocity_scale], axes)
 
 
-def standard_nodes() -> Floats:
-    """The 64 scrambled-Sobol points of the standard normal in four dimensions, `(64, 4)`; a fixed table."""
-    text = Path(__file__).with_name("nodes.csv").read_text(encoding="utf-8")
+def standard_nodes(axes: int) -> Floats:
+    """The 64 scrambled-Sobol points of the standard normal in 2d dimensions, `(64, 2d)`; a fixed table for each d."""
+    name = "nodes.csv" if axes == state.PLANE else "nodes_in_space.csv"
+    text = Path(__file__).with_name(name).read_text(encoding="utf-8")
     return np.array([[float(cell) for cell in line.split(",")] for line in text.splitlines()])
 
 
-def offsets(spread: mean_field.Density) -> Floats:
-    """Offsets δ of the quadrature's nodes from the UAV, `(64, 4)`."""
-    return standard_nodes() * np.repeat([spread.node_position_std, spread.node_velocity_std], DIMENSIONS)
+def offsets(spread: mean_field.Density, axes: int) -> Floats:
+    """Offsets δ of the quadrature's nodes from the UAV, `(64, 2d)`."""
+    return standard_nodes(axes) * np.repeat([spread.node_position_std, spread.node_velocity_std], axes)
 
 
 def keys(scenario: Scenario) -> Keys:
     """Returns the parts of a scenario that its tables depend on."""
-    return Keys(scenario.learner, scenario.cost, scenario.wind, scenario.density, scenario.destination.radius)
+    parts = scenario.learner, scenario.cost, scenario.wind, scenario.density
+    return Keys(*parts, scenario.destination.radius, scenario.space)
 
 
 def tables(scenario: Scenario) -> Tables:
@@ -109,14 +95,16 @@ def tables(scenario: Scenario) -> Tables:
 @lru_cache(maxsize=4)  # processes that are forked from one have those of their flight already
 def tables_of(given: Keys) -> Tables:
     """All tables, by what they depend on."""
-    learner, cost, wind, density, radius = given
-    scale, nodes = scales(learner), offsets(density)
-    terms = np.concatenate([np.zeros((1, 2 * DIMENSIONS), dtype=np.intp), DENSITY_EXPONENTS])
+    learner, cost, wind, density, radius, space = given
+    axes = space.dimensions
+    scale, nodes = scales(learner, axes), offsets(density, axes)
+    terms = np.concatenate([np.zeros((1, 2 * axes), dtype=np.intp), density_exponents(axes)])
     factorials = np.array([float(prod(map(factorial, term))) for term in terms.tolist()])
     monomials = ((nodes / scale)[None, :, :] ** terms[:, None, :]).prod(axis=-1)
-    value_first, value_second, value_factor = _value_products(scale, learner.multinomial)
-    pairs = [(i, j) for i, j in product(range(DENSITY_DEGREE + 1), repeat=2) if i + j <= DENSITY_DEGREE]
-    pair_first, pair_second, pair_factor = _pair_products(scale, pairs)
+    (value_first, value_second), value_factor = _value_products(scale, learner.multinomial)
+    grid = product(range(DENSITY_DEGREE + 1), repeat=axes)
+    pairs = [exponents for exponents in grid if sum(exponents) <= DENSITY_DEGREE]
+    pair_places, pair_factor = _pair_products(scale, pairs)
     number = {pair: k for k, pair in enumerate(pairs)}
     at_position = np.array([number[tuple(term)] for term in state.position(terms).tolist()])
     at_velocity = np.array([number[tuple(term)] for term in state.velocity(terms).tolist()])
@@ -134,7 +122,7 @@ def tables_of(given: Keys) -> Tables:
         factorial=factorials * coefficient,
         monomials=np.ascontiguousarray(monomials / factorials[:, None]),
         kernel=interaction.kernel(state.velocity(nodes), state.position(nodes), cost.epsilon, cost.beta),
-        wind=np.array(wind.mean),
+        wind=space.vector(wind.mean),
         drag=wind.drag,
         half_variance=0.5 * wind.sigma**2,
         c1=cost.c1,
@@ -149,8 +137,9 @@ def tables_of(given: Keys) -> Tables:
         arrived_squared=radius**2,
         value_first=value_first,
         value_second=value_second,
-        pair_first=pair_first,
-        pair_second=pair_second,
+        pair_first=pair_places[0],
+        pair_second=pair_places[1],
+        pair_third=pair_places[2] if axes == state.SPACE else np.zeros(0, dtype=np.intp),
         at_position=at_position,
         at_velocity=at_velocity,
         left=np.concatenate([count + at_position[1:], at_position[1:]]),
@@ -168,36 +157,41 @@ def _coefficient(degree: int, exponents: list[int]) -> float:
 
 def _value_products(scale: Floats, multinomial: bool) -> Products:
     """Products that make σ_H, ∂σ_H/∂r, ∂σ_H/∂v and ∂²σ_H/∂v². Each feature belongs to one axis."""
-    features = []
+    features, axes = [], len(scale) // 2
     for by_position, by_velocity in ((0, 0), (1, 0), (0, 1), (0, 2)):
-        for row in VALUE_EXPONENTS.tolist():
-            axis = next(axis for axis in range(DIMENSIONS) if row[axis] or row[DIMENSIONS + axis])
-            powers = (axis, row[axis], by_position), (DIMENSIONS + axis, row[DIMENSIONS + axis], by_velocity)
-            features.append((*powers, _coefficient(VALUE_DEGREE, row) if multinomial else 1.0))
+        for row in value_exponents(axes).tolist():
+            axis = next(axis for axis in range(axes) if row[axis] or row[axes + axis])
+            powers = [(axis, row[axis], by_position), (axes + axis, row[axes + axis], by_velocity)]
+            features.append((powers, _coefficient(VALUE_DEGREE, row) if multinomial else 1.0))
     return _products(scale, features)
 
 
-def _pair_products(scale: Floats, pairs: list[tuple[int, int]]) -> Products:
+def _pair_products(scale: Floats, pairs: list[tuple[int, ...]]) -> Products:
     """Products that make the pairs of positions, then of velocities, each with the derivatives of the FPK operator."""
-    position, velocity = 0, DIMENSIONS
-    derivatives = (
-        (position, 0, 0), (position, 1, 0), (position, 0, 1),
-        (velocity, 0, 0), (velocity, 1, 0), (velocity, 0, 1), (velocity, 2, 0), (velocity, 0, 2),
-    )  # fmt: skip
-    return _products(scale, [((at, i, u), (at + 1, j, v), 1.0) for at, u, v in derivatives for i, j in pairs])
+    axes = len(scale) // 2
+    none, single = [0] * axes, np.eye(axes, dtype=int).tolist()
+    double = (2 * np.eye(axes, dtype=int)).tolist()
+    derivatives = [(0, orders) for orders in (none, *single)] + [(axes, orders) for orders in (none, *single, *double)]
+    return _products(
+        scale,
+        [
+            ([(at + axis, exponents[axis], orders[axis]) for axis in range(axes)], 1.0)
+            for at, orders in derivatives
+            for exponents in pairs
+        ],
+    )
 
 
-def _products(scale: Floats, features: list[tuple[Power, Power, float]]) -> Products:
-    """Products that make features, each of two powers and a coefficient."""
+def _products(scale: Floats, features: list[tuple[list[Power], float]]) -> Products:
+    """Products that make features, each of some powers and a coefficient."""
     places, factors = [], []
-    for *powers, coefficient in features:
+    for powers, coefficient in features:
         inside = all(exponent >= by for _, exponent, by in powers)
         places.append([axis * POWERS + (exponent - by if inside else 0) for axis, exponent, by in powers])
         falling = prod(perm(exponent, by) for _, exponent, by in powers)
         unit = prod(scale[axis] ** by for axis, _, by in powers)
         factors.append(coefficient * (falling / unit) if inside else 0.0)
-    first, second = np.array(places).T
-    return first, second, np.array(factors)
+    return np.array(places).T, np.array(factors)
 
 
 def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
@@ -218,32 +212,36 @@ class MeanFieldLearner:
 
     def __init__(self, scenario: Scenario, *, learns_density: bool = True) -> None:
         self._scenario = scenario
+        self._layout = layout_of(scenario.dimensions)
         self._learns_density = learns_density
         self._constants = tables(scenario)
         self._prepared = kernels.prepare(self._constants)
         self._written: list[Floats] = []  # weights of the last steps
 
     def init(self, rows: int, initial_states: Floats) -> Floats:
-        """Weights at take-off, `(rows, 246)`; every UAV fits one density to the initial states of all, `(N, 4)`."""
-        weights = np.zeros((rows, MODEL_FLOATS))
+        """Weights at take-off, `(rows, 246)`, in space `(rows, 580)`.
+
+        Every UAV fits one density to the initial states of all, `(N, 2d)`.
+        """
+        weights = np.zeros((rows, self._layout.floats))
         if self._learns_density:
             plan = np.ascontiguousarray(initial_states, dtype=np.float64)
-            weights[:, DENSITY] = _fit_of_plan(keys(self._scenario), self._scenario.seed, plan.tobytes())
+            weights[:, self._layout.density] = _fit_of_plan(keys(self._scenario), self._scenario.seed, plan.tobytes())
         return weights
 
     def refit(self, weights: Floats, rows: NDArray[np.intp], known_states: Floats) -> Floats:
         """The weights (M, 246), with the density of some rows fitted to the states that they know, (M, N, 4)."""
-        refitted, first = weights.copy(), slice(DENSITY.start, DENSITY.start + DENSITY_FEATURES)
+        refitted, count, start = weights.copy(), self._layout.density_features, self._layout.density.start
         for row in rows.tolist():
             fitted = fit(self._scenario.density, self._scenario.seed, self._constants, known_states[row])
-            refitted[row, first] = fitted[:DENSITY_FEATURES]
+            refitted[row, start : start + count] = fitted[:count]
         return refitted
 
     def step(self, weights: Floats, states: Floats, known_states: Floats | None) -> tuple[Floats, Floats]:
-        """Update each network once; returns the new weights (M, 246), and numbers (M, 5), [a_x, a_y, e_H, e_F, φ_G].
+        """Update each network once; returns the new weights, and numbers (M, d + 3), [a, e_H, e_F, φ_G].
 
         Args:
-            weights: (M, 246). states: (M, 4). known_states: (M, N, 4), the states known to each row, for hjb only.
+            weights: (M, floats). states: (M, 2d). known_states: (M, N, 2d), the states known to each row, for hjb only.
         """
         around, cost = None, self._scenario.cost
         if not self._learns_density:
@@ -251,7 +249,7 @@ class MeanFieldLearner:
                 raise ValueError("hjb needs the states known to its rows")
             with np.errstate(over="ignore", invalid="ignore"):
                 around = known_states if cost.beta == 1.0 else empirical(states, known_states, cost.epsilon, cost.beta)
-        stepped, numbers = self._room(weights.shape), np.empty((len(weights), NUMBERS))
+        stepped, numbers = self._room(weights.shape), np.empty((len(weights), self._layout.numbers))
         kernels.learn(self._prepared, states, np.ascontiguousarray(weights), around, stepped, numbers)
         return stepped, numbers
 
@@ -295,7 +293,8 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
 @lru_cache(maxsize=4)  # processes that are forked from one have the fit of their flight already
 def _fit_of_plan(given: Keys, seed: int, plan: bytes) -> Floats:
     """`fit` to the initial states whose bytes are `plan`."""
-    fitted = fit(given.density, seed, tables_of(given), np.frombuffer(plan).reshape(-1, 2 * DIMENSIONS))
+    states = np.frombuffer(plan).reshape(-1, 2 * given.space.dimensions)
+    fitted = fit(given.density, seed, tables_of(given), states)
     fitted.flags.writeable = False
     return fitted
 
@@ -307,18 +306,20 @@ def fit(spread: mean_field.Density, seed: int, constants: Tables, initial_states
     equations are summed without BLAS, whose order depends on the number of cores.
 
     Args:
-        constants: of the scenario. seed: of the scenario. initial_states: (N, 4).
+        constants: of the scenario. seed: of the scenario. initial_states: (N, 2d).
     """
-    bandwidth = np.array([spread.position_bandwidth] * 2 + [spread.velocity_bandwidth] * 2)
+    axes = state.axes(initial_states)
+    bandwidth = np.repeat([spread.position_bandwidth, spread.velocity_bandwidth], axes)
     draw = generator(seed, "density-fit")
     chosen = draw.integers(len(initial_states), size=spread.near_samples)
-    near = initial_states[chosen] + 2.0 * bandwidth * draw.standard_normal((spread.near_samples, 4))
-    box = constants.scale * draw.uniform(-1.0, 1.0, (spread.box_samples, 4))
+    near = initial_states[chosen] + 2.0 * bandwidth * draw.standard_normal((spread.near_samples, 2 * axes))
+    box = constants.scale * draw.uniform(-1.0, 1.0, (spread.box_samples, 2 * axes))
     points = np.concatenate([near, box])
     sigma = features.terms(constants, features.pairs(constants, features.powers(constants, points)))[:, 1:]
     target = mixture(points, initial_states, bandwidth)
     normal = np.einsum("sk,sl->kl", sigma, sigma) / len(points)
     right = np.einsum("sk,s->k", sigma, target) / len(points)
-    weights = np.zeros(2 * DENSITY_FEATURES)
-    weights[:DENSITY_FEATURES] = np.linalg.solve(normal + spread.ridge * np.eye(DENSITY_FEATURES), right)
+    count = len(right)
+    weights = np.zeros(2 * count)
+    weights[:count] = np.linalg.solve(normal + spread.ridge * np.eye(count), right)
     return weights

@@ -1,6 +1,7 @@
 """The paper's methods: networks that learn the HJB and FPK equations in flight, Algorithms 1 to 3.
 
-The weights of a UAV are one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; a method shares a contiguous part of it.
+The weights of a UAV are one row [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)], in space [81, 81, 209, 209]; a method
+shares a contiguous part of it.
 The learners fly to the origin. If UAVs have goals of their own, each uses states relative to its goal.
 """
 
@@ -24,7 +25,7 @@ from meanflock.agent.controllers.base import (
     plausible,
 )
 from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner
-from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, MODEL_FLOATS, VALUE, VALUE_FEATURES
+from meanflock.kernels.mean_field.layout import layout_of
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -79,15 +80,24 @@ class Separation:
 class MeanField(Controller):
     """Base class of the paper's learning methods."""
 
+    dimensions = (2, 3)
+    weights: int
     learns_density = True
-    shared = slice(0, 0)  # the part of the weights that the federation averages
+    shares_value = shares_density = False  # whether the federation averages these networks
     exchanged_period_ticks = 200  # `period_ticks` with `learner.exchanged_rounds`
-    weights = MODEL_FLOATS
     diagnostics: tuple[str, ...] = ("hjb_residual", "fpk_residual", "phi_G")
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
+        layout = layout_of(scenario.dimensions)
+        self.weights = layout.floats
+        self.shared = slice(  # the part of the weights that the federation averages
+            0 if self.shares_value else layout.density.start,
+            layout.floats if self.shares_density else layout.density.start,
+        )
         self.parameters = self.shared.stop - self.shared.start
+        self.parts = (layout.value_features,) * (2 * self.shares_value)
+        self.parts += (layout.density_features,) * (2 * self.shares_density)
         if scenario.learner.exchanged_rounds:
             self.period_ticks = self.exchanged_period_ticks
         self._first_command = round(scenario.learner.act_after_s / scenario.dt)  # tick
@@ -111,7 +121,7 @@ class MeanField(Controller):
         goals = mission.goal_states(self.scenario)
         if goals.any():
             fitted = [self.learner.init(1, plan - goal) for goal in goals[uavs]]
-            memory: Memory = {"weights": np.concatenate([np.zeros((0, MODEL_FLOATS)), *fitted]), "goal": goals[uavs]}
+            memory: Memory = {"weights": np.concatenate([np.zeros((0, self.weights)), *fitted]), "goal": goals[uavs]}
         else:
             memory = {"weights": self.learner.init(len(uavs), plan)}
         if self.state_period:  # states of the mission plan, later replaced by received ones
@@ -136,7 +146,8 @@ class MeanField(Controller):
         states = own if goal is None else own - goal
         known_states = known_states if goal is None or known_states is None else known_states - goal[:, None]
         weights, numbers = self.learner.step(weights, states, known_states)
-        broadcasts, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :2]
+        axes = state.axes(own)
+        broadcasts, action = self.state_period and tick and tick % self.state_period == 0, numbers[:, :axes]
         if self.separation is not None:
             states_received, places, refused = self._receive_states(memory["believed"], received)
             memory, pushed = self.separation.step(memory, tick, own, states_received, places)
@@ -146,7 +157,7 @@ class MeanField(Controller):
         return Step(
             memory | {"weights": weights},
             action,
-            numbers[:, 2:] if self.learns_density else numbers[:, 2::2],  # without e_F
+            numbers[:, axes:] if self.learns_density else numbers[:, axes::2],  # without e_F
             (Broadcast(own),) if broadcasts else (),
             refused,
         )
@@ -205,23 +216,20 @@ class MfgflH(MeanField):
     """Like `mfg`; the federation averages the value models."""
 
     name = "mfgfl-h"
-    shared = VALUE
-    parts = (VALUE_FEATURES,) * 2
+    shares_value = True
 
 
 class MfgflF(MeanField):
     """Like `mfg`; the federation averages the density models."""
 
     name = "mfgfl-f"
-    shared = DENSITY
-    parts = (DENSITY_FEATURES,) * 2
+    shares_density = True
 
 
 class MfgflHf(MeanField):
     """Like `mfg`; the federation averages both models, every 200 ticks; with exchanged rounds every 100."""
 
     name = "mfgfl-hf"
-    shared = slice(VALUE.start, DENSITY.stop)
-    parts: tuple[int, ...] = (VALUE_FEATURES,) * 2 + (DENSITY_FEATURES,) * 2
+    shares_value = shares_density = True
     period_ticks = 200
     exchanged_period_ticks = 100

@@ -49,7 +49,7 @@ class OpenLoopPlan:
     """The commands of M UAVs, tick by tick."""
 
     def __init__(self, scenario: Scenario, starts: Floats) -> None:
-        """`starts`: their states in the mission plan relative to their goals, `(M, 4)`."""
+        """`starts`: their states in the mission plan relative to their goals, `(M, 2d)`."""
         limits = scenario.offline
         wind = scenario.wind
         dt = scenario.dt
@@ -61,7 +61,7 @@ class OpenLoopPlan:
             along[1 : 1 + len(profile), uav] = profile
         heading = -state.position(starts) / np.where(distance > 0, distance, 1.0)[:, None]
         velocity = along[..., None] * heading  # before tick k + 1, over ground
-        cancel = wind.drag * (velocity - np.array(wind.mean))
+        cancel = wind.drag * (velocity - scenario.space.vector(wind.mean))
         self._commands = cancel
         self._commands[:-1] += np.diff(velocity, axis=0) / dt
 
@@ -70,7 +70,7 @@ class OpenLoopPlan:
         return len(self._commands) - 1
 
     def __call__(self, ticks: int | NDArray[np.intp]) -> Floats:
-        """Accelerations `(M, 2)`, m/s²: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and those of the hover after the end.
+        """Accelerations `(M, d)`, m/s²: (v_{k+1} − v_k)/dt + c0(v_k − v_o), and those of the hover after the end.
 
         Args:
             ticks: since each launch, one number or `(M,)`; a negative number counts as 0.
@@ -85,6 +85,7 @@ class Offline(Controller):
     """
 
     name = "offline"
+    dimensions = (2, 3)
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)

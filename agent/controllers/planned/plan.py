@@ -72,12 +72,12 @@ class Trajectory:
     """The trajectories of all UAVs of a scenario.
 
     Attributes:
-        starts, slots: (N, 2) m, the ends of the trajectories. A UAV departs when it leaves the ground.
-        at: a tick → states (N, 4) and accelerations (N, 2), m/s², in that tick.
+        starts, slots: (N, d) m, the ends of the trajectories. A UAV departs when it leaves the ground.
+        at: a tick → states (N, 2d) and accelerations (N, d), m/s², in that tick.
     """
 
     def __init__(self, scenario: Scenario, plan: state.States, cruise_m_s: float = CRUISE_M_S) -> None:
-        """`plan`: (N, 4) the states at t = 0, known to all UAVs."""
+        """`plan`: (N, 2d) the states at t = 0, known to all UAVs."""
         self._dt = scenario.dt
         self._launch_s: Floats = mission.launches(scenario).astype(np.float64) * scenario.dt
         self.starts = np.array(state.position(plan))
@@ -92,7 +92,7 @@ class Trajectory:
         self.at = lru_cache(maxsize=2)(self._at)  # a controller asks several times for this tick and the one before
 
     def _at(self, tick: int) -> tuple[state.States, Floats]:
-        """States (N, 4) and accelerations (N, 2), m/s², in a tick; read-only."""
+        """States (N, 2d) and accelerations (N, d), m/s², in a tick; read-only."""
         covered, speed, change = self._profile.at(tick * self._dt - self._launch_s)
         states = np.concatenate([self.starts + covered[:, None] * self._way, speed[:, None] * self._way], axis=-1)
         acceleration = change[:, None] * self._way
@@ -101,12 +101,12 @@ class Trajectory:
         return states, acceleration
 
     def states(self, tick: int) -> state.States:
-        """States (N, 4) in a tick."""
+        """States (N, 2d) in a tick."""
         return self.at(tick)[0]
 
 
 def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:
-    """Slots, (N, 2): the formation of the UAVs of each goal, shrunk until the outermost is `radius_m` from it."""
+    """Slots, (N, d): the formation of the UAVs of each goal, shrunk until the outermost is `radius_m` from it."""
     ends = goals.copy()
     for rows in companions(goals):
         place = starts[rows] - starts[rows].mean(axis=0)
@@ -117,7 +117,7 @@ def slots(starts: Floats, goals: Floats, radius_m: float) -> Floats:
 
 
 def companions(goals: Floats) -> list[NDArray[np.intp]]:
-    """Indices of the rows of `goals`, (N, 2), grouped by goal."""
+    """Indices of the rows of `goals`, (N, d), grouped by goal."""
     _, group = np.unique(goals, axis=0, return_inverse=True)
     return [np.flatnonzero(group == number) for number in range(int(group.max(initial=-1)) + 1)]
 
@@ -126,7 +126,7 @@ class AlongPlan:
     """Prediction of a return to a plan: s*(t) + (s − s*)·e^(−age/τ), with s − s* at the time of sending."""
 
     def __init__(self, plan: Callable[[int], States], dt: float, tau_s: float = 2.0) -> None:
-        """`plan`: the states s* of all UAVs in a tick, (N, 4). `tau_s`: τ, in which a deviation falls to 1/e."""
+        """`plan`: the states s* of all UAVs in a tick, (N, 2d). `tau_s`: τ, in which a deviation falls to 1/e."""
         self._plan = plan
         # By age in ticks. A table, because the bits of an array `exp` depend on the position in the array.
         self._left = np.array([math.exp(-age * dt / tau_s) for age in range(math.ceil(40.0 * tau_s / dt) + 1)])
@@ -158,7 +158,7 @@ class Planned(Controller):
         return AlongPlan(self._trajectory.states, self.scenario.dt)
 
     def _off(self, uavs: Rows, tick: int, own: States) -> tuple[Floats, Vectors]:
-        """Errors of rows (M, 4) to their trajectories, (M, 2 axes, 2) m and m/s; and accelerations there, (M, 2)."""
+        """Errors of rows (M, 2d) to their trajectories, (M, d, 2) m and m/s; and accelerations there, (M, d)."""
         states, acceleration = (ideal[uavs] for ideal in self._trajectory.at(tick))
         off = own - states
         return np.stack([state.position(off), state.velocity(off)], axis=-1), acceleration
@@ -205,6 +205,7 @@ class PlanFollower(Planned):
     """
 
     name = "plan"
+    dimensions = (2, 3)
 
     class Options(base.Options, frozen=True):
         """The options of `plan`."""

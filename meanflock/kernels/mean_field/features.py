@@ -7,11 +7,9 @@ Every function is row-wise: row i of the result depends on row i of the argument
 
 import numpy as np
 
-from meanflock.kernels.mean_field.layout import Floats, Indices, Tables
+from meanflock.kernels.mean_field.layout import PER_AXIS, Floats, Tables, layout_of
 
 POWERS = 7  # 1, u, u² … u⁶ of each coordinate
-AXIS_FEATURES = 27  # features σ_H of each axis
-PAIRS = 15  # products of two powers, with total degree 0…4
 
 
 def powers(t: Tables, states: Floats) -> Floats:
@@ -24,18 +22,23 @@ def powers(t: Tables, states: Floats) -> Floats:
 
 def value(t: Tables, given: Floats) -> Floats:
     """Features of axis x and of axis y from powers, [σ, ∂σ/∂r, ∂σ/∂v, ∂²σ/∂v²]: `(..., 4, 2, 27)`."""
-    return _products(given, t.value_first, t.value_second, t.value_factor).reshape(
-        *given.shape[:-1], 4, given.shape[-1] // (2 * POWERS), AXIS_FEATURES
-    )
+    products = given.take(t.value_first, axis=-1)
+    products *= given.take(t.value_second, axis=-1)
+    products *= t.value_factor
+    return products.reshape(*given.shape[:-1], 4, given.shape[-1] // (2 * POWERS), PER_AXIS)
 
 
 def pairs(t: Tables, given: Floats) -> Floats:
     """Pairs from powers, `(..., 8, 15)`: A, ∂A/∂x, ∂A/∂y of positions; V, ∂V/∂vx, ∂V/∂vy, ∂²V/∂vx², ∂²V/∂vy² of
-    velocities.
+    velocities. In space `(..., 11, 35)`.
     """
-    return _products(given, t.pair_first, t.pair_second, t.pair_factor).reshape(
-        *given.shape[:-1], len(t.pair_first) // PAIRS, PAIRS
-    )
+    each = layout_of(len(t.wind)).pairs
+    products = given.take(t.pair_first, axis=-1)
+    for other in (t.pair_second, t.pair_third):
+        if len(other):
+            products *= given.take(other, axis=-1)
+    products *= t.pair_factor
+    return products.reshape(*given.shape[:-1], len(t.pair_first) // each, each)
 
 
 def terms(t: Tables, given: Floats) -> Floats:
@@ -43,10 +46,3 @@ def terms(t: Tables, given: Floats) -> Floats:
     result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 1 + len(t.wind), :].take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result
-
-
-def _products(given: Floats, first: Indices, second: Indices, factor: Floats) -> Floats:
-    products = given.take(first, axis=-1)
-    products *= given.take(second, axis=-1)
-    products *= factor
-    return products

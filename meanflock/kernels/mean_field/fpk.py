@@ -6,12 +6,11 @@ Weights `(..., 138)` are [ŵ_F0, ŵ_F1]: m̂ = ŵ_F0ᵀσ_F and its time derivat
 import numpy as np
 
 from meanflock.kernels import state
-from meanflock.kernels.mean_field import features
 from meanflock.kernels.mean_field.layout import Floats, Tables
 
 
 def divergence(t: Tables, curvature: Floats) -> Floats:
-    """Divergence of the drift, ∇·b = −2c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
+    """Divergence of the drift, ∇·b = −d c0 − (ψ̂_vxvx + ψ̂_vyvy)/2c3, `(...)`, 1/s."""
     return -float(len(t.wind)) * t.drag - t.gain * curvature
 
 
@@ -32,13 +31,14 @@ def operator(t: Tables, pairs: Floats, b: Floats, divergence: Floats) -> Floats:
     factors[..., at_velocity + 1 : -axes, 0] = state.velocity(b)
     factors[..., -axes:, 0] = -t.half_variance
     images = factors * pairs
-    blocks = np.empty((*b.shape[:-1], 4, features.PAIRS))
+    each = pairs.shape[-1]
+    blocks = np.empty((*b.shape[:-1], 4, each))
     blocks[..., 0, :] = pairs[..., 0, :]
     parts = [images[..., part, :] for part in range(images.shape[-2])]
     blocks[..., 1, :] = sum(parts[1:at_velocity], parts[0])
     blocks[..., 2, :] = pairs[..., at_velocity, :]
     blocks[..., 3, :] = sum(parts[at_velocity + 2 :], parts[at_velocity + 1])
-    flat = blocks.reshape(*blocks.shape[:-2], 4 * features.PAIRS)
+    flat = blocks.reshape(*blocks.shape[:-2], 4 * each)
     products = flat.take(t.left, axis=-1)
     products *= flat.take(t.right, axis=-1)
     half = products.shape[-1] // 2

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.kernels import state
 from meanflock.kernels.mean_field import features
-from meanflock.kernels.mean_field.layout import Floats, Tables
+from meanflock.kernels.mean_field.layout import PER_AXIS, Floats, Tables
 
 
 class ValueStep(NamedTuple):
@@ -54,7 +54,7 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
     blocks = features.value(t, powers)  # of axis x and axis y: (..., 2, 27) each
     sigma, by_position, by_velocity, curvature = (blocks[..., k, :, :] for k in range(4))
     rows = weights.shape[:-1]
-    per_axis = (*rows, 2, state.axes(states), features.AXIS_FEATURES)  # [ŵ_H0, ŵ_H1] of axis x and axis y
+    per_axis = (*rows, 2, state.axes(states), PER_AXIS)  # [ŵ_H0, ŵ_H1] of axis x and axis y
 
     action_before = -t.gain * state.dot(by_velocity, weights.reshape(per_axis)[..., 0, :, :])
     before = drift(t, states, action_before)
@@ -78,7 +78,7 @@ def step(t: Tables, weights: Floats, states: Floats, powers: Floats, phi_g: Floa
         slope = t.kappa * state.position(states) + state.velocity(states)  # Bᵀ∇L_s
         push = (t.push * slope)[..., None] * by_velocity
         np.add(value, push, out=value, where=active[..., None, None])
-    whole = (*rows, state.axes(states) * features.AXIS_FEATURES)
+    whole = (*rows, state.axes(states) * PER_AXIS)
     action = -t.gain * state.dot(by_velocity, value)
     bend = state.dot(curvature.reshape(whole), value.reshape(whole))
     return ValueStep(stepped, action_before, action, residual, bend)

@@ -1,9 +1,12 @@
 """Layout of the model of a mean-field learner, and the constants of its step; `learn.h` has the same in C.
 
-A model is one row of floats, [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]. A *power* is one of 1, u, u² … u⁶ of a
-scaled coordinate u; four coordinates make 28. A *feature* is a product of two powers and a factor.
+A model is one row of floats, [ŵ_H0 (54), ŵ_H1 (54), ŵ_F0 (69), ŵ_F1 (69)]; in space [81, 81, 209, 209]. A *power* is
+one of 1, u, u² … u⁶ of a scaled coordinate u; four coordinates make 28. A *feature* is a product of two powers and a
+factor, and a *pair* is one of a power of each axis.
 """
 
+from functools import cache
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -13,17 +16,54 @@ from meanflock.kernels.state import Floats
 
 Indices = NDArray[np.intp]
 
-DIMENSIONS = 2  # axes of a state of this layout; the counts below follow from it
-VALUE_FEATURES = 54  # M_H: terms of σ_H
-DENSITY_FEATURES = 69  # M_F: terms of σ_F
-VALUE = slice(0, 2 * VALUE_FEATURES)
-DENSITY = slice(VALUE.stop, VALUE.stop + 2 * DENSITY_FEATURES)
-MODEL_FLOATS = DENSITY.stop  # 246
-NUMBERS = DIMENSIONS + 3  # results of a step: [a_x, a_y, e_H, e_F, φ_G]
+VALUE_DEGREE, DENSITY_DEGREE = 6, 4  # of the polynomials
+PER_AXIS = 27  # terms of σ_H of each axis: degree 1…6 in position and velocity
+
+
+class Layout(NamedTuple):
+    """Sizes of a model, and places of its parts.
+
+    axes: of a state. value_features: M_H, terms of σ_H. density_features: M_F, terms of σ_F. pairs: products of a power
+    of each axis, of degree 0…4. value, density: weights of the networks in a model. floats: of a model. numbers:
+    results of a step, [a, e_H, e_F, φ_G].
+    """
+
+    axes: int
+    value_features: int
+    density_features: int
+    pairs: int
+    value: slice
+    density: slice
+    floats: int
+    numbers: int
+
+
+@cache
+def layout_of(axes: int) -> Layout:
+    """The layout for states of so many axes."""
+    value, density = PER_AXIS * axes, comb(2 * axes + DENSITY_DEGREE, DENSITY_DEGREE) - 1
+    floats = 2 * (value + density)
+    return Layout(
+        axes,
+        value,
+        density,
+        comb(axes + DENSITY_DEGREE, DENSITY_DEGREE),
+        slice(0, 2 * value),
+        slice(2 * value, floats),
+        floats,
+        axes + 3,
+    )
+
+
+# In the plane, as in the paper.
+_, VALUE_FEATURES, DENSITY_FEATURES, _, VALUE, DENSITY, MODEL_FLOATS, NUMBERS = layout_of(2)
 
 
 class Tables(NamedTuple):
-    """Constants of a scenario, in the order of the struct in learn.h: first all floats, then all indices."""
+    """Constants of a scenario, in the order of the struct in learn.h: first all floats, then all indices.
+
+    The shapes are those of the plane.
+    """
 
     scale: Floats  # (4,): L_r, L_r, L_v, L_v
     value_factor: Floats  # (216,): of σ_H, ∂σ_H/∂r, ∂σ_H/∂v, ∂²σ_H/∂v², 54 each
@@ -49,6 +89,7 @@ class Tables(NamedTuple):
     value_second: Indices  # (216,)
     pair_first: Indices  # (120,)
     pair_second: Indices  # (120,)
+    pair_third: Indices  # (0,); in space as many as of the others
     at_position: Indices  # (70,): which A a term of [1, σ_F] has
     at_velocity: Indices  # (70,): which V
     left: Indices  # (138,): into [A, LA, V, LV], 15 each: a term's image is LA·V + A·LV

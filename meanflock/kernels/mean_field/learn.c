@@ -1,11 +1,11 @@
-/* Functions of the extension for the mean-field methods; they check their arrays. */
+/* Functions of learner.c for a number of axes; they check their arrays. */
 #include "../module.h" /* Python.h comes first */
 
 #include <string.h>
 
 #include "learn.h"
 
-static const char *NAME = "meanflock.tables";
+static const char *NAME = DIMENSIONS == 2 ? "meanflock.tables" : "meanflock.tables_in_space";
 
 static void forget(PyObject *capsule) { PyMem_Free(PyCapsule_GetPointer(capsule, NAME)); }
 
@@ -22,12 +22,15 @@ static int sound(const Tables *t) {
         few = few && t->starts[k] < t->starts[k + 1] && t->starts[k + 1] - t->starts[k] <= TERMS;
     return few && all_below(t->value_first, BLOCKS, ALL_POWERS) && all_below(t->value_second, BLOCKS, ALL_POWERS)
         && all_below(t->pair_first, ALL_PAIRS, ALL_POWERS) && all_below(t->pair_second, ALL_PAIRS, ALL_POWERS)
+#if DIMENSIONS > 2
+        && all_below(t->pair_third, ALL_PAIRS, ALL_POWERS)
+#endif
         && all_below(t->at_position, TERMS, PAIRS) && all_below(t->at_velocity, TERMS, PAIRS)
         && all_below(t->left, 2 * DENSITIES, 4 * PAIRS) && all_below(t->right, 2 * DENSITIES, 4 * PAIRS)
         && all_below(t->weight, PRODUCTS, DENSITIES) && all_below(t->term, PRODUCTS, TERMS);
 }
 
-PyObject *learner_tables(PyObject *module, PyObject *args) {
+PyObject *OF_AXES(learner_tables)(PyObject *module, PyObject *args) {
     PyObject *numbers, *indices, *capsule = NULL;
     Arrays arrays = {.held = 0};
     const Py_ssize_t split = offsetof(Tables, value_first), end = offsetof(Tables, starts) + sizeof((Tables *)0)->starts;
@@ -81,7 +84,7 @@ static int interaction(Arrays *arrays, PyObject *around, const Tables *t, const 
     return 1;
 }
 
-PyObject *learner_step(PyObject *module, PyObject *args) {
+PyObject *OF_AXES(learner_step)(PyObject *module, PyObject *args) {
     PyObject *capsule, *states, *weights, *around, *weights_out, *numbers;
     Arrays arrays = {.held = 0};
     if (!PyArg_ParseTuple(args, "OOOOOO:learn", &capsule, &states, &weights, &around, &weights_out, &numbers)) return NULL;
@@ -98,21 +101,7 @@ PyObject *learner_step(PyObject *module, PyObject *args) {
     return done(&arrays, Py_NewRef(Py_None));
 }
 
-PyObject *learner_repel(PyObject *module, PyObject *args) {
-    PyObject *states, *known, *pushed;
-    Arrays arrays = {.held = 0};
-    double weight, range, *room;
-    if (!PyArg_ParseTuple(args, "OOddO:repel", &states, &known, &weight, &range, &pushed)) return NULL;
-    const Py_ssize_t rows = items(&arrays, states, "states", 1, VARIABLES);
-    const Py_ssize_t others = rows < 0 ? -1 : items(&arrays, known, "known", rows, VARIABLES);
-    if (others < 0 || !doubles(&arrays, pushed, "pushed", rows * DIMENSIONS, WRITTEN)
-        || (room = room_for(&arrays, DIMENSIONS * others)) == NULL)
-        return done(&arrays, NULL);
-    for (Py_ssize_t m = 0; m < rows; m++) {
-        const char *state = (const char *)arrays.view[0].buf + m * VARIABLES * D;
-        double found[DIMENSIONS];
-        repel(state, (const char *)arrays.view[1].buf + m * others * VARIABLES * D, others, weight, range, room, found);
-        memcpy((char *)arrays.view[2].buf + m * DIMENSIONS * D, found, sizeof found);
-    }
-    return done(&arrays, Py_NewRef(Py_None));
-}
+#if DIMENSIONS > 2
+/* Number of the doubles in its tables. */
+Py_ssize_t numbers_in_space(void) { return offsetof(Tables, value_first) / D; }
+#endif

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.kernels.mean_field import features, fpk, hjb, interaction
-from meanflock.kernels.mean_field.layout import DENSITY, DENSITY_FEATURES, VALUE, Tables
+from meanflock.kernels.mean_field.layout import Tables, layout_of
 from meanflock.kernels.state import Floats
 
 
@@ -20,26 +20,27 @@ def learn(
     """One tick of the mean-field learners of M UAVs: φ_G, the value step, the density step, the action.
 
     Args:
-        states: (M, 4). weights: (M, 246), [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1].
+        states: (M, 2d). weights: (M, 246), in space (M, 580), [ŵ_H0, ŵ_H1, ŵ_F0, ŵ_F1].
         around: None: the density is learned and φ_G is its quadrature. Else the density stays as it is, and φ_G is
-            the mean over the states known to each row, (M, N, 4), with β = 1; or it is given, (M,).
-        weights_out: (M, 246), written; may be `weights`. numbers: (M, 5), written: [a_x, a_y, e_H, e_F, φ_G].
+            the mean over the states known to each row, (M, N, 2d), with β = 1; or it is given, (M,).
+        weights_out: as `weights`, written; may be `weights`. numbers: (M, d + 3), written: [a, e_H, e_F, φ_G].
     """
+    _, _, features_of_density, _, of_value, of_density, _, _ = layout_of(len(tables.wind))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         powers = features.powers(tables, states)
         if around is not None:
             phi_g = around if around.ndim == 1 else interaction.empirical(states, around, tables.epsilon)
-            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
-            density, residual = weights[:, DENSITY], np.zeros(len(states))
+            value = hjb.step(tables, weights[:, of_value], states, powers, phi_g)
+            density, residual = weights[:, of_density], np.zeros(len(states))
         else:
             pairs = features.pairs(tables, powers)
             terms = features.terms(tables, pairs)
-            density = weights[:, DENSITY]
-            phi_g = interaction.quadrature(tables, density[:, :DENSITY_FEATURES], terms)
-            value = hjb.step(tables, weights[:, VALUE], states, powers, phi_g)
+            density = weights[:, of_density]
+            phi_g = interaction.quadrature(tables, density[:, :features_of_density], terms)
+            value = hjb.step(tables, weights[:, of_value], states, powers, phi_g)
             drift = hjb.drift(tables, states, value.action)
             density, residual = fpk.step(tables, density, states, pairs, terms[:, 1:], drift, value.curvature)
-    weights_out[:, VALUE], weights_out[:, DENSITY] = value.weights, density
+    weights_out[:, of_value], weights_out[:, of_density] = value.weights, density
     numbers[:, :-3] = value.action
     numbers[:, -3] = value.residual
     numbers[:, -2] = residual

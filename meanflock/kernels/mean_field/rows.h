@@ -42,12 +42,25 @@ INLINE Lanes root(Lanes x) {
 /* np.maximum: NaN stays NaN. */
 INLINE Lanes at_least(Lanes x, double least) { return chosen(x < least, (Lanes){0} + least, x); }
 
-/* swarm.state.dot: np.sum of the products, which begins at zero; n: 1 … 2 * PAIRWISE. */
-INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
+/* NumPy's pairwise sum of more numbers: in two halves, the first of them a multiple of eight; n: 1 … 2 * PAIRWISE. */
+INLINE Lanes in_halves(const Lanes *a, const Lanes *b, int n) {
     int half = n > PAIRWISE ? n / 2 - n / 2 % 8 : 0;
-    Lanes sum = pairwise(a + half, b + half, n - half);
-    return 0.0 + (half ? pairwise(a, b, half) + sum : sum);
+    Lanes sum = pairwise(a + half, b == NULL ? NULL : b + half, n - half);
+    return half ? pairwise(a, b, half) + sum : sum;
 }
+
+/* swarm.state.dot: np.sum of the products, which begins at zero; n: 1 … 4 * PAIRWISE. */
+INLINE Lanes dot(const Lanes *a, const Lanes *b, int n) {
+    int half = n > 2 * PAIRWISE ? n / 2 - n / 2 % 8 : 0;
+    Lanes sum = in_halves(a + half, b + half, n - half);
+    return 0.0 + (half ? in_halves(a, b, half) + sum : sum);
+}
+
+#if DIMENSIONS == 2
+#define sum_of_terms pairwise /* a term has no more products */
+#else
+#define sum_of_terms in_halves
+#endif
 
 INLINE Lanes vector(const Lanes *a, const Lanes *b) { return dot(a, b, DIMENSIONS); }
 
@@ -60,7 +73,7 @@ INLINE Lanes quadrature(const Tables *t, const Lanes *weights, const Lanes *term
         Lanes products[TERMS];
         int p = t->starts[k], n = t->starts[k + 1] - p;
         for (int i = 0; i < n; i++) products[i] = w[t->weight[p + i]] * s[t->term[p + i]];
-        coefficient[k] = n > 1 ? products[0] + pairwise(products + 1, NULL, n - 1) : products[0];
+        coefficient[k] = n > 1 ? products[0] + sum_of_terms(products + 1, NULL, n - 1) : products[0];
     }
     for (int q = 0; q < NODES; q += NODES_AT_ONCE) {
         Lanes sum[NODES_AT_ONCE];
@@ -203,8 +216,13 @@ TARGET void STEP(const Tables *t, const Rows *rows, ptrdiff_t from, int count) {
         numbers[DIMENSIONS + 1] = (Lanes){0};
         memcpy(density_stepped, density, 2 * DENSITIES * sizeof *density);
     } else {
-        for (int k = 0; k < ALL_PAIRS; k++)
-            pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]] * t->pair_factor[k];
+        for (int k = 0; k < ALL_PAIRS; k++) {
+            pairs[k] = powers[t->pair_first[k]] * powers[t->pair_second[k]];
+#if DIMENSIONS > 2
+            pairs[k] *= powers[t->pair_third[k]];
+#endif
+            pairs[k] *= t->pair_factor[k];
+        }
         for (int k = 0; k < TERMS; k++)
             terms[k] = pairs[t->at_position[k]] * pairs[(1 + DIMENSIONS) * PAIRS + t->at_velocity[k]] * t->coefficient[k];
         numbers[DIMENSIONS + 2] = quadrature(t, density, terms);

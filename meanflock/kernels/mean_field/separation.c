@@ -37,6 +37,7 @@ FOR_AXES void repelled(const int axes, const char *state, const char *known, ptr
     for (int k = 0; k < axes; k++) pushed[k] = weight * (n ? 0.0 + sum_of(room + k * n, n) : 0.0);
 }
 
-void repel(const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room, double *pushed) {
-    repelled(PLANE, state, known, n, weight, range, room, pushed);
+void repel(int axes, const char *state, const char *known, ptrdiff_t n, double weight, double range, double *room,
+           double *pushed) {
+    BY_AXES(axes, repelled, state, known, n, weight, range, room, pushed);
 }

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meanflock.agent.controllers.mean_field.learner import DENSITY_EXPONENTS, VALUE_EXPONENTS, MeanFieldLearner, tables
+from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner, density_exponents, tables, value_exponents
 from meanflock.kernels import reference
 from meanflock.kernels.mean_field import features, fpk, hjb, layout
 from meanflock.kernels.mean_field.layout import Tables, packed
@@ -26,6 +26,8 @@ WIDE = 1003  # as many as are stepped with AVX-512, and some that fill no vector
 SCENARIO = load(None, ["uavs=9"], method="mfg")
 TABLES = tables(SCENARIO)
 MULTINOMIAL = tables(load(None, ["uavs=9", "learner.multinomial=true"], method="mfg"))
+IN_SPACE = tables(load(None, ["uavs=9", "space.dimensions=3", "wind.mean=[1,-1,0.5]"], method="mfg"))
+SPACE = layout.layout_of(3)
 AROUND = ("density", "known", "given")  # where φ_G comes from
 
 
@@ -33,7 +35,7 @@ def tick(
     backend: ModuleType, weights: np.ndarray, states: np.ndarray, around: np.ndarray | None, tables_: Tables = TABLES
 ) -> list[bytes]:
     """The bits of each row: its weights and its numbers; a NaN is a NaN, its sign and payload mean nothing."""
-    stepped, numbers = np.full_like(weights, 7.0), np.full((len(weights), 5), 7.0)
+    stepped, numbers = np.full_like(weights, 7.0), np.full((len(weights), 3 + states.shape[1] // 2), 7.0)
     with np.errstate(all="ignore"):
         backend.learn(backend.prepare(tables_), states, weights, around, stepped, numbers)
     whole = np.concatenate([stepped, numbers], axis=-1)
@@ -72,6 +74,72 @@ def test_both_forms_give_the_same_bits_for_any_numbers(
 
 
 @pytest.mark.parametrize("around", AROUND)
+@pytest.mark.parametrize("rows", [1, 3, LANES + 1, WIDE])
+def test_both_forms_give_the_same_bits_in_space_row_by_row(backend: ModuleType, around: str, rows: int) -> None:
+    draw = np.random.default_rng(rows)
+    weights = draw.normal(0, 0.3, (9, SPACE.floats))
+    states = draw.uniform([-50, -50, -9, -8, -8, -3], [180, 130, 9, 8, 8, 3], (9, 6))
+    states[8], weights[7, 3] = np.nan, np.inf
+    given = {"density": None, "known": draw.normal(0, 30, (9, 20, 6)), "given": draw.uniform(0, 9, 9)}[around]
+    alone = [
+        tick(reference, *(None if part is None else part[k : k + 1] for part in (weights, states, given)), IN_SPACE)[0]
+        for k in range(9)
+    ]
+    many = [None if part is None else np.resize(part, (rows, *part.shape[1:])) for part in (weights, states, given)]
+    assert tick(backend, *many, IN_SPACE) == [alone[k % 9] for k in range(rows)]
+
+
+def test_the_layout_in_space_follows_from_that_in_the_plane() -> None:
+    assert layout.layout_of(2)[1:4] == (54, 69, 15)
+    assert SPACE[1:4] == (81, 209, 35)
+    assert SPACE.floats == 580
+    assert len(value_exponents(3)) == 81
+    assert len(density_exponents(3)) == 209
+    assert len(IN_SPACE.weight) == 1819
+
+
+def test_a_level_state_has_the_features_and_the_interaction_of_the_plane() -> None:
+    """With z = v_z = 0 and without weights of their terms, â_z is 0, and all else is that of the plane."""
+    draw = np.random.default_rng(4)
+    flat, weights = draw.uniform(-9, 9, (5, 4)), draw.normal(0, 0.1, (5, layout.MODEL_FLOATS))
+    states, spread = np.zeros((5, 6)), np.zeros((5, SPACE.floats))
+    states[:, [0, 1, 3, 4]] = flat
+    level = [not (row[2] or row[5]) for row in density_exponents(3).tolist()]
+    spread[:, SPACE.value] = np.concatenate(
+        [weights[:, :54], np.zeros((5, 27)), weights[:, 54:108], np.zeros((5, 27))], 1
+    )
+    spread[:, SPACE.density][:, np.flatnonzero(level * 2)] = weights[:, layout.DENSITY]
+    powers = features.powers(IN_SPACE, states)
+    terms = features.terms(IN_SPACE, features.pairs(IN_SPACE, powers))
+    there = features.terms(TABLES, features.pairs(TABLES, features.powers(TABLES, flat)))
+    np.testing.assert_allclose(terms[:, [True, *level]], there, rtol=1e-13)
+    value = hjb.step(IN_SPACE, spread[:, SPACE.value], states, powers, np.zeros(5))
+    plane = hjb.step(TABLES, weights[:, layout.VALUE], flat, features.powers(TABLES, flat), np.zeros(5))
+    np.testing.assert_allclose(value.action_before[:, :2], plane.action_before, rtol=1e-12)
+    np.testing.assert_allclose(value.action_before[:, 2], 0.0, atol=1e-12)
+
+
+def test_derivatives_of_pairs_in_space_are_exact() -> None:
+    draw = np.random.default_rng(2)
+    states, step = draw.uniform(-30, 30, (6, 6)), 1e-4
+
+    def pairs(at: np.ndarray) -> np.ndarray:
+        return features.pairs(IN_SPACE, features.powers(IN_SPACE, at))
+
+    here = pairs(states)
+    for axis in range(6):
+        ahead, behind = states.copy(), states.copy()
+        ahead[:, axis] += step
+        behind[:, axis] -= step
+        of, first = (0, 1 + axis) if axis < 3 else (4, 2 + axis)
+        slope = (pairs(ahead) - pairs(behind))[:, of] / (2 * step)
+        np.testing.assert_allclose(here[:, first], slope, rtol=1e-6, atol=1e-9)
+        if axis >= 3:
+            bend = (pairs(ahead)[:, first] - pairs(behind)[:, first]) / (2 * step)
+            np.testing.assert_allclose(here[:, 5 + axis], bend, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("around", AROUND)
 @pytest.mark.parametrize("rows", [0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 1])
 def test_rows_are_those_of_numpy_one_by_one_and_nothing_beyond_the_last_is_touched(
     backend: ModuleType, around: str, rows: int
@@ -94,11 +162,12 @@ def test_rows_are_those_of_numpy_one_by_one_and_nothing_beyond_the_last_is_touch
 @pytest.mark.parametrize("bad", [-1, 10_000, -(2**31), 2**31 - 1])
 def test_no_index_of_the_tables_points_outside(field: str, bad: int) -> None:
     native = pytest.importorskip("meanflock.kernels._native")
-    for place in (0, -1):
-        changed = np.array(getattr(TABLES, field))
-        changed[place] = bad
-        with pytest.raises(ValueError, match="outside"):
-            native.tables(*packed(TABLES._replace(**{field: changed})))
+    for tables_ in (TABLES, IN_SPACE):
+        for place in (0, -1)[: len(getattr(tables_, field))]:
+            changed = np.array(getattr(tables_, field))
+            changed[place] = bad
+            with pytest.raises(ValueError, match="outside"):
+                native.tables(*packed(tables_._replace(**{field: changed})))
 
 
 def test_tables_of_another_size_or_type_are_refused() -> None:
@@ -186,8 +255,8 @@ def close(actual: Any, name: str) -> None:
 
 
 def test_exponents_are_in_the_agreed_order() -> None:
-    assert VALUE_EXPONENTS.tolist() == ORACLE["exponents_H"]
-    assert DENSITY_EXPONENTS.tolist() == ORACLE["exponents_F"]
+    assert value_exponents(2).tolist() == ORACLE["exponents_H"]
+    assert density_exponents(2).tolist() == ORACLE["exponents_F"]
 
 
 def weights(first: str, second: str) -> np.ndarray:

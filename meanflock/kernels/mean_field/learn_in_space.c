@@ -1,0 +1,3 @@
+/* The functions of learn.c in space. */
+#define DIMENSIONS 3
+#include "learn.c"

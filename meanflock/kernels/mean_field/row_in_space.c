@@ -1,0 +1,3 @@
+/* The step of row.c in space. */
+#define DIMENSIONS 3
+#include "row.c"

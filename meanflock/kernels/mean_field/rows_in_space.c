@@ -1,0 +1,3 @@
+/* The step of rows.c in space. */
+#define DIMENSIONS 3
+#include "rows.c"
