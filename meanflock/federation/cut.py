@@ -18,6 +18,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE
 
 WHOLE = 0  # value of `federation.fragment`: no model is cut
+WHOLE_FROM = 0.5  # expected share of whole models that are delivered, from which they go whole in space
 SUCCESS = 0.95  # expected share of fragments that are delivered, from which a size is long enough
 
 
@@ -95,7 +96,10 @@ def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterabl
     """
     slots = scenario.federation.fragment
     if slots is None:
-        slots = WHOLE if _fits(scenario, bits) else longest(scenario)
+        is_whole = _fits(scenario, bits)
+        if is_whole and scenario.dimensions == 3:  # in the plane models are cut by their length alone
+            is_whole = share_delivered(scenario, bits) >= WHOLE_FROM
+        slots = WHOLE if is_whole else longest(scenario)
     if slots == WHOLE:
         return None
     radio, forms = scenario.radio, tuple(forms)

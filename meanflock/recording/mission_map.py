@@ -34,7 +34,7 @@ _SAMPLE, _SCALE = 0.16, 0.7  # lengths of a sample, and at most of the scale's b
 Corners = tuple[NDArray[np.float64], NDArray[np.float64]]  # lower left and upper right, (2,) m
 
 
-class Layout(NamedTuple):
+class KeyLayout(NamedTuple):
     """The place of the key: middle of its upper left sample, width of a column, height of a row, length of a sample,
     all in m.
     """
@@ -92,7 +92,7 @@ def start_box(scenario: Scenario) -> Corners:
     return places.min(axis=0) - scenario.start.spacing, places.max(axis=0) + scenario.start.spacing
 
 
-def layout(scenario: Scenario, words: int, maps: int = 1) -> Layout:
+def layout(scenario: Scenario, words: int, maps: int = 1) -> KeyLayout:
     """The layout of a key of so many `words`, on one of several `maps`.
 
     The key begins level with the mission, or is centred where it is higher than the mission.
@@ -103,7 +103,7 @@ def layout(scenario: Scenario, words: int, maps: int = 1) -> Layout:
     row = float(high[1] - low[1]) * min(_ROW * shape(maps)[0], 1 / lines)
     mission_low, mission_high = box(scenario)
     top = max(float(mission_high[1]), float(mission_low[1] + mission_high[1] + lines * row) / 2)
-    return Layout(low[0] + column / 2, top - row / 2, column, row, _SAMPLE * column)
+    return KeyLayout(low[0] + column / 2, top - row / 2, column, row, _SAMPLE * column)
 
 
 def _way_m(scenario: Scenario) -> float:

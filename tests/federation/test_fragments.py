@@ -189,3 +189,13 @@ def test_models_are_whole_where_fragments_would_not_help_and_nodes_are_told_the_
     told = plan_of(flown()).node_scenario
     assert told.federation.fragment == 3
     assert plan_of(told).hops[0].codec.cut == plan_of(flown()).hops[0].codec.cut
+
+
+def test_in_space_models_are_cut_where_more_than_half_would_be_lost() -> None:
+    def pieces(*settings: str) -> int:
+        return plan_of(load(None, [*settings], method="mfgfl-hf")).hops[0].codec.count
+
+    assert pieces("space.dimensions=3") == 3  # 580 floats take 8 of 8 slots
+    assert pieces("space.dimensions=3", "radio.target_snr_db=70") == 1
+    assert pieces("space.dimensions=3", "federation.fragment=0") == 1
+    assert pieces("radio.target_snr_db=80") == 1  # in the plane their length decides
