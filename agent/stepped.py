@@ -31,6 +31,7 @@ class External(Controller):
     """Controller that returns the command it was given. Its model is shared if it has `parameters`."""
 
     name = "stepped"
+    dimensions = (2, 3)
 
     class Options(base.Options, frozen=True):
         """The options of `stepped`: what another controller declares."""

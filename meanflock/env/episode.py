@@ -45,8 +45,8 @@ class Form:
         self.message = count_of("message:", message, 0, MAX_MESSAGE)
         self.acceleration = _acceleration(acceleration)
         self.weights = weights_of(reward)
-        self.inputs = width(self.neighbours, self.message)
         source = source_of(mission)
+        self.inputs = width(self.neighbours, self.message, source.dimensions)
         self.outputs = source.dimensions + self.message
         self.seed = seed_of(mission, keys.get("seed"))
         numbers = Perception(source, self.neighbours, self.message).broadcast_numbers

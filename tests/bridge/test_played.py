@@ -64,6 +64,17 @@ def test_global_positions_lie_about_the_home(flown: mf.Run) -> None:
     assert place.hdg / 100 == pytest.approx(90.0 + np.degrees(np.arctan2(4.0, 3.0)), abs=0.01)
 
 
+def test_positions_in_space_are_above_the_home() -> None:
+    with Client() as client:
+        with Vehicles(1, 0.1, [Address("127.0.0.1", client.port)], Home(60.0, 8.0, 488.0)) as vehicles:
+            vehicles.send(0, np.array([[10.0, -20.0, 30.5, 3.0, -4.0, 1.25]]), np.zeros(1))
+        client.receive()
+    (place,) = client.messages_of("LOCAL_POSITION_NED")
+    assert (place.x, place.y, place.z, place.vx, place.vy, place.vz) == (-20.0, 10.0, -30.5, -4.0, 3.0, -1.25)
+    (place,) = client.messages_of("GLOBAL_POSITION_INT")
+    assert (place.alt, place.relative_alt, place.vz) == (518_500, 30_500, -125)
+
+
 def test_the_first_station_is_the_home_of_every_vehicle() -> None:
     with Client() as client:
         to = [Address("127.0.0.1", client.port)]

@@ -106,6 +106,25 @@ def test_a_bag_has_every_state_with_its_bits(run, flown) -> None:
     assert Path("bag/bag.mcap").read_bytes() == Path("r.mcap").read_bytes()
 
 
+def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> None:
+    keys = {"space.dimensions": 3, "start.layers": 2, "wind.mean": (1.0, -1.0, 0.5), "method": "cruise"}
+    flown = mf.fly("paper", uavs=5, duration=3, out=tmp_path, **keys)
+    assert run("export", str(flown.folder), "--mcap", "space.mcap", "--quiet")[0] == EXIT_DONE
+    places, speeds, heights, goals = [], [], [], []
+    for topic, _, message in read("space.mcap"):
+        if topic == "/swarm/poses":
+            places.append([(pose.position.x, pose.position.y, pose.position.z) for pose in message.poses])
+        elif topic == "/swarm/states":
+            speeds.append([(twist.linear.x, twist.linear.y, twist.linear.z) for twist in message.twist])
+        elif topic == "/series/z_m":
+            heights.append(message.data)
+        elif topic == "/mission":
+            goals += [marker.pose.position.z for marker in message.markers if marker.ns == "goals"]
+    assert np.concatenate([places, speeds], axis=-1).tobytes() == flown.states.tobytes()
+    assert np.array(heights).tobytes() == flown.states[..., 2].tobytes()
+    assert set(goals) == {40.0}
+
+
 @pytest.mark.parametrize("text", ["2026-11-21T10:15:00.5+01:00", "run"])
 def test_the_file_begins_at_the_time_of_take_off(run, flown, text: str) -> None:
     at = began(flown.folder) if text == "run" else datetime(2026, 11, 21, 9, 15, 0, 500_000, tzinfo=UTC)

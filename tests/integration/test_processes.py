@@ -34,6 +34,7 @@ CUTS = [
     ("short-bands", "3", ()),
     ("short-mast", "2", ()),
     ("short-stations", "1", ()),
+    ("short-space-braking", "2", ()),
     ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
 

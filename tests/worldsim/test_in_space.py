@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock import env
 from meanflock.channel.base import in_space
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
@@ -144,3 +145,19 @@ def test_columns_of_a_time_series_have_z_in_space_only() -> None:
     assert flown.states.shape[2] == 6
     flat = mf.fly(Scenario(method="cruise", uavs=2, duration=1.0)).frame().column_names
     assert not {"z_m", "vz_m_s", "az_m_s2"} & set(flat)
+
+
+def test_a_flight_that_is_stepped_and_an_environment_have_three_axes() -> None:
+    scenario = Scenario(uavs=4, duration=5.0, start={"layers": 2}, **CALM)
+    stepped = mf.Stepped(scenario)
+    stepped.step(np.tile([0.0, 0.0, 2.0], (4, 1)))
+    np.testing.assert_allclose(stepped.states[:, 5], 0.2)
+    flights = env.parallel_env(scenario, neighbours=2)
+    observed, _ = flights.reset(seed=1)
+    starts = state.position(stepped.states) - [0.0, 0.0, 0.02]
+    for uav, row in enumerate(observed.values()):
+        assert row.shape == (6 + 2 * (6 + 2),)
+        np.testing.assert_allclose(row[:6], [*starts[uav] - [0.0, 0.0, 40.0], 0.0, 0.0, 0.0], atol=1e-4)
+        nearest = np.sort(np.linalg.norm(starts - starts[uav], axis=-1))[1]
+        assert np.linalg.norm(row[6:9]) == pytest.approx(nearest, rel=1e-6)
+    flights.step({agent: np.array([0.0, 0.0, 1.0]) for agent in flights.agents})

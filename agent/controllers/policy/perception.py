@@ -1,6 +1,6 @@
 """Observations of a policy: its own state relative to the goal, and the nearest UAVs as the radio brought them.
 
-A row of observations is, in m, m/s and s:
+A row of observations is, in m, m/s and s (in space with z and vz, too):
 
 - x, y, vx, vy of the UAV, minus those of its goal at rest;
 - for each of the K nearest UAVs, the nearest first: x, y, vx, vy of the other minus those of the UAV; the age of the
@@ -22,14 +22,13 @@ from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States
 
-_STATE = 2 * state.PLANE
-AGE, MASK, MESSAGE = _STATE, _STATE + 1, _STATE + 2  # columns of another UAV; its message begins at the last
+_AGE, _MASK, _MESSAGE = range(3)  # columns of another UAV behind its state; its message begins at the last
 _STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
 
 
-def width(neighbours: int, message: int) -> int:
+def width(neighbours: int, message: int, axes: int = state.PLANE) -> int:
     """Numbers of an observation of so many neighbours, with messages of so many numbers."""
-    return _STATE + neighbours * (MESSAGE + message)
+    return 2 * axes + neighbours * (2 * axes + _MESSAGE + message)
 
 
 class Perception:
@@ -60,7 +59,7 @@ class Perception:
         return memory, refused
 
     def observe(self, memory: Memory, tick: int, own: States) -> Floats:
-        """The observations of rows (M, 4), (M, 4 + K (6 + W))."""
+        """The observations of rows (M, 2d), (M, 2d + K (2d + 2 + W))."""
         uavs, rows = memory["neighbour_uav"], np.arange(len(own))[:, None]
         others = self._others.states(memory, tick)
         place = state.position(own)
@@ -68,17 +67,16 @@ class Perception:
         squared[rows[:, 0], uavs] = np.inf
         count = min(self.neighbours, others.shape[1] - 1)
         which = np.argsort(squared, axis=1, kind="stable")[:, :count]
-        seen = np.zeros((len(own), self.neighbours, MESSAGE + self.message))
+        numbers = own.shape[1]  # of a state
+        seen = np.zeros((len(own), self.neighbours, numbers + _MESSAGE + self.message))
         near = seen[:, :count]
-        near[..., :_STATE] = others[rows, which] - own[:, None]
-        near[..., AGE] = (tick - memory["neighbour_tick"][rows, which]) * self._dt
-        near[..., MASK] = 1.0
+        near[..., :numbers] = others[rows, which] - own[:, None]
+        near[..., numbers + _AGE] = (tick - memory["neighbour_tick"][rows, which]) * self._dt
+        near[..., numbers + _MASK] = 1.0
         if self.message:
-            near[..., MESSAGE:] = memory["message"][rows, which]
+            near[..., numbers + _MESSAGE :] = memory["message"][rows, which]
         near[squared[rows, which] > 0.25 * FAR_M * FAR_M] = 0.0
-        return np.concatenate(
-            [own - self._goals[uavs], seen.reshape(len(own), self.neighbours * (MESSAGE + self.message))], axis=1
-        )
+        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), -1)], axis=1)
 
     def send(
         self, memory: Memory, tick: int, own: States, messages: Floats | None

@@ -6,7 +6,7 @@ They need neither the controller nor the plug-ins of the run.
 import json
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,9 +22,9 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.results.event_log import stored_lines
 from meanflock.results.flown import FlownKeys, flown_keys
 from meanflock.results.plots import plotstyle
-from meanflock.results.quantities import FIELDS, PHI_G, quantity
+from meanflock.results.quantities import FIELDS, PHI_G, POSITION, VELOCITY, quantity
 from meanflock.results.run_folder import EVENTS, flown_rows
-from meanflock.results.series import diagnostics_in, per_uav, span_where
+from meanflock.results.series import diagnostics_in, dimensions_in, per_uav, span_where
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
@@ -200,7 +200,8 @@ class _Panels:
     def all(self) -> list[_Panel]:
         """The panels of every flight, then those of the controller's reports."""
         axis, arrived = plotstyle.axis, FIELDS["arrived"].name
-        speed = np.hypot(_grid(self._table, "vx_m_s"), _grid(self._table, "vy_m_s"))
+        axes = dimensions_in(self._table.schema)
+        speed = reduce(np.hypot, (_grid(self._table, name) for name in VELOCITY[:axes]))
         panels = [
             _Panel(_ranged("energy_J"), axis("energy_J"), partial(self._span, _grid(self._table, "energy_J"))),
             _Panel(_ranged("speed_mean_m_s"), axis("speed_mean_m_s"), partial(self._span, speed)),
@@ -210,6 +211,9 @@ class _Panels:
             _Panel(f"{arrived} and collisions", "UAVs, pairs", self._arrived),
             *map(self._diagnostic, diagnostics_in(self._table.schema)),
         ]
+        if axes == state.SPACE:
+            height = partial(self._span, _grid(self._table, POSITION[-1]))
+            panels.insert(2, _Panel("altitude: mean, max, min", "$z$ (m)", height))
         if self._table["weight_spread"].null_count < self._table.num_rows:
             panels.append(_Panel(FIELDS["weight_spread"].name, axis("weight_spread"), self._spread))
         return panels
