@@ -127,8 +127,8 @@ class Federation(_Table, frozen=True):
             int,
             key(
                 "slots of a fragment into which models are cut; 0: models are never cut; unset: models that need more "
-                "than the latency threshold are cut into the longest fragments of which 95 % arrive, and in space those "
-                "of which more than half would be lost",
+                "than the latency threshold are cut into the longest fragments of which 95 % arrive, and so are those "
+                "in space of which more than half would be lost",
                 OURS,
                 "the paper's models fit into one message; [federation](federation.md) says what longer ones do",
                 later=True,
