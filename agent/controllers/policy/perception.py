@@ -76,7 +76,7 @@ class Perception:
         if self.message:
             near[..., numbers + _MESSAGE :] = memory["message"][rows, which]
         near[squared[rows, which] > 0.25 * FAR_M * FAR_M] = 0.0
-        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), -1)], axis=1)
+        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), seen.shape[1] * seen.shape[2])], axis=1)
 
     def send(
         self, memory: Memory, tick: int, own: States, messages: Floats | None

@@ -20,7 +20,7 @@ VALUE_DEGREE, DENSITY_DEGREE = 6, 4  # of the polynomials
 PER_AXIS = 27  # terms of σ_H of each axis: degree 1…6 in position and velocity
 
 
-class Layout(NamedTuple):
+class ModelLayout(NamedTuple):
     """Sizes of a model, and places of its parts.
 
     axes: of a state. value_features: M_H, terms of σ_H. density_features: M_F, terms of σ_F. pairs: products of a power
@@ -39,11 +39,11 @@ class Layout(NamedTuple):
 
 
 @cache
-def layout_of(axes: int) -> Layout:
+def layout_of(axes: int) -> ModelLayout:
     """The layout for states of so many axes."""
     value, density = PER_AXIS * axes, comb(2 * axes + DENSITY_DEGREE, DENSITY_DEGREE) - 1
     floats = 2 * (value + density)
-    return Layout(
+    return ModelLayout(
         axes,
         value,
         density,
