@@ -202,7 +202,7 @@ class Plan:
             raise BadInput(
                 f"{about} has a `carry` that knows UAVs only; remove them, or let the channel declare `stations = True`"
             )
-        own = next((number for number, station in enumerate(scenario.stations) if station.has_own_radio), None)
+        own = next((number for number, station in enumerate(scenario.stations) if station.differs), None)
         if not channel.own_radios and own is not None:
             raise BadInput(
                 f"{about} has one radio for all; remove tx_power_dbm, gain_dbi, noise_figure_db and bandwidth_hz of "

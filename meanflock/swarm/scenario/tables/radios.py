@@ -1,4 +1,4 @@
-"""Table of the radios that differ from `[radio]`."""
+"""Table of the radios that differ from `[radio]`, and what they may have of their own."""
 
 from typing import Annotated
 
@@ -7,12 +7,9 @@ from msgspec import Meta
 from meanflock.swarm.toml import Table as _Table
 
 
-class UnequalRadio(_Table, frozen=True, omit_defaults=True):
-    """The radio of some UAVs, where it differs from that of the others. No UAV is named twice."""
+class OwnRadio(_Table, frozen=True, omit_defaults=True, kw_only=True):
+    """What the radio of a node has of its own."""
 
-    uavs: Annotated[
-        tuple[Annotated[int, Meta(ge=0)], ...], Meta(min_length=1, description="the UAVs that have such a radio")
-    ]
     tx_power_dbm: (
         Annotated[float, Meta(ge=-300, le=300, description="its power, dBm; unset: `radio.tx_power_dbm`")] | None
     ) = None
@@ -29,9 +26,22 @@ class UnequalRadio(_Table, frozen=True, omit_defaults=True):
         | None
     ) = None
 
+    @property
+    def differs(self) -> bool:
+        """Returns whether anything of it is set."""
+        return any(value is not None for value in (self.tx_power_dbm, self.gain_dbi, self.noise_figure_db))
+
+
+class UnequalRadio(OwnRadio, frozen=True, omit_defaults=True, kw_only=True):
+    """The radio of some UAVs, where it differs from that of the others. No UAV is named twice."""
+
+    uavs: Annotated[
+        tuple[Annotated[int, Meta(ge=0)], ...], Meta(min_length=1, description="the UAVs that have such a radio")
+    ]
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.tx_power_dbm is None and self.gain_dbi is None and self.noise_figure_db is None:
+        if not self.differs:
             raise ValueError(
                 "a radio of `[[radios]]` differs in `tx_power_dbm`, `gain_dbi` or `noise_figure_db`: set one"
             )
