@@ -91,7 +91,7 @@ def _positions(mission: Mission) -> Floats:
     each = -(-each // width) * width if kind == "waves" else each  # whole waves in a layer
     layer, number = np.divmod(np.arange(uavs), each)
     last_row = (min(each, uavs) - 1) // width
-    middle = np.array([(width - 1) / 2, last_row / 2, (start.layers - 1) / 2])
+    middle = np.array([(width - 1) / 2, last_row / 2, layer[-1] / 2])  # of the layers that have UAVs
     return centre + start.spacing * (np.stack([number % width, number // width, layer], axis=-1) - middle)
 
 
@@ -176,8 +176,8 @@ def check(mission: Mission) -> None:
         for verb, places in (("starts", state.position(starts(mission))), ("has its goal", goals(mission))):
             if is_space and (lowest := places[:, -1].min()) < 0.0:
                 raise ValueError(
-                    f"UAV {places[:, -1].argmin()} {verb} {-lowest:g} m below the ground, z = 0; place it higher, or "
-                    "the whole formation by `start.height`"
+                    f"UAV {places[:, -1].argmin()} {verb} {-lowest:g} m below the ground, z = 0; raise its place, "
+                    "`start.centre`, or `start.height` where these have two numbers"
                 )
             for number, (x, y, radius) in enumerate(discs.tolist()):
                 inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
@@ -203,6 +203,8 @@ def _check_tables(mission: Mission) -> None:
             raise ValueError("`start.layers` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
         if start.positions or formation(start) not in (*GRIDS, "streams"):
             raise ValueError("`start.layers` has no effect here; leave it out, or take grid, waves or streams")
+        if start.layers > uavs:
+            raise ValueError(f"`start.layers` is {start.layers}, but `uavs` is {uavs}; take {uavs} layers at most")
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
 

@@ -81,8 +81,8 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
         (["start.layers=2"], "`start.layers` has no effect in the plane; set `space.dimensions` to 3"),
         (["start.formation=sphere"], '"sphere" needs space; set `space.dimensions` to 3'),
         (["space.dimensions=3", "start.formation=circle", "start.layers=2"], "`start.layers` has no effect here"),
-        (["space.dimensions=3", "start.centre=[1,2,-3]"], "UAV 0 starts 3 m below the ground, z = 0; place it higher"),
-        (["space.dimensions=3", "start.layers=90"], "below the ground"),
+        (["space.dimensions=3", "start.centre=[1,2,-3]"], "UAV 0 starts 3 m below the ground, z = 0; raise its place"),
+        (["space.dimensions=3", "start.layers=90"], "`start.layers` is 90, but `uavs` is 25"),
         (
             ["space.dimensions=3", "uavs=1", "destination.positions=[[1,2,-3]]"],
             "UAV 0 has its goal 3 m below the ground",
