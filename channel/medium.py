@@ -141,7 +141,7 @@ class Medium(Stateful):
             The mask (K,) of those that arrive.
         """
         links = Links.between(kind, source, np.arange(len(source)), target, self._scenario.nodes, is_unicast=True)
-        fate, expected = self._carried(tick, kind, bits, links, states, self._models_reach, noise)
+        fate, expected = self._carried(self._message(tick, kind, bits, links, states, noise), self._models_reach)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
         fate, expected = self._shared(tick, kind, links, fate, expected)
@@ -174,7 +174,7 @@ class Medium(Stateful):
         links = self._links(batch, states)
         bits = 8 * batch.payload.itemsize * batch.payload.shape[1]
         reach = math.inf if batch.kind == FrameKind.STATE else self._models_reach
-        fate, expected = self._carried(tick, batch.kind, bits, links, states, reach, noise)
+        fate, expected = self._carried(self._message(tick, batch.kind, bits, links, states, noise), reach)
         if cut is not None:
             fate = self._failed(cut(links.source, links.target), fate)
         fate, expected = self._shared(tick, batch.kind, links, fate, expected)
@@ -203,26 +203,16 @@ class Medium(Stateful):
             self._deliver(due, batch, ends[now], None if spent is None else spent[now])
         return _record(tick, links, fate)
 
-    def _carried(
-        self,
-        tick: int,
-        kind: FrameKind,
-        bits: int,
-        links: Links,
-        states: state.States,
-        reach: float,
-        noise: NoiseSources | None,
-    ) -> tuple[Fate, Expected]:
-        """Send a message over links by radio; links longer than `reach`, in m, fail.
+    def _carried(self, message: Message, reach: float) -> tuple[Fate, Expected]:
+        """Send a message; on links longer than `reach`, in m, it fails.
 
         Returns:
             Its outcome, and closed forms of outages and slots.
         """
-        count = len(links.pair)
+        count = len(message.source)
         if not count:
             return Fate(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)), (0.0, 0.0)
         try:
-            message = self._message(tick, kind, bits, links, states, noise)
             for array in self.memory.values():
                 array.flags.writeable = False
             answer = self._channel.carry(dict(self.memory), message, self.draw)
@@ -248,6 +238,7 @@ class Medium(Stateful):
         states: state.States,
         noise: NoiseSources | None = None,
     ) -> Message:
+        """The message over some links, with the UAVs at `states` (N, 2d)."""
         here = state.position(states)
         place = in_space(here, self._scenario)
         axes: Sequence[Floats] = state.parts(here)
