@@ -1,13 +1,11 @@
 """How long the models of a hop are on the air: each link in a band of its own, or all one after another in one band."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.codec import Codec
-from meanflock.federation.seat import seat
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.scenario import Scenario
@@ -20,20 +18,21 @@ def channel_of(scenario: Scenario) -> Any:
     return channel
 
 
-def duties(scenario: Scenario, hops: Iterable[Any]) -> NDArray[np.float64]:
-    """Share of the time in which each node sends models, on average, (N + B,): by the closed form of the channel with
-    all UAVs at their starts, without retries and collisions.
+def duties(plan: Any) -> NDArray[np.float64]:
+    """Share of the time in which each node of a plan sends models, on average, (N + B,).
+
+    It is that of the channel's closed form with all UAVs at their starts, without retries and collisions.
 
     Raises:
         BadInput: the channel is not installed, its options do not fit, or it fails.
     """
-    slots, first = np.zeros(scenario.nodes), seat(scenario)
-    channel = channel_of(scenario)
-    for hop in hops:
+    scenario, first = plan.scenario, plan.seat(0)
+    slots, channel = np.zeros(scenario.nodes), channel_of(scenario)
+    for hop in plan.hops:
         if hop.is_local:
             continue
         source = first if hop.role == "leader" else None
-        sends = np.array([first]) if source is not None and len(hop.senders) > 1 else hop.senders
+        sends = plan.senders(hop, 0)
         targets = hop.targets_of(sends, first)
         if targets is not None:
             sends = sends[(targets != sends[:, None]).any(axis=1)]

@@ -46,6 +46,7 @@ class Ledger(Stateful):
     )
 
     def __init__(self, plan: Plan) -> None:
+        self._plan = plan
         self._scenario = scenario = plan.scenario
         self._schedule = Schedule(plan)
         self._schedule.draw_ahead()
@@ -113,7 +114,7 @@ class Ledger(Stateful):
         paused."""
         number = self._schedule.open_round(tick)
         return number > 0 and any(
-            bool(awake[self._schedule.senders(hop, number)].any()) for hop in self._hops if hop.role == "leader"
+            bool(awake[self._plan.senders(hop, number)].any()) for hop in self._hops if hop.role == "leader"
         )
 
     # -- the frames that nodes send -----------------------------------------------------------------------------
@@ -321,7 +322,7 @@ class Ledger(Stateful):
         """The UAVs among the nodes that are awake (N + B,), without the one that averages a round for all."""
         others = awake.copy()
         others[self._scenario.uavs :] = False
-        others[self._schedule.senders(self._hops[-1], number)] = False
+        others[self._plan.senders(self._hops[-1], number)] = False
         return others
 
     def _list_open(self) -> None:
@@ -382,9 +383,9 @@ class Ledger(Stateful):
         """
         account = self._accounts.pop(number, Account(0, 0, []))
         received = account.received
-        seat = self._schedule.seat(number)
+        seat = self._plan.seat(number)
         has_others = bool(received - account.refused - {seat})
-        leads, is_awake = hop.role == "leader", bool(awake[self._schedule.senders(hop, number)].any())
+        leads, is_awake = hop.role == "leader", bool(awake[self._plan.senders(hop, number)].any())
         outcome: Literal["averaged", "waiting", "void"] = "void"
         reason = ""
         if averaged or (leads and self._verdict.is_done and not self._has_failed):

@@ -222,7 +222,7 @@ class Plan:
         limit = self.scenario.radio.duty_max
         if limit is None or not self.hops:
             return
-        shares = duties(self.scenario, self.hops)
+        shares = duties(self)
         node, largest = int(shares.argmax()), float(shares.max())
         if largest > limit * (1.0 + 1e-9):
             least = math.ceil(self.period_ticks * largest / limit * (1.0 - 1e-9))

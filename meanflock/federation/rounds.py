@@ -43,7 +43,7 @@ class Rounds:
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
-        self._uavs = uavs
+        self._plan, self._uavs = plan, uavs
         self._models = models
         self.problems = problems
         self.rule_record = b""
@@ -234,7 +234,7 @@ class Rounds:
     def _speaking(self, averager: Averager, number: int) -> Mask:
         """Mask of the nodes that average a round: UAVs that are not silent now, or that of the leader."""
         if self._models is None:
-            return contains(self._schedule.senders(averager.hop, number), averager.uavs)
+            return contains(self._plan.senders(averager.hop, number), averager.uavs)
         return ~contains(self._uavs[self._models.silent()], averager.uavs)
 
 

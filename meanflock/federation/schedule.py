@@ -28,7 +28,6 @@ class Schedule:
 
     def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
         """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
-        self._plan = plan
         self._scenario = scenario = plan.scenario
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self.hops: tuple[Hop, ...] = plan.hops
@@ -80,14 +79,6 @@ class Schedule:
             return 0
         number, age = divmod(tick - 1, self.period)
         return number if number > 0 and age < self.hops[-1].after else 0
-
-    def seat(self, number: int) -> int:
-        """The node where the leader averages a round."""
-        return self._plan.seat(number)
-
-    def senders(self, hop: Hop, number: int) -> NDArray[np.intp]:
-        """The nodes (S,) that may transmit in a hop of a round: its senders, or the one where the leader averages."""
-        return self._plan.senders(hop, number)
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""

@@ -109,7 +109,7 @@ def test_a_station_is_judged_in_its_own_band() -> None:
     slots = {2e6: 3, 2e5: 27, 1e8: 1}  # of a global model of 7,872 bits; 2,953 in a slot of 2 MHz
     for band_hz, expected in slots.items():
         plan = planned(band_hz, 1.0)
-        station = duties(plan.scenario, plan.hops)[4]
+        station = duties(plan)[4]
         least = expected * 0.001 / 5.0
         assert least <= station < 1.2 * least if band_hz != 2e5 else station == pytest.approx(8 * 0.001 / 5.0)
     with pytest.raises(BadInput, match="station 0 would send models"):
@@ -168,7 +168,7 @@ def test_radios_send_as_long_as_is_foreseen_and_who_sends_more_is_named_once(met
     plan = plan_of(flown)
     if method == "mfgfl-hf":
         assert not told
-        assert summary["radio"]["duty_max"] == pytest.approx(duties(plan.scenario, plan.hops).max(), rel=0.2)
+        assert summary["radio"]["duty_max"] == pytest.approx(duties(plan).max(), rel=0.2)
     else:
         named = [name for event in told for name in event.nodes]
         assert sorted(named) == [f"UAV {uav}" for uav in range(4)]
