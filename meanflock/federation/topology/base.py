@@ -140,6 +140,13 @@ class Topology:
         """The codecs of uploads, averages and global models."""
         return Codecs(self.scenario, self.declared)
 
+    def check_rounds(self) -> None:
+        """Raises ValueError if the method shares no model, so that there are no rounds."""
+        if not self.declared.is_federated:
+            raise ValueError(
+                f"`method` {self.scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
+            )
+
     @cached_property
     def seats(self) -> Indices:
         """(A,) the nodes where the leader may average, ascending: `senders` of its hops."""

@@ -18,10 +18,7 @@ class Neighbours(Topology):
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
-        if not self.declared.is_federated:
-            raise ValueError(
-                f"`method` {scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
-            )
+        self.check_rounds()
         everyone, codec = np.arange(scenario.uavs), self.codecs.upload
         ticks = self.upload_ticks(codec, scenario.uavs - 1)
         if scenario.period_ticks <= ticks:

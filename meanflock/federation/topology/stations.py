@@ -18,10 +18,7 @@ class Stations(LeaderTopology):
 
     def hops(self) -> tuple[Hop, ...]:
         federation = self.scenario.federation
-        if not self.declared.is_federated:
-            raise ValueError(
-                f"`method` {self.scenario.method} has no rounds; take one that shares a model, as mfgfl-hf does"
-            )
+        self.check_rounds()
         if federation.station is None:
             raise ValueError("`federation.topology` stations averages at a station; set `federation.station`")
         if federation.retries:
