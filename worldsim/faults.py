@@ -8,7 +8,19 @@ from meanflock.channel.medium import Cut, Indices
 from meanflock.federation.seat import missing_stations
 from meanflock.swarm import state
 from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
-from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, LeaderLoss, Partition, Pause, kind, paused
+from meanflock.swarm.faults import (
+    Fault,
+    Gust,
+    Interference,
+    Jam,
+    Kill,
+    LeaderLoss,
+    Partition,
+    Pause,
+    kind,
+    nodes_hit,
+    paused,
+)
 from meanflock.swarm.mission import stations
 from meanflock.swarm.scenario import Scenario
 
@@ -63,8 +75,7 @@ class Script:
             failed = np.zeros(len(sources), dtype=bool)
             for fault in acting:
                 named = np.zeros(self._scenario.nodes, dtype=bool)
-                named[list(fault.uavs)] = True
-                named[[self._scenario.uavs + station for station in fault.stations]] = True
+                named[nodes_hit(fault, self._scenario.uavs)] = True
                 if isinstance(fault, Partition):
                     failed |= named[sources] | named[targets]
                 else:

@@ -16,7 +16,7 @@ from meanflock.recording import blueprint, drawing, mission_map
 from meanflock.recording.blueprint import Lane
 from meanflock.recording.drawing import Sent, Ticks, circle
 from meanflock.swarm import mission, state
-from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, Partition, Pause
+from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, Partition, Pause, nodes_hit
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.worldsim.faults import Script, words
@@ -138,14 +138,12 @@ class Disturbances:
         hit = (pushed != 0.0).any(axis=-1)
         return (state.flat(pushed[hit]) * blueprint.GUST_S2).tolist(), state.flat(states[hit]).tolist()
 
-    def _hit(self, fault: Pause | Partition | Jam) -> list[int]:
-        """The nodes that a fault names: UAVs, then stations."""
-        return [*fault.uavs, *(self._uavs + station for station in fault.stations)]
-
     def _halos(self, acting: Sequence[Fault], points: NDArray[np.float64]) -> tuple[list[list[float]], list[int]]:
         """A dot, larger than a UAV's, under every node that is frozen or cut off, or a lost station, and its colour."""
-        frozen = sorted({node for fault in acting if isinstance(fault, Pause) for node in self._hit(fault)})
-        cut = sorted({node for fault in acting if isinstance(fault, Partition) for node in self._hit(fault)})
+        frozen = sorted({node for fault in acting if isinstance(fault, Pause) for node in nodes_hit(fault, self._uavs)})
+        cut = sorted(
+            {node for fault in acting if isinstance(fault, Partition) for node in nodes_hit(fault, self._uavs)}
+        )
         lost = sorted({self._uavs + one for fault in acting if isinstance(fault, Kill) for one in fault.stations})
         colors = [drawing.CUT] * len(cut) + [drawing.FROZEN] * len(frozen) + [drawing.GREY] * len(lost)
         return points[cut + frozen + lost].tolist(), colors
@@ -153,7 +151,7 @@ class Disturbances:
     def _jammed_links(self, acting: Sequence[Fault], points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """A line for every pair of nodes whose link is jammed."""
         jams = (fault for fault in acting if isinstance(fault, Jam))
-        pairs = (pair for fault in jams for pair in itertools.combinations(self._hit(fault), 2))
+        pairs = (pair for fault in jams for pair in itertools.combinations(nodes_hit(fault, self._uavs), 2))
         return [points[list(pair)] for pair in itertools.islice(pairs, blueprint.JAMS_DRAWN)]
 
     def _areas(self, acting: Sequence[Fault]) -> tuple[list[NDArray[np.float64]], list[int]]:

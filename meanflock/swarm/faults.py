@@ -126,6 +126,11 @@ class LeaderLoss(_Fault, frozen=True, kw_only=True, tag="leader-loss"):
 Fault: TypeAlias = Kill | Pause | Partition | Jam | Interference | Gust | LeaderLoss
 
 
+def nodes_hit(fault: Kill | Pause | Partition | Jam, uavs: int) -> list[int]:
+    """The nodes that a fault names: UAVs, then stations, which are the nodes from `uavs`, N, on."""
+    return [*fault.uavs, *(uavs + station for station in fault.stations)]
+
+
 def kind(fault: Fault) -> str:
     """Name of the kind of a fault in a script."""
     return str(fault.__struct_config__.tag)
