@@ -57,7 +57,8 @@ def contend(
     frame, doublings = first.tolist(), [0] * len(first)
     turns = list(zip(rng.integers(0, WINDOW, len(first)).tolist(), range(len(first)), strict=True))
     heapify(turns)  # contention slot and number of the sender that transmits in it
-    time, past, wasted = 0.0, -1, np.zeros(len(sender), dtype=np.int64)
+    wasted = np.zeros(len(sender), dtype=np.int64)
+    time, past = 0.0, -1
     while turns:
         now = turns[0][0]
         at_once = []

@@ -195,8 +195,9 @@ class LinkBudget(Channel):
 
     def _raised_db(self, message: Message, place_m: Floats) -> Floats:
         """By how much jammers in sight raise the noise in the band of each link, (K,), dB."""
-        noise, target, band_hz = message.noise, message.target, self._nodes.bandwidth_hz[message.source]
+        noise, target = message.noise, message.target
         assert noise is not None
+        band_hz = self._nodes.bandwidth_hz[message.source]
         apart = place_m[:, None] - noise[:, :3]
         distance_m = np.maximum(np.sqrt(np.einsum("njk,njk->nj", apart, apart)), 1.0)
         loss_db = at_1m_db(self._air.carrier_ghz) + 20.0 * np.log10(distance_m)

@@ -1,4 +1,4 @@
-"""Table of the radios that differ from `[radio]`, and what they may have of their own."""
+"""Tables of radios that differ from `[radio]`."""
 
 from typing import Annotated
 
@@ -8,7 +8,7 @@ from meanflock.swarm.toml import Table as _Table
 
 
 class OwnRadio(_Table, frozen=True, omit_defaults=True, kw_only=True):
-    """What the radio of a node has of its own."""
+    """Power, gain and noise figure of the radio of a node, where they differ from those of the other nodes."""
 
     tx_power_dbm: (
         Annotated[float, Meta(ge=-300, le=300, description="its power, dBm; unset: `radio.tx_power_dbm`")] | None
