@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from meanflock.channel import contention, queue
 from meanflock.federation.seat import seat
+from meanflock.swarm import mission
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
-from meanflock.swarm.mission import starts, stations
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Vectors
@@ -186,7 +186,7 @@ class Channel:
         Raises:
             ValueError: the channel's closed form is something else than it must be.
         """
-        here = starts(scenario)[:, : scenario.dimensions]
+        here = mission.starts(scenario)[:, : scenario.dimensions]
         place = in_space(here, scenario)
         if scenario.stations:
             here = place
@@ -260,13 +260,8 @@ class Channel:
 
 def in_space(positions: Vectors, scenario: Scenario) -> Floats:
     """Places (N + B, 3) of all nodes, m: UAVs at `positions` (N, d); those in the plane fly at `start.height`."""
-    uavs, axes = positions.shape
-    place = np.empty((uavs + len(scenario.stations), 3))
-    place[:uavs, 2] = scenario.start.height
-    place[:uavs, :axes] = positions
-    if scenario.stations:
-        place[uavs:] = stations(scenario)
-    return place
+    place = mission.in_space(scenario, positions)
+    return np.concatenate([place, mission.stations(scenario)]) if scenario.stations else place
 
 
 def _not_written(*_: Any) -> Carried:

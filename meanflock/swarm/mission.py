@@ -142,7 +142,10 @@ def in_space(mission: Mission, positions: state.Vectors) -> Floats:
     """Positions (N, d) of UAVs with their heights, (N, 3) in m: in the plane all fly at `start.height`."""
     if positions.shape[-1] == state.SPACE:
         return positions
-    return np.concatenate([positions, np.full((len(positions), 1), mission.start.height)], axis=-1)
+    place = np.empty((len(positions), state.SPACE))  # half the time of `np.concatenate`
+    place[:, : state.PLANE] = positions
+    place[:, state.PLANE :] = mission.start.height
+    return place
 
 
 def goal_states(mission: Mission) -> state.States:

@@ -62,7 +62,7 @@ def tracking_saved(found: Rows, radio: str, access: str) -> statistics.Estimate:
 
 
 def verdict(advantage: statistics.Estimate) -> str:
-    """Which of neighbours and leader is better, where the 95 % interval of the advantage of neighbours says so."""
+    """The better way, neighbours or leader; undecided if the 95 % interval of their difference contains 0."""
     if advantage.low <= 0.0 <= advantage.high:
         return "undecided"
     return "neighbours" if advantage.value > 0.0 else "leader"
