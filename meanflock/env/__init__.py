@@ -88,8 +88,8 @@ def vector_env(
 class Policy:
     """A saved policy.
 
-    path: the file. sha256: hash of the file. neighbours, message: those of the environment that it needs. keys: the
-    arguments with which `mf.fly` flies it: `mf.fly("paper", **policy.keys)`.
+    path: the file. sha256: hash of the file. neighbours, message: those of the environment that it needs.
+    dimensions: 2 or 3. keys: the arguments with which `mf.fly` flies it: `mf.fly("paper", **policy.keys)`.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -98,13 +98,14 @@ class Policy:
         self._network = network
         self.neighbours = network.neighbours
         self.message = network.message
+        self.dimensions = network.axes
         self.keys: dict[str, Any] = {
             "method": "policy",
             "controller": {"file": str(path), "sha256": self.sha256},
         }
 
     def __call__(self, observations: Floats) -> Vectors:
-        """Returns the actions (M, 2 + W) of observations (M, width); a row's bits do not depend on the others.
+        """Returns the actions (M, d + W) of observations (M, width); a row's bits do not depend on the others.
 
         Raises:
             BadInput: the observations have another shape or dtype.
@@ -141,7 +142,8 @@ def save_policy(
 
     Args:
         file: the file, which ends in .npz.
-        layers: pairs of weights (inputs, outputs) and biases (outputs,). The last has 2 + `message` outputs.
+        layers: pairs of weights (inputs, outputs) and biases (outputs,). The last has 2 + `message` outputs in the
+            plane, 3 + `message` in space.
         neighbours: K of the environment. message: W of the environment.
         acceleration: largest acceleration along an axis, m/s².
         scale: the observation is divided by these numbers; None: by 1.
@@ -149,18 +151,19 @@ def save_policy(
     Raises:
         BadInput: the arrays do not fit each other, or no file can be made there.
     """
-    from meanflock.agent.controllers.policy.perception import width
-
     observed, numbers = (
         count_of("neighbours:", neighbours, 1, MAX_NEIGHBOURS),
         count_of("message:", message, 0, MAX_MESSAGE),
     )
-    inputs = width(observed, numbers)
     try:
-        divisor = np.ones(inputs) if scale is None else as_floats("scale", scale, (inputs,))
         pairs = tuple(
             (as_floats("weights", weights, np.shape(weights)), as_floats("biases", biases, np.shape(biases)))
             for weights, biases in layers
+        )
+        divisor = (
+            np.ones(np.shape(pairs[0][0])[:1] if pairs else ())
+            if scale is None
+            else as_floats("scale", scale, np.shape(scale))
         )
         limit = float(acceleration)
     except (TypeError, ValueError) as error:

@@ -46,13 +46,13 @@ class Form:
         self.acceleration = _acceleration(acceleration)
         self.weights = weights_of(reward)
         source = source_of(mission)
-        self.inputs = width(self.neighbours, self.message, source.dimensions)
-        self.outputs = source.dimensions + self.message
         self.seed = seed_of(mission, keys.get("seed"))
-        numbers = Perception(source, self.neighbours, self.message).broadcast_numbers
         settings = {key: value for key, value in keys.items() if key.partition(".")[0] not in ("controller", "method")}
-        settings["controller"] = {"broadcast_numbers": numbers, "shares": True}
-        self.scenario = scenario_of(source, settings, method=External)
+        flown = scenario_of(source, settings, method=External)
+        self.inputs = width(self.neighbours, self.message, flown.dimensions)
+        self.outputs = flown.dimensions + self.message
+        numbers = Perception(flown, self.neighbours, self.message).broadcast_numbers
+        self.scenario = flown.replace(controller={"broadcast_numbers": numbers, "shares": True})
 
     def bounds(self) -> Rows:
         """Largest numbers of an action."""
@@ -107,7 +107,7 @@ class Episode(Stepped):
         return self._world.flight.status == ARRIVED
 
     def act(self, actions: Floats) -> TickResults:
-        """Fly one tick with actions (N, 2 + W); afterwards `observations` (N, width) are those of the next tick."""
+        """Fly one tick with actions (N, d + W); afterwards `observations` (N, width) are those of the next tick."""
         flight = self._world.flight
         on_way, before = flight.on_way.copy(), flight.status.copy()
         axes = actions.shape[1] - self._form.message

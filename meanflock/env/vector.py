@@ -66,7 +66,7 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
         return self._observations(), {"seed": self._flown_seeds()}
 
     def step(self, actions: Floats) -> tuple[Floats, Rows, Mask, Mask, dict[str, Any]]:
-        """Flies one tick of every flight with actions (rows, 2 + W).
+        """Flies one tick of every flight with actions (rows, d + W).
 
         Raises:
             BadInput: the actions have a wrong shape or dtype, or no flight has begun. Nothing was flown.

@@ -28,10 +28,14 @@ NEIGHBOURS, MESSAGE = 3, 2
 
 @pytest.fixture
 def policy(tmp_path: Path) -> env.Policy:
+    return _policy(tmp_path, 2)
+
+
+def _policy(tmp_path: Path, dimensions: int) -> env.Policy:
     """A policy with a hidden layer and messages, of random numbers."""
     rng = np.random.default_rng(5)
-    inputs = width(NEIGHBOURS, MESSAGE)
-    shapes = ((inputs, 7), (7, 2 + MESSAGE))
+    inputs = width(NEIGHBOURS, MESSAGE, dimensions)
+    shapes = ((inputs, 7), (7, dimensions + MESSAGE))
     layers = [(0.3 * rng.standard_normal(shape), rng.standard_normal(shape[1])) for shape in shapes]
     return env.save_policy(
         tmp_path / "policy.npz", layers, neighbours=NEIGHBOURS, message=MESSAGE, scale=np.full(inputs, 9.0)
@@ -43,25 +47,27 @@ def test_the_judges_of_pettingzoo_find_nothing() -> None:
     parallel_seed_test(lambda: env.parallel_env("paper", **SMALL))
 
 
-def test_a_policy_flies_the_same_bits_in_every_environment(policy: env.Policy) -> None:
-    flock = env.parallel_env("paper", neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
+@pytest.mark.parametrize(("dimensions", "inputs"), [(2, 28), (3, 36)])
+def test_a_policy_flies_the_same_bits_in_every_environment(dimensions: int, inputs: int, tmp_path: Path) -> None:
+    policy, keys = _policy(tmp_path, dimensions), SMALL | {"space.dimensions": dimensions}
+    flock = env.parallel_env("paper", neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **keys)
     observations, _ = flock.reset()
     while flock.agents:
         actions = policy(np.stack([*observations.values()]))
         observations, *_ = flock.step(dict(zip(observations, actions, strict=True)))
-    flights = env.vector_env("paper", flights=2, neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **SMALL)
+    flights = env.vector_env("paper", flights=2, neighbours=NEIGHBOURS, message=MESSAGE, seed=7, **keys)
     rows, _ = flights.reset()
-    assert rows.shape == (flights.num_envs, width(NEIGHBOURS, MESSAGE)) == (10, 28)
+    assert rows.shape == (flights.num_envs, width(NEIGHBOURS, MESSAGE, dimensions)) == (10, inputs)
     while not flights.summaries:
         rows, _, terminated, truncated, infos = flights.step(policy(rows))
     assert (terminated | truncated).all()
     np.testing.assert_array_equal(terminated, infos["arrived"])
 
-    scenario = mf.Scenario.load("paper", seed=7, **SMALL, **policy.keys)
+    scenario = mf.Scenario.load("paper", seed=7, **keys, **policy.keys)
     summaries = [flock.finish().summary, flights.summaries[0], mf.fly(scenario).summary]
     assert len({summary["trajectory_sha256"] for summary in summaries}) == 1
     assert all(summary["payload_bits"] == summaries[0]["payload_bits"] for summary in summaries)
-    silent = mf.fly("paper", method="policy", seed=7, **SMALL).summary
+    silent = mf.fly("paper", method="policy", seed=7, **keys).summary
     assert sum(silent["payload_bits"].values()) < sum(summaries[0]["payload_bits"].values())
     rows, rewards, terminated, truncated, _ = flights.step(policy(rows))  # the next flights begin
     assert not np.concatenate([rewards, terminated, truncated]).any()
@@ -153,7 +159,7 @@ def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(pol
     assert scenario.sha256() == resolved.sha256()
     plan = mf.mission.starts(scenario).astype(np.float32)
     Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
-    policy.path.write_bytes(TRAINED.read_bytes())
+    policy.path.write_bytes(TRAINED[2].read_bytes())
     with pytest.raises(mf.BadInput, match=f"the scenario wants {policy.sha256}; copy the same file"):
         Agent(Welcome(0, "agent-0", (0,), 0, encode(resolved), plan))
     with pytest.raises(mf.BadInput, match="copy the same file"):
@@ -163,20 +169,32 @@ def test_a_scenario_records_the_hash_and_a_node_with_another_file_is_refused(pol
     assert again.sha256() == scenario.sha256()
 
 
-def test_the_installed_policy_is_recorded_flies_and_is_that_of_the_example(tmp_path: Path) -> None:
-    installed = env.policy(TRAINED)
-    assert mf.Scenario(method="policy").resolved().controller == {"sha256": installed.sha256}
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_the_installed_policy_is_recorded_flies_and_is_that_of_the_example(dimensions: int, tmp_path: Path) -> None:
+    installed = env.policy(TRAINED[dimensions])
+    assert installed.dimensions == dimensions
+    keys: dict[str, Any] = {"space.dimensions": dimensions}
+    assert mf.Scenario.load("paper", method="policy", **keys).resolved().controller == {"sha256": installed.sha256}
     with pytest.raises(mf.BadInput, match="install the same meanflock on every host"):
-        mf.fly("paper", method="policy", **{"controller.sha256": "0" * 64})
+        mf.fly("paper", method="policy", **{"controller.sha256": "0" * 64}, **keys)
     train = runpy.run_path(str(ROOT / "examples" / "train.py"))
     numbers = np.array([10.0, 12.0, 1.0, -0.1, 0.1, 2.0, 1.5, 0.5, 0.2])
-    files = [train["saved"](tmp_path / name, numbers).path.read_bytes() for name in ("a.npz", "b.npz")]
+    files = [train["saved"](tmp_path / name, numbers, dimensions).path.read_bytes() for name in ("a.npz", "b.npz")]
     assert files[0] == files[1]
-    with np.load(TRAINED) as ours, np.load(tmp_path / "a.npz") as theirs:
+    with np.load(TRAINED[dimensions]) as ours, np.load(tmp_path / "a.npz") as theirs:
         assert [(name, array.shape) for name, array in ours.items()] == [(n, a.shape) for n, a in theirs.items()]
     for row in rows.chosen(["policy", "policy-ecbf"]):
-        run = mf.fly(row.scenario({"uavs": 9}, 1001, "a mission"))
+        run = mf.fly(row.scenario({"uavs": 9, "space": {"dimensions": dimensions}}, 1001, "a mission"))
         assert (run.summary["arrived"], run.summary["collisions"]) == (9, 0), row.name
+
+
+def test_a_policy_of_the_plane_is_refused_in_space_and_the_other_way_round() -> None:
+    for there, here in ((2, 3), (3, 2)):
+        keys = {"controller.file": str(TRAINED[there]), "space.dimensions": here}
+        with pytest.raises(
+            mf.BadInput, match=rf"flies in {there} dimensions, and `space\.dimensions` is {here}; train"
+        ):
+            mf.fly("paper", method="policy", uavs=3, **keys)
 
 
 @pytest.mark.parametrize(
@@ -187,6 +205,8 @@ def test_the_installed_policy_is_recorded_flies_and_is_that_of_the_example(tmp_p
         ({"scale": np.zeros(28)}, "greater than 0"),
         ({"weights_0": np.ones((28, 7), np.float32)}, "weights_0 is float32"),
         ({"biases_1": np.full(4, np.nan)}, "biases_1 is not finite"),
+        ({"biases_1": np.zeros(6)}, "the last layer has outputs (6,); expected accelerations of 2 or 3 numbers"),
+        ({"biases_1": np.zeros(5)}, "scale is float64 (28,); expected float64 (36,)"),
         ({"extra": np.zeros(1), "more": np.zeros(1)}, "it has biases_0"),
         ({"weights_0": np.array([[{}]], dtype=object)}, "Object arrays cannot be loaded"),
         ({"neighbours": 1.0}, "must be integers"),

@@ -20,10 +20,11 @@ class PolicyController(Controller):
     """Flies a policy that was trained in `meanflock.env` and saved to a file.
 
     The scenario records the SHA-256 of the file. A node whose file has another one is refused. Without a file it flies
-    the policy that is installed with it, which `examples/train.py` trained.
+    the policy that is installed for the plane or for space, which `examples/train.py` trained.
     """
 
     name = "policy"
+    dimensions = (2, 3)
     shares = True
     pairwise = True
 
@@ -37,18 +38,23 @@ class PolicyController(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._network = self._read(options)
+        self._network = self._read(options, scenario.dimensions)
         self._perception = Perception(scenario, self._network.neighbours, self._network.message)
         self.broadcast_numbers = self._perception.broadcast_numbers
 
-    def _read(self, options: Any) -> Network:
-        path = options.file or TRAINED
+    def _read(self, options: Any, dimensions: int) -> Network:
+        path = options.file or TRAINED[dimensions]
         network, sha256 = read(path)
         if options.sha256 not in ("", sha256):
             remedy = "copy the same file to" if options.file else "install the same meanflock on"
             raise BadInput(
                 f"policy {path} has the SHA-256 {sha256} here, and the scenario wants {options.sha256}; "
                 f"{remedy} every host"
+            )
+        if network.axes != dimensions:
+            raise BadInput(
+                f"policy {path} flies in {network.axes} dimensions, and `space.dimensions` is {dimensions}; train one "
+                f"in an environment of {dimensions} dimensions, or leave out `controller.file` for the installed one"
             )
         self.recorded = {"sha256": sha256}
         return network

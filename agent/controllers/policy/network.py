@@ -13,7 +13,11 @@ from meanflock.swarm import paths, state
 from meanflock.swarm.errors import FAILURES, BadInput, reason
 from meanflock.swarm.state import Floats, Vectors
 
-TRAINED = Path(__file__).with_name("trained.npz")  # written by examples/train.py
+# The installed policies by number of axes, written by examples/train.py
+TRAINED = {
+    state.PLANE: Path(__file__).with_name("trained.npz"),
+    state.SPACE: Path(__file__).with_name("trained_in_space.npz"),
+}
 VERSION = 1
 MAX_NEIGHBOURS, MAX_MESSAGE, MAX_LAYERS = 64, 64, 8
 _MAX_BYTES = 16 * 2**20  # of the arrays of a file
@@ -26,7 +30,7 @@ class Network(NamedTuple):
 
     neighbours: K, observed UAVs. message: W, numbers of a message. limit: largest acceleration along an axis, m/s².
     scale: (I,), the observation is divided by it. layers: weights (I, O) and biases (O,) of each layer; the last has
-    2 + W outputs.
+    d + W outputs, of which d say whether it flies in the plane or in space.
     """
 
     neighbours: int
@@ -35,8 +39,13 @@ class Network(NamedTuple):
     scale: Floats
     layers: tuple[tuple[Floats, Floats], ...]
 
+    @property
+    def axes(self) -> int:
+        """Number of axes d in which it flies."""
+        return len(self.layers[-1][1]) - self.message
+
     def __call__(self, observations: Floats) -> tuple[Vectors, Floats | None]:
-        """Accelerations (M, 2), m/s², and messages (M, W) in −1 … 1, of observations (M, I).
+        """Accelerations (M, d), m/s², and messages (M, W) in −1 … 1, of observations (M, I).
 
         Sums go input by input, so that a row has the same bits in every batch.
         """
@@ -46,8 +55,7 @@ class Network(NamedTuple):
             for column, row in enumerate(weights):
                 total += values[:, column, None] * row
             values = np.tanh(total)
-        axes = values.shape[1] - self.message
-        return self.limit * values[:, :axes], values[:, axes:] if self.message else None
+        return self.limit * values[:, : self.axes], values[:, self.axes :] if self.message else None
 
     def checked(self) -> Self:
         """The network itself, if its arrays fit each other.
@@ -62,11 +70,13 @@ class Network(NamedTuple):
             )
         if not 1 <= len(self.layers) <= MAX_LAYERS:
             raise ValueError(f"{len(self.layers)} layers; expected 1 … {MAX_LAYERS}")
-        inputs = width(self.neighbours, self.message)
+        if any(np.ndim(biases) != 1 for _, biases in self.layers) or self.axes not in TRAINED:
+            numbers = f"accelerations of 2 or 3 numbers, then {self.message} of a message"
+            raise ValueError(f"the last layer has outputs {np.shape(self.layers[-1][1])}; expected {numbers}")
+        inputs = width(self.neighbours, self.message, self.axes)
         arrays: list[tuple[str, Any, tuple[int, ...]]] = [("limit", self.limit, ()), ("scale", self.scale, (inputs,))]
         for number, (weights, biases) in enumerate(self.layers):
-            last = number == len(self.layers) - 1
-            outputs = state.PLANE + self.message if last else np.shape(biases)[-1] if np.ndim(biases) else 0
+            outputs = len(biases)
             arrays += [(f"weights_{number}", weights, (inputs, outputs)), (f"biases_{number}", biases, (outputs,))]
             inputs = outputs
         for name, array, shape in arrays:

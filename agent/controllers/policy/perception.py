@@ -26,7 +26,7 @@ _AGE, _MASK, _MESSAGE = range(3)  # columns of another UAV behind its state; its
 _STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
 
 
-def width(neighbours: int, message: int, axes: int = state.PLANE) -> int:
+def width(neighbours: int, message: int, axes: int) -> int:
     """Numbers of an observation of so many neighbours, with messages of so many numbers."""
     return 2 * axes + neighbours * (2 * axes + _MESSAGE + message)
 
