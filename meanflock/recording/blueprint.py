@@ -160,7 +160,12 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     log(WORDS, rr.Points2D.from_fields(colors=[drawing.WHITE], radii=0.0, show_labels=True))
 
     spread = [plots.SPREAD] if reported.weights else []
-    for plot in (*plots.OF_EVERY_FLIGHT, plots.ROUNDS, *map(plots.diagnostic, reported.diagnostics), *spread):
+    for plot in (
+        *plots.of_flight(scenario.space.dimensions),
+        plots.ROUNDS,
+        *map(plots.diagnostic, reported.diagnostics),
+        *spread,
+    ):
         log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
     log(plots.HITS, rr.SeriesPoints(names="collision", colors=drawing.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
@@ -213,7 +218,7 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
         if _hops(scenario) and not scenario.faults:
             front = len(details) - 1
     details.append(_series(plots.ROUNDS, "rounds"))
-    grid = rrb.Grid(*map(_series, plots.OF_EVERY_FLIGHT), *in_grid, grid_columns=2)
+    grid = rrb.Grid(*map(_series, plots.of_flight(scenario.space.dimensions)), *in_grid, grid_columns=2)
     below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=front), column_shares=[2, 3])
     return window(rrb.Horizontal(rrb.Vertical(shown, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
 

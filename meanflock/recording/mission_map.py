@@ -268,10 +268,10 @@ def _log_colours(part: Part, left: float, right: float, y: float, gap: float, by
 
 def _log_mean_wind(part: Part, scenario: Scenario, at: Point, length: float) -> None:
     """Logs an arrow with the direction of the mean wind; the word has its speed."""
-    wind = state.flat(np.array(scenario.flown().wind.mean))
-    speed = float(np.hypot(*wind))
+    wind = np.array(scenario.flown().wind.mean)
+    speed = math.hypot(*wind)
     if speed:
-        arrow = wind / speed * length
+        arrow = state.flat(wind) / speed * length
         tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
         radii = rr.Radius.ui_points(1.5)
         arrows = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[drawing.GUST], radii=radii, draw_order=1.0)

@@ -21,7 +21,7 @@ DROPS = f"{ROOT}/drops"  # from each UAV down to the ground
 GROUND, HEIGHTS = f"{ROOT}/ground", f"{ROOT}/heights"
 COLUMNS, SPHERES = f"{ROOT}/obstacles/columns", f"{ROOT}/obstacles/spheres"
 
-_RING, _TICK = 0.012, 0.01  # radius of the leader's ring, and half a tick of the scale, as shares of the ground's side
+_RING, _TICK = 0.012, 0.01  # radius of the leader's ring, and half a tick of the scale, as shares of the stage's size
 _GRID, _DROP = 0x2A303CFF, 0x5A6274FF
 
 
@@ -34,7 +34,7 @@ def log(part: Part, scenario: Scenario, maps: int = 1) -> None:
     part.log(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     _log_looks(part, scenario)
     if scenario.federation.station is None:
-        ring = circle((0.0, 0.0), _RING * stage.side)
+        ring = circle((0.0, 0.0), _RING * stage.size)
         _lines(part, f"{IN_SPACE.leader}/ring", [state.in_three(ring)], drawing.WHITE, 1.2)
     _log_ground(part, stage)
     _log_heights(part, stage)
@@ -64,19 +64,20 @@ def _labels(part: Part, entity: str, places: Vectors, words: list[str], color: i
 
 
 def _log_ground(part: Part, stage: Stage) -> None:
-    """Logs a grid at z = 0, and the side of its cells beside the scale of heights."""
+    """Logs a grid at z = 0, and the side of its cells."""
     (left, front), (right, back), cell = stage.low, stage.high, stage.cell
     lines = [np.array([(x, front, 0.0), (x, back, 0.0)]) for x in np.arange(left, right + cell / 2, cell)]
     lines += [np.array([(left, y, 0.0), (right, y, 0.0)]) for y in np.arange(front, back + cell / 2, cell)]
     _lines(part, GROUND, lines, _GRID, 0.6)
-    side = np.array([(left, front, 0.0), (left + cell, front, 0.0)])
+    third = left + cell * round((right - left) / cell / 3)  # of the edge in front, which the camera always sees
+    side = np.array([(third - cell, front, 0.0), (third, front, 0.0)])
     _lines(part, f"{GROUND}/scale", [side], drawing.WHITE, 1.5)
     _labels(part, f"{GROUND}/scale/word", side.mean(axis=0, keepdims=True), [f"{cell:g} m"], drawing.WHITE)
 
 
 def _log_heights(part: Part, stage: Stage) -> None:
     """Logs a scale of heights with their numbers, beside the ground."""
-    tick = _TICK * stage.side * stage.camera.right
+    tick = _TICK * stage.size * stage.camera.right
     ticks = [np.stack([place - tick, place + tick]) for place in stage.scale]
     _lines(part, HEIGHTS, [stage.scale[[0, -1]], *ticks], drawing.GREY, 1.0)
     words = [f"{height:g} m" for height in stage.heights.tolist()]
@@ -119,8 +120,8 @@ def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
                 lengths=[high - low for _, low, high in columns],
                 radii=[obstacle.radius for obstacle, _, _ in columns],
                 centers=[(*obstacle.centre, (low + high) / 2) for obstacle, low, high in columns],
-                colors=[drawing.DISC],
-                fill_mode="solid",
+                colors=[drawing.GREY],
+                fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
             ),
         )
     if spheres:
@@ -129,8 +130,8 @@ def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
             rr.Ellipsoids3D(
                 centers=[obstacle.centre for obstacle, _, _ in spheres],
                 half_sizes=[[obstacle.radius] * 3 for obstacle, _, _ in spheres],
-                colors=[drawing.DISC],
-                fill_mode="solid",
+                colors=[drawing.GREY],
+                fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
             ),
         )
 

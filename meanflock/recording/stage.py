@@ -13,7 +13,7 @@ from meanflock.swarm.scenario import Obstacle, Scenario
 Vectors = NDArray[np.float64]  # (..., 3)
 
 _CELLS, _STEPS = 9, 4  # of the ground's longer side and of the scale of heights, about
-_ROOM, _HEADROOM = 0.08, 0.15  # around and above the mission, as shares of its longer side and of its height
+_ROOM, _HEADROOM = 0.08, 0.06  # around and above the mission, as shares of its longer side and of its height
 _LEAST_HEIGHT = 0.1  # of the mission, as a share of its longer side
 _FIELD_OF_VIEW = math.radians(55.0)  # of Rerun's camera, from top to bottom
 _ALONG_X, _ALONG_Y, _ELEVATION = np.radians((-65.0, -25.0, 28.0)).tolist()  # of the camera, by the longer side
@@ -31,24 +31,27 @@ class Camera(NamedTuple):
 class Stage:
     """The stage of a scenario, for one of several `maps` in a window.
 
-    low, high: corners of the ground, (2,) m. side: the longer side of the mission, m. cell: side of a cell of the
-    ground's grid, m. heights: round numbers from the ground up to more than the highest place of the mission, m.
-    camera: the nearest that sees all of the mission and its shadow on the ground.
+    low, high: corners of the ground, (2,) m. cell: side of a cell of the ground's grid, m. heights: round numbers from
+    the ground up to more than the highest place of the mission, m. size: the longest side of all, m. camera: the
+    nearest that sees all of the mission and its shadow on the ground.
     """
 
     def __init__(self, scenario: Scenario, maps: int) -> None:
         places = _places(scenario)
         low, high = state.flat(places).min(axis=0), state.flat(places).max(axis=0)
-        self.side = float((high - low).max())
-        self.cell = mission_map.round_length(self.side / _CELLS)
-        self.low = np.floor((low - _ROOM * self.side) / self.cell) * self.cell
-        self.high = np.ceil((high + _ROOM * self.side) / self.cell) * self.cell
-        highest = max(float(places[:, 2].max()), _LEAST_HEIGHT * self.side)
+        side = float((high - low).max())
+        self.cell = mission_map.round_length(side / _CELLS)
+        self.low = np.floor((low - _ROOM * side) / self.cell) * self.cell
+        self.high = np.ceil((high + _ROOM * side) / self.cell) * self.cell
+        highest = max(float(places[:, 2].max()), _LEAST_HEIGHT * side)
         step = mission_map.round_length(highest / _STEPS)
         self.heights = np.arange(math.ceil((1.0 + _HEADROOM) * highest / step) + 1) * step
+        self.size = max(side, float(self.heights[-1]))
         wide, deep = (high - low).tolist()
         self._azimuth = _ALONG_X if wide >= deep else _ALONG_Y
-        self.camera = self._camera(places, *mission_map.view_px(maps))
+        tops = [(*obstacle.centre[:2], self.extent(obstacle)[1]) for obstacle in scenario.obstacles]
+        seen = np.concatenate([self.scale, places, places * (1.0, 1.0, 0.0), np.array(tops).reshape(-1, 3)])
+        self.camera = self._camera(seen, *mission_map.view_px(maps))
 
     @property
     def scale(self) -> Vectors:
@@ -65,14 +68,13 @@ class Stage:
         x, y, level, rise = *_unit(self._azimuth), *_unit(_ELEVATION)
         return np.array([-y, x, 0.0]), np.array([-rise * x, -rise * y, level]), np.array([level * x, level * y, rise])
 
-    def _camera(self, places: Vectors, wide: float, tall: float) -> Camera:
-        """The nearest camera that sees some places, their shadows and the scale, in a view so `wide` and `tall`.
+    def _camera(self, points: Vectors, wide: float, tall: float) -> Camera:
+        """The nearest camera that sees some points (K, 3), m, in a view so `wide` and `tall`.
 
         The sides of a view are planes with known slopes. So the points that touch two opposite sides do not depend on
         the camera's place, and where these two sides cross is the nearest place.
         """
         right, up, toward = self._directions()
-        points = np.concatenate([self.scale, places, places * (1.0, 1.0, 0.0)])
         depth, slope = points @ toward, _FILLED * math.tan(_FIELD_OF_VIEW / 2)
         place, far = np.zeros(3), -math.inf
         for axis, steep in ((right, slope * wide / tall), (up, slope)):
