@@ -58,12 +58,12 @@ def view(folder: Path, web: bool) -> None:
     help="Show the map alone, or the view in space.",
 )
 def picture(folder: Path, at_s: float | None, png: Path, size: str, view: str) -> None:
-    """Save the Rerun views of a finished run as a PNG file.
+    """Save the Rerun view of a finished run as a PNG file.
 
     RUN is its folder, `latest`, or a file.rrd. Needs no display.
 
     \b
-    Examples:
+    Example:
       meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o swarm.png
       meanflock picture latest --view space -o out/space.png
     """

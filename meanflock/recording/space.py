@@ -22,7 +22,7 @@ GROUND, HEIGHTS = f"{ROOT}/ground", f"{ROOT}/heights"
 COLUMNS, SPHERES = f"{ROOT}/obstacles/columns", f"{ROOT}/obstacles/spheres"
 
 _RING, _TICK = 0.012, 0.01  # radius of the leader's ring, and half a tick of the scale, as shares of the stage's size
-_GRID, _DROP = 0x2A303CFF, 0x5A6274FF
+_GRID, _DIM = 0x2A303CFF, 0x5A6274FF
 
 
 # -- the fixed parts -----------------------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ def _log_looks(part: Part, scenario: Scenario) -> None:
     part.log(IN_SPACE.velocity, rr.Arrows3D.from_fields(colors=[drawing.WHITE], radii=size(0.8)))
     part.log(IN_SPACE.trails, rr.LineStrips3D.from_fields(radii=size(1.0)))
     part.log(IN_SPACE.model_links, rr.LineStrips3D.from_fields(radii=size(1.0)))
-    part.log(DROPS, rr.LineStrips3D.from_fields(colors=[_DROP], radii=size(0.4)))
+    part.log(DROPS, rr.LineStrips3D.from_fields(colors=[_DIM], radii=size(0.4)))
     for kind, mark in MARKS.items():
         look = rr.LineStrips3D.from_fields(colors=[mark.color], radii=size(mark.thickness))
         part.log(IN_SPACE.marks[kind], look)
@@ -120,7 +120,7 @@ def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
                 lengths=[high - low for _, low, high in columns],
                 radii=[obstacle.radius for obstacle, _, _ in columns],
                 centers=[(*obstacle.centre, (low + high) / 2) for obstacle, low, high in columns],
-                colors=[drawing.GREY],
+                colors=[_DIM],
                 fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
             ),
         )
@@ -130,7 +130,7 @@ def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
             rr.Ellipsoids3D(
                 centers=[obstacle.centre for obstacle, _, _ in spheres],
                 half_sizes=[[obstacle.radius] * 3 for obstacle, _, _ in spheres],
-                colors=[drawing.GREY],
+                colors=[_DIM],
                 fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
             ),
         )
