@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+import meanflock as mf
 from meanflock.launch.engine import Engine
 from meanflock.recording import blueprint as look
 from meanflock.recording import drawing, plots, space
@@ -15,6 +16,7 @@ from meanflock.recording.branches import IN_SPACE, MARK_M, MARKS, ON_MAP
 from meanflock.recording.recorder import Recorder
 from meanflock.recording.replay import complete, verify
 from meanflock.recording.stage import Stage
+from meanflock.results.plots.run import plot_run
 from meanflock.results.run_folder import RunFolder
 from meanflock.results.series import Reported
 from meanflock.studies import side_by_side
@@ -133,7 +135,7 @@ def test_the_mission_stands_at_its_heights(recorded) -> None:
 @pytest.mark.parametrize("maps", [1, 2, 5])
 @pytest.mark.parametrize("name", ["paper", "sphere", "streams", "obstacles", "radio-mast"])
 def test_the_camera_sees_the_whole_mission_and_no_more(name: str, maps: int) -> None:
-    flown = load(name, ["space.dimensions=3"], method="cruise")
+    flown = load(Path(name), ["space.dimensions=3"], method="cruise")
     stage, (wide, tall) = Stage(flown, maps), look.mission_map.view_px(maps)
     camera = stage.camera
     ahead = camera.target - camera.place
@@ -172,7 +174,7 @@ def views(shown: Any) -> list[Any]:
 
 
 def test_a_recording_that_was_cut_off_is_completed_with_the_view_in_space(tmp_path: Path) -> None:
-    flown = load("sphere", ["duration=6", "stop=duration"], uavs=6, method="cruise")
+    flown = load(Path("sphere"), ["duration=6", "stop=duration"], uavs=6, method="cruise")
     drawn = {}
     for cut_at in (None, 25):
         out = tmp_path / str(cut_at)
@@ -206,9 +208,22 @@ def test_a_recording_that_was_cut_off_is_completed_with_the_view_in_space(tmp_pa
 
 def test_flights_side_by_side_have_a_view_each(tmp_path: Path) -> None:
     path = tmp_path / "beside.rrd"
-    flights = {name: load("sphere", method=name, uavs=4, duration=1.0) for name in ("cruise", "orca")}
+    flights = {name: load(Path("sphere"), method=name, uavs=4, duration=1.0) for name in ("cruise", "orca")}
     side_by_side.record(flights, path)
     assert verify(path) is None
     for name in flights:
         assert len(rows(path, f"{name}/{IN_SPACE.uavs}", "Points3D:positions")) == 11
         assert fixed(path, f"{name}/{space.HEIGHTS}/words", "Points3D:labels")[0] == "0 m"
+
+
+def test_paths_are_plotted_from_above_and_from_the_side(tmp_path: Path) -> None:
+    keys = OBSTACLES | {"space.dimensions": 3, "start.layers": 2}
+    run = mf.fly(method="cruise", uavs=6, duration=5.0, out=tmp_path, **keys)
+    above, side = plot_run(run.folder)["paths"].axes
+    for ax, up in ((above, 1), (side, 2)):
+        ends = {str(line.get_label()): line.get_xydata() for line in ax.lines}["end"]
+        np.testing.assert_array_equal(ends, run.states[-1][:, [0, up]])
+    assert [type(patch).__name__ for patch in above.patches[:2]] == ["Circle", "Circle"]
+    assert [type(patch).__name__ for patch in side.patches[:2]] == ["Rectangle", "Rectangle"]
+    assert side.patches[0].get_height() == run.states[..., 2].max()
+    assert (above.get_ylabel(), side.get_ylabel()) == ("$y$ (m)", "$z$ (m)")
