@@ -238,7 +238,7 @@ def window(views: rrb.Container, live: bool) -> rrb.Blueprint:
 def flight_view(
     scenario: Scenario, name: str, name_in_space: str, part: str = "", maps: int = 1
 ) -> rrb.Spatial2DView | rrb.Tabs:
-    """The map of a flight, which is a flight in space has behind the view in space.
+    """The map of a flight; of a flight in space, tabs with the view in space and the map.
 
     Args:
         name, name_in_space: of the map, and of the view in space.

@@ -1,6 +1,6 @@
 """The branches of a recording that draw a flight: the map, which shows it from above, and space, in three dimensions.
 
-Both have the same entities. A branch knows their paths, and Rerun's types for its number of axes.
+Both have the same entities. A branch has their paths, and Rerun's types for its number of axes.
 """
 
 from typing import Any, NamedTuple

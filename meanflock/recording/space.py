@@ -1,6 +1,6 @@
 """The view in space of a recording: ground, heights and mission, the look of what moves, and the camera.
 
-It is in metres as the scenario, z up. A view in space has no place for a key, so the scale of heights names its marks.
+It is in metres as the scenario, z up. A view in space has no place for a key; the map has it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -144,9 +144,9 @@ def _names(kind: str, count: int) -> list[str]:
 
 
 def rows(ticks: Ticks, positions: Floats) -> Iterator[Sent]:
-    """What the map has not: a line from each UAV at `positions` (R, N, 3), m, at ticks (R,), down to the ground.
+    """A line down to the ground from each UAV at `positions` (R, N, 3), m, at ticks (R,).
 
-    The axes of vehicles with attitude belong here, too.
+    The axes of a vehicle that has an attitude belong here, too.
     """
     lines = np.repeat(positions.reshape(-1, 1, 3), 2, axis=1)
     lines[:, 1, 2] = 0.0

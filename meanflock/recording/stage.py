@@ -38,7 +38,9 @@ class Stage:
 
     def __init__(self, scenario: Scenario, maps: int) -> None:
         places = _places(scenario)
-        low, high = state.flat(places).min(axis=0), state.flat(places).max(axis=0)
+        goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
+        across = np.concatenate([state.flat(places), goals - radius, goals + radius])
+        low, high = across.min(axis=0), across.max(axis=0)
         side = float((high - low).max())
         self.cell = mission_map.round_length(side / _CELLS)
         self.low = np.floor((low - _ROOM * side) / self.cell) * self.cell
@@ -47,8 +49,7 @@ class Stage:
         step = mission_map.round_length(highest / _STEPS)
         self.heights = np.arange(math.ceil((1.0 + _HEADROOM) * highest / step) + 1) * step
         self.size = max(side, float(self.heights[-1]))
-        wide, deep = (high - low).tolist()
-        self._azimuth = _ALONG_X if wide >= deep else _ALONG_Y
+        self._azimuth = _ALONG_X if high[0] - low[0] == side else _ALONG_Y
         tops = [(*obstacle.centre[:2], self.extent(obstacle)[1]) for obstacle in scenario.obstacles]
         seen = np.concatenate([self.scale, places, places * (1.0, 1.0, 0.0), np.array(tops).reshape(-1, 3)])
         self.camera = self._camera(seen, *mission_map.view_px(maps))

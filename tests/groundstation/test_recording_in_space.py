@@ -152,6 +152,15 @@ def test_the_camera_sees_the_whole_mission_and_no_more(name: str, maps: int) -> 
     assert 0.75 < max(across.max(), along.max()) <= 1.0
 
 
+def test_a_flight_straight_up_has_a_stage_too() -> None:
+    above = {"start": {"positions": [(0.0, 0.0, 1.0)]}, "destination": {"positions": [(0.0, 0.0, 30.0)], "radius": 2.0}}
+    stage = Stage(Scenario(method="cruise", uavs=1, space={"dimensions": 3}, **above), 1)
+    assert (stage.low < -2.0).all()
+    assert (stage.high > 2.0).all()
+    assert stage.heights[-1] > 30.0
+    assert np.isfinite(stage.camera.place).all()
+
+
 def test_a_flight_in_the_plane_has_no_view_in_space(recorded, tmp_path: Path) -> None:
     flown = recorded[2]
     record(tmp_path / "plane.rrd", flight(ticks=60))
