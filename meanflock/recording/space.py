@@ -69,10 +69,8 @@ def _log_ground(part: Part, stage: Stage) -> None:
     lines = [np.array([(x, front, 0.0), (x, back, 0.0)]) for x in np.arange(left, right + cell / 2, cell)]
     lines += [np.array([(left, y, 0.0), (right, y, 0.0)]) for y in np.arange(front, back + cell / 2, cell)]
     _lines(part, GROUND, lines, _GRID, 0.6)
-    third = left + cell * round((right - left) / cell / 3)  # of the edge in front, which the camera always sees
-    side = np.array([(third - cell, front, 0.0), (third, front, 0.0)])
-    _lines(part, f"{GROUND}/scale", [side], drawing.WHITE, 1.5)
-    _labels(part, f"{GROUND}/scale/word", side.mean(axis=0, keepdims=True), [f"{cell:g} m"], drawing.WHITE)
+    _lines(part, f"{GROUND}/bar", [stage.bar], drawing.WHITE, 1.5)
+    _labels(part, f"{GROUND}/bar/word", stage.bar.mean(axis=0, keepdims=True), [f"{cell:g} m"], drawing.WHITE)
 
 
 def _log_heights(part: Part, stage: Stage) -> None:

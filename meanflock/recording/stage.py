@@ -12,11 +12,12 @@ from meanflock.swarm.scenario import Obstacle, Scenario
 
 Vectors = NDArray[np.float64]  # (..., 3)
 
-_CELLS, _STEPS = 9, 4  # of the ground's longer side and of the scale of heights, about
+_CELLS, _STEPS = 10, 4  # of the ground's longer side and of the scale of heights, about
 _ROOM, _HEADROOM = 0.08, 0.06  # around and above the mission, as shares of its longer side and of its height
-_LEAST_HEIGHT = 0.1  # of the mission, as a share of its longer side
+_LEAST_SIDE, _LEAST_HEIGHT = 0.5, 0.1  # of the ground, as a share of the height, and the reverse
 _FIELD_OF_VIEW = math.radians(55.0)  # of Rerun's camera, from top to bottom
 _ALONG_X, _ALONG_Y, _ELEVATION = np.radians((-65.0, -25.0, 28.0)).tolist()  # of the camera, by the longer side
+_FAR = 1.4  # times longer than along x is a mission along y
 _FILLED = 0.9  # share of the view in which the mission fits
 
 
@@ -41,23 +42,31 @@ class Stage:
         goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
         across = np.concatenate([state.flat(places), goals - radius, goals + radius])
         low, high = across.min(axis=0), across.max(axis=0)
-        side = float((high - low).max())
+        side, top = float((high - low).max()), float(places[:, 2].max())
+        self._azimuth = _ALONG_Y if side > _FAR * (high[0] - low[0]) else _ALONG_X
+        room = max(_ROOM * side, (_LEAST_SIDE * top - side) / 2)
+        side, highest = side + 2 * room, max(top, _LEAST_HEIGHT * side)
         self.cell = mission_map.round_length(side / _CELLS)
-        self.low = np.floor((low - _ROOM * side) / self.cell) * self.cell
-        self.high = np.ceil((high + _ROOM * side) / self.cell) * self.cell
-        highest = max(float(places[:, 2].max()), _LEAST_HEIGHT * side)
+        self.low = np.floor((low - room) / self.cell) * self.cell
+        self.high = np.ceil((high + room) / self.cell) * self.cell
         step = mission_map.round_length(highest / _STEPS)
         self.heights = np.arange(math.ceil((1.0 + _HEADROOM) * highest / step) + 1) * step
         self.size = max(side, float(self.heights[-1]))
-        self._azimuth = _ALONG_X if high[0] - low[0] == side else _ALONG_Y
         tops = [(*obstacle.centre[:2], self.extent(obstacle)[1]) for obstacle in scenario.obstacles]
-        seen = np.concatenate([self.scale, places, places * (1.0, 1.0, 0.0), np.array(tops).reshape(-1, 3)])
+        shadows = places * (1.0, 1.0, 0.0)
+        seen = np.concatenate([self.scale, self.bar, places, shadows, np.array(tops).reshape(-1, 3)])
         self.camera = self._camera(seen, *mission_map.view_px(maps))
 
     @property
     def scale(self) -> Vectors:
         """The places of the heights above the corner of the ground that is leftmost in the view, (K, 3) m."""
         return np.array([*self.low, 0.0]) + self.heights[:, None] * (0.0, 0.0, 1.0)
+
+    @property
+    def bar(self) -> Vectors:
+        """The ends of the side of a cell, on an edge of the ground near the camera, (2, 3) m."""
+        end = self.low[0] + self.cell * round((self.high[0] - self.low[0]) / self.cell / 3)
+        return np.array([(end - self.cell, self.low[1], 0.0), (end, self.low[1], 0.0)])
 
     def extent(self, obstacle: Obstacle) -> tuple[float, float]:
         """Lowest and highest point of an obstacle, m; a column without an end is drawn up to the highest height."""

@@ -70,7 +70,7 @@ def plot_paths(run: RunPicture) -> Figure:
     """The paths of all UAVs on the map, with collisions, obstacles and goals; in space also from the side."""
     table, flown = run.table, run.scenario
     position = per_uav(table, *POSITION[: dimensions_in(table.schema)])
-    figure, panels = _sides(position)
+    figure, panels = _sides(position, flown)
     for ax, up in zip(panels, (1, 2), strict=False):
         _draw_paths(ax, run, position, up)
     end = _line(table, "sim_time_s")[-1]
@@ -85,13 +85,14 @@ def plot_paths(run: RunPicture) -> Figure:
     return figure
 
 
-def _sides(position: Floats) -> tuple[Figure, Sequence[Axes]]:
+def _sides(position: Floats, flown: FlownKeys | Scenario) -> tuple[Figure, Sequence[Axes]]:
     """An empty figure with a panel from above, and below it in space one from the side, with about the same scale."""
     if position.shape[-1] == state.PLANE:
         figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
         return figure, [figure.subplots()]
-    wide, deep, _ = np.maximum(np.ptp(position, axis=(0, 1)), 1.0)
-    shares = np.clip([deep / wide, position[..., 2].max() / wide], *_SIDES)
+    places = np.concatenate([position.reshape(-1, 3), mission.goals(flown), mission.stations(flown)])
+    wide, deep, _ = np.maximum(np.ptp(places, axis=0), 1.0)
+    shares = np.clip([deep / wide, places[:, 2].max() / wide], *_SIDES)
     figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 0.9 + _PANEL_IN * shares.sum())
     return figure, figure.subplots(2, 1, sharex=True, height_ratios=shares)
 
