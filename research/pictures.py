@@ -1,4 +1,4 @@
-"""Draws the README's pictures: flies the paper's scenario and takes screenshots of its recordings.
+"""Draws the pictures of the README and of flying in space: flies scenarios and takes screenshots of the recordings.
 
 Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-drivers libgl1 libegl1.
 """
@@ -16,11 +16,12 @@ from meanflock.swarm import scenario
 
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way
 PICTURES = published.DOCS / "pictures"
+IN_SPACE_AT_S = 8.0  # just before all ways meet in the middle of the sphere
 COMPARED = ("mfgfl-hf", "plan")  # the paper's method, and one without learning or radio
 
 
 def main() -> None:
-    """Draws both pictures."""
+    """Draws all pictures."""
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as out:
         run = fly(scenario.load(None, seed=1), Options(out=Path(out), in_process=True))
@@ -28,6 +29,8 @@ def main() -> None:
         both = Path(out) / "compare.rrd"
         side_by_side.record({name: scenario.load(None, method=name, seed=1) for name in COMPARED}, both)
         screenshot(both, PICTURES / "compare.png", at_s=AT_S)
+        run = fly(scenario.load(Path("sphere"), method="orca", seed=1), Options(out=Path(out), in_process=True))
+        screenshot(run.folder / RECORDING, PICTURES / "space.png", IN_SPACE_AT_S, (1280, 720), view="space")
     print(PICTURES)
 
 

@@ -50,7 +50,14 @@ def view(folder: Path, web: bool) -> None:
 )
 @click.option("-o", "--output", "png", required=True, type=PATH, metavar="FILE.png", help="File to write.")
 @click.option("--size", default="1920x1080", show_default=True, metavar="WIDTHxHEIGHT", help="Size in pixels.")
-def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
+@click.option(
+    "--view",
+    type=click.Choice(("all", "map", "space")),
+    default="all",
+    show_default=True,
+    help="Show the map alone, or the view in space.",
+)
+def picture(folder: Path, at_s: float | None, png: Path, size: str, view: str) -> None:
     """Save the Rerun view of a finished run as a PNG file.
 
     RUN is its folder, `latest`, or a file.rrd. Needs no display.
@@ -58,6 +65,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
     \b
     Example:
       meanflock picture runs/20261121-101500-mfgfl-hf-s7 --at 40 -o swarm.png
+      meanflock picture latest --view space -o out/space.png
     """
     from meanflock.recording.viewer import pixels, screenshot
 
@@ -66,7 +74,7 @@ def picture(folder: Path, at_s: float | None, png: Path, size: str) -> None:
         raise BadInput(f"-o {png}: give it a name that ends in .png")
     path = _recording(folder)
     _complete(folder, path)
-    screenshot(path, png, at_s, wanted)
+    screenshot(path, png, at_s, wanted, view)
     click.echo(str(png))
 
 

@@ -25,7 +25,7 @@ _GOAL: Color = (0.20, 0.73, 0.40)
 _OBSTACLE: Color = (0.55, 0.55, 0.58)
 _STATION: Color = (0.93, 0.94, 0.96)
 _LENGTH_M = 4.0  # of the arrow of a UAV
-_HEIGHT_M = 4.0  # of an obstacle
+_HEIGHT_M = 4.0  # of an obstacle in the plane; in space, of one without an end, above all starts and goals
 _MAST_M = 0.5  # radius of a station's cylinder
 _LETTERS_M = 3.0  # height of the letters
 _STILL = ros.geometry_msgs__msg__Vector3(0.0, 0.0, 0.0)
@@ -75,22 +75,37 @@ def uavs(status: Sequence[int]) -> Any:
 
 
 def goals_and_obstacles(flown: Mission) -> Any:
-    """A disc for each goal, and a cylinder for each obstacle and, thin and as high as its antenna, for each station."""
+    """A disc for each goal, the obstacles, and for each station a thin cylinder from the ground to its antenna."""
     goals = np.unique(state.in_three(mission.goals(flown)), axis=0).tolist()
-    radius = flown.destination.radius
-    discs = [("goals", number, goal, radius, 0.1, _GOAL, 0.4) for number, goal in enumerate(goals)]
-    for number, (x, y, width) in enumerate(mission.obstacles(flown).tolist()):
-        discs.append(("obstacles", number, (x, y, 0.0), width, _HEIGHT_M, _OBSTACLE, 0.6))
-    for number, (x, y, height) in enumerate(mission.stations(flown).tolist()):
-        discs.append(("stations", number, (x, y, 0.0), _MAST_M, max(height, _MAST_M), _STATION, 0.9))
-    cylinder = ros.visualization_msgs__msg__Marker.CYLINDER
+    cylinder, width = ros.visualization_msgs__msg__Marker.CYLINDER, 2 * flown.destination.radius
     markers = [
-        _marker(kind, number, cylinder, place, (2 * width, 2 * width, height), color, alpha)
-        for kind, number, place, width, height, color, alpha in discs
+        _marker("goals", number, cylinder, goal, (width, width, 0.1), _GOAL, 0.4) for number, goal in enumerate(goals)
     ]
+    markers += [_obstacle(number, each, flown) for number, each in enumerate(flown.obstacles)]
+    for number, (x, y, height) in enumerate(mission.stations(flown).tolist()):
+        size = (2 * _MAST_M, 2 * _MAST_M, max(height, _MAST_M))
+        markers.append(_marker("stations", number, cylinder, (x, y, height / 2), size, _STATION, 0.9))
     if len(goals) == 1:
         markers.append(_text(0, goals[0], "goal", _GOAL))
     return ros.visualization_msgs__msg__MarkerArray(markers)
+
+
+def _obstacle(number: int, obstacle: Any, flown: Mission) -> Any:
+    """A sphere, or a cylinder: in the plane around it, in space from the ground up.
+
+    A column without an end is drawn a little higher than all starts and goals.
+    """
+    x, y, *z = obstacle.centre
+    width, kind = 2 * obstacle.radius, ros.visualization_msgs__msg__Marker
+    if z:
+        return _marker("obstacles", number, kind.SPHERE, (x, y, *z), (width, width, width), _OBSTACLE, 0.6)
+    if flown.space.dimensions == state.PLANE:
+        return _marker("obstacles", number, kind.CYLINDER, (x, y, 0.0), (width, width, _HEIGHT_M), _OBSTACLE, 0.6)
+    height = getattr(obstacle, "height", None)
+    if height is None:
+        places = np.concatenate([state.position(mission.starts(flown)), mission.goals(flown)])
+        height = float(places[:, 2].max()) + _HEIGHT_M
+    return _marker("obstacles", number, kind.CYLINDER, (x, y, height / 2), (width, width, height), _OBSTACLE, 0.6)
 
 
 def diagnostics(at: Instant, totals: Mapping[str, Any], reports: Mapping[str, Sequence[Any]]) -> Any:

@@ -17,10 +17,12 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.seat import seat
 from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.clusters import Division
-from meanflock.recording import drawing, mission_map, plots
+from meanflock.recording import drawing, mission_map, plots, space
+from meanflock.recording.branches import IN_SPACE, MARKS, ON_MAP, Branch
 from meanflock.recording.drawing import Part, circle
 from meanflock.results.disk import LARGE_SWARM
 from meanflock.results.series import Reported
+from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
@@ -28,16 +30,16 @@ from meanflock.swarm.wire.messages import Status
 TIMELINE = "sim_time"  # seconds since take-off
 TICKS = "tick"
 
-# Entities below MAP are drawn on the plane of flight; those of the plots are in `plots.py`.
-MAP = "map"
-UAVS = "map/uavs"
-VELOCITY = "map/velocity"
-TRAILS = "map/trails"
-MODEL_LINKS = "map/links/models"
+# Entities below MAP are drawn on the plane of flight, or from above; those of the plots are in `plots.py`.
+MAP = ON_MAP.root
+UAVS = ON_MAP.uavs
+VELOCITY = ON_MAP.velocity
+TRAILS = ON_MAP.trails
+MODEL_LINKS = ON_MAP.model_links
 STATE_LINKS = "map/links/states"
-COLLISIONS = "map/collisions"
-OBSTACLE_HITS = "map/obstacle_hits"
-LEADER = "map/leader"
+COLLISIONS = ON_MAP.marks["collision"]
+OBSTACLE_HITS = ON_MAP.marks["hit"]
+LEADER = ON_MAP.leader
 CLOSE_UP = "map/leader/close_up"  # shown only in the view around the leader
 HEADS = "map/heads"
 FAULTS = "map/faults"
@@ -142,8 +144,11 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     log(TRAILS, rr.LineStrips2D.from_fields(radii=size(0.9), draw_order=10.0))
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=size(1.0), draw_order=15.0))
     log(STATE_LINKS, rr.LineStrips2D.from_fields(radii=size(0.3), draw_order=14.0))
-    log(COLLISIONS, rr.LineStrips2D.from_fields(colors=[drawing.COLLISION], radii=size(1.2), draw_order=40.0))
-    log(OBSTACLE_HITS, rr.LineStrips2D.from_fields(colors=[drawing.HIT], radii=size(1.5), draw_order=40.0))
+    in_space = scenario.space.dimensions == state.SPACE
+    for kind, mark in MARKS.items():
+        if kind != "grounded" or in_space:
+            look = rr.LineStrips2D.from_fields(colors=[mark.color], radii=size(mark.thickness), draw_order=40.0)
+            log(ON_MAP.marks[kind], look)
     if scenario.federation.station is None:
         log(f"{LEADER}/ring", rr.Points2D([(0.0, 0.0)], radii=size(5.5), colors=[drawing.WHITE], draw_order=20.0))
     log(CLOSE_UP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # undoes that of the map
@@ -155,7 +160,12 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     log(WORDS, rr.Points2D.from_fields(colors=[drawing.WHITE], radii=0.0, show_labels=True))
 
     spread = [plots.SPREAD] if reported.weights else []
-    for plot in (*plots.OF_EVERY_FLIGHT, plots.ROUNDS, *map(plots.diagnostic, reported.diagnostics), *spread):
+    for plot in (
+        *plots.of_flight(scenario.space.dimensions),
+        plots.ROUNDS,
+        *map(plots.diagnostic, reported.diagnostics),
+        *spread,
+    ):
         log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
     log(plots.HITS, rr.SeriesPoints(names="collision", colors=drawing.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
@@ -185,14 +195,15 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
     """The views of one flight."""
     leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
     trails = f"trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}"
-    maps = swarm_map(scenario, f"swarm map, m: {trails}, arrows reach 2 s ahead")
+    legend = f"{trails}, arrows reach {ARROW_S:g} s ahead"
+    shown = flight_view(scenario, f"swarm map, m: {legend}", f"swarm in space, m: {legend}")
     close_up = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
         contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label", f"- /{WORDS}"],
         name=f"{'leader, ' * (scenario.federation.station is None)}UAV {leader}; discs: r_coll {radius:g} m",
         background=_CANVAS,
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),
-        overrides={**_recent(scenario), UAVS: rr.Points2D.from_fields(radii=radius)},
+        overrides={**_recent(scenario, ON_MAP), UAVS: rr.Points2D.from_fields(radii=radius)},
     )
     in_grid, in_tabs = _learned(leader, reported)
     columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
@@ -200,16 +211,16 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
         rrb.TextLogView(origin=f"/{EVENTS}", name="events", columns=columns),
         *_tabs(in_tabs, "learning" if reported.weights else "diagnostics"),
     ]
-    shown = 0  # the tab in front: the rounds if there are any, else lanes or events
+    front = 0  # the tab in front: the rounds if there are any, else lanes or events
     if scenario.uavs <= LARGE_SWARM:
         lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="UAVs", time_view=whole_flight())
         details = [lanes, *details, rrb.GraphView(origin=f"/{ROUND}", name="last round")]
         if _hops(scenario) and not scenario.faults:
-            shown = len(details) - 1
+            front = len(details) - 1
     details.append(_series(plots.ROUNDS, "rounds"))
-    grid = rrb.Grid(*map(_series, plots.OF_EVERY_FLIGHT), *in_grid, grid_columns=2)
-    below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=shown), column_shares=[2, 3])
-    return window(rrb.Horizontal(rrb.Vertical(maps, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
+    grid = rrb.Grid(*map(_series, plots.of_flight(scenario.space.dimensions)), *in_grid, grid_columns=2)
+    below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=front), column_shares=[2, 3])
+    return window(rrb.Horizontal(rrb.Vertical(shown, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
 
 
 def window(views: rrb.Container, live: bool) -> rrb.Blueprint:
@@ -224,22 +235,40 @@ def window(views: rrb.Container, live: bool) -> rrb.Blueprint:
     return rrb.Blueprint(views, time_panel, *others, auto_layout=False, auto_views=False)
 
 
-def swarm_map(scenario: Scenario, name: str, part: str = "", maps: int = 1) -> rrb.Spatial2DView:
-    """The map of a flight.
+def flight_view(
+    scenario: Scenario, name: str, name_in_space: str, part: str = "", maps: int = 1
+) -> rrb.Spatial2DView | rrb.Tabs:
+    """The map of a flight; of a flight in space, tabs with the view in space and the map.
 
     Args:
+        name, name_in_space: of the map, and of the view in space.
         part: the part of the recording that shows the flight; empty: the whole.
         maps: in the same window.
     """
     root = f"/{part}" if part else ""
-    return rrb.Spatial2DView(
+
+    def recent(branch: Branch) -> dict[Any, rrb.VisibleTimeRanges]:
+        return {f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario, branch).items()}
+
+    swarm_map = rrb.Spatial2DView(
         origin=root or "/",
         contents=[f"{root}/{MAP}/**", f"- {root}/{CLOSE_UP}/**"],
         name=name,
         background=_CANVAS,
         visual_bounds=_map_bounds(scenario, maps),
-        overrides={f"{part}/{entity}" if part else entity: last for entity, last in _recent(scenario).items()},
+        overrides=recent(ON_MAP),
     )
+    if scenario.space.dimensions != state.SPACE:
+        return swarm_map
+    in_space = rrb.Spatial3DView(
+        origin=f"{root}/{IN_SPACE.root}",
+        name=name_in_space,
+        background=_CANVAS,
+        line_grid=False,  # `space.py` draws one that is as large as the mission
+        eye_controls=space.eye(scenario, maps),
+        overrides=recent(IN_SPACE),
+    )
+    return rrb.Tabs(in_space, swarm_map)
 
 
 def trail_seconds(scenario: Scenario) -> float:
@@ -252,20 +281,18 @@ def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
     return np.array(colors, dtype=np.uint32)
 
 
-def _recent(scenario: Scenario) -> dict[Any, rrb.VisibleTimeRanges]:
+def _recent(scenario: Scenario, branch: Branch) -> dict[Any, rrb.VisibleTimeRanges]:
     """The time for which trails, links and marks are shown: nothing is logged twice or cleared."""
 
     def last(seconds: float) -> rrb.VisibleTimeRanges:
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
         return rrb.VisibleTimeRanges(timeline=TIMELINE, start=start, end=rr.TimeRangeBoundary.cursor_relative())
 
-    return {
-        TRAILS: last(trail_seconds(scenario)),
-        MODEL_LINKS: last(LINK_S),
-        STATE_LINKS: last(scenario.dt),
-        COLLISIONS: last(MARK_S),
-        OBSTACLE_HITS: last(MARK_S),
-    }
+    recent = {branch.trails: last(trail_seconds(scenario)), branch.model_links: last(LINK_S)}
+    if branch is ON_MAP:
+        recent[STATE_LINKS] = last(scenario.dt)
+    kinds = [kind for kind in MARKS if kind != "grounded" or scenario.space.dimensions == state.SPACE]
+    return recent | {branch.marks[kind]: last(MARK_S) for kind in kinds}
 
 
 def _map_bounds(scenario: Scenario, maps: int) -> rrb.VisualBounds2D:

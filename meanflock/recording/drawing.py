@@ -18,7 +18,6 @@ Floats = NDArray[np.float32]
 Colors = NDArray[np.uint32]
 Sent = tuple[str, Ticks, list[rr.ComponentColumn]]  # entity, ticks (R,), columns of R rows
 
-STRIPS, STRIP_COLORS = rr.LineStrips2D.descriptor_strips(), rr.LineStrips2D.descriptor_colors()
 _SCALARS = rr.Scalars.descriptor_scalars()
 
 # Shapes around the origin, of radius 1, as one line each: (points, 2).
@@ -39,6 +38,7 @@ PINK = 0xFF7AC6FF
 ICE = 0x8FE9FFFF
 COLLISION = PINK
 HIT = ORANGE
+GROUNDED = VIOLET
 HEAD = BLUE
 STATION = WHITE
 LINES = (ORANGE, BLUE, GREEN, VIOLET, WHITE, GREY, RED, PINK, ICE)  # of a plot, in this order, then from the start
@@ -144,12 +144,3 @@ def scalars(plot: str, ticks: Ticks, values: NDArray[Any]) -> Iterator[Sent]:
     if len(ticks):
         batch = rr.components.ScalarBatch(pa.array(values.reshape(-1).astype(np.float64, copy=False)))
         yield plot, ticks, cut(len(ticks), (_SCALARS, batch))
-
-
-def strips(points: Floats) -> rr.components.LineStrip2DBatch:
-    """K lines of P points each, (K, P, 2), m; Rerun itself would make them one by one."""
-    kind = rr.components.LineStrip2DBatch._ARROW_DATATYPE
-    count, each, _ = points.shape
-    flat = pa.FixedSizeListArray.from_arrays(points.reshape(-1), type=kind.value_type)
-    lines = pa.ListArray.from_arrays(np.arange(0, count * each + 1, each, dtype=np.int32), flat, type=kind)
-    return rr.components.LineStrip2DBatch(lines)

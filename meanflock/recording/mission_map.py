@@ -75,12 +75,23 @@ def shape(maps: int) -> tuple[int, int]:
     return math.ceil(maps / columns), columns
 
 
+def view_px(maps: int) -> tuple[float, float]:
+    """Width and height of one of several `maps` in a window."""
+    rows, columns = shape(maps)
+    return (_WINDOW_PX / columns, _MAPS_PX / rows - _TITLE_PX) if maps > 1 else _SINGLE_PX
+
+
+def round_length(most_m: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `most_m`."""
+    power = 10.0 ** math.floor(math.log10(most_m))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
+
+
 def key_box(scenario: Scenario, maps: int) -> Corners:
     """The place of the key, left of the mission, on one of several `maps` in a window."""
     low, high = box(scenario)
     wide, tall = (high - low) + 2 * MARGIN * float((high - low).max())
-    rows, columns = shape(maps)
-    view = (_WINDOW_PX / columns, _MAPS_PX / rows - _TITLE_PX) if maps > 1 else _SINGLE_PX
+    view = view_px(maps)
     metre_px = min((view[0] - KEY_PX) / wide, view[1] / tall)
     middle, half = (low[1] + high[1]) / 2, view[1] / metre_px / 2 / (1 + 2 * MARGIN)
     return np.array([low[0] - KEY_PX / metre_px, middle - half]), np.array([low[0], middle + half])
@@ -219,6 +230,8 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
     if scenario.obstacles:
         samples.append(("obstacle", drawing.GREY, ring, 1.0))
         samples.append(("obstacle hit", drawing.HIT, 0.7 * drawing.CROSS, 1.5))
+    if scenario.space.dimensions == state.SPACE:
+        samples.append(("grounded", drawing.GROUNDED, -0.7 * drawing.TRIANGLE, 1.5))
     if scenario.federation.clusters > 1:
         samples.append(("head", drawing.HEAD, ring, 2.0))
     of_faults = {
@@ -255,10 +268,10 @@ def _log_colours(part: Part, left: float, right: float, y: float, gap: float, by
 
 def _log_mean_wind(part: Part, scenario: Scenario, at: Point, length: float) -> None:
     """Logs an arrow with the direction of the mean wind; the word has its speed."""
-    wind = state.flat(np.array(scenario.flown().wind.mean))
-    speed = float(np.hypot(*wind))
+    wind = np.array(scenario.flown().wind.mean)
+    speed = math.hypot(*wind)
     if speed:
-        arrow = wind / speed * length
+        arrow = state.flat(wind) / speed * length
         tail = np.array([at[0], at[1] + length / 2]) - arrow / 2
         radii = rr.Radius.ui_points(1.5)
         arrows = rr.Arrows2D(vectors=[arrow], origins=[tail], colors=[drawing.GUST], radii=radii, draw_order=1.0)
@@ -268,9 +281,8 @@ def _log_mean_wind(part: Part, scenario: Scenario, at: Point, length: float) -> 
 
 
 def _log_scale(part: Part, at: Point, most_m: float) -> None:
-    """Logs a bar of 1, 2 or 5 times a power of ten metres, at most `most_m` long."""
-    power = 10.0 ** math.floor(math.log10(most_m))
-    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most_m)
+    """Logs a bar of a round length, at most `most_m` long."""
+    length = round_length(most_m)
     ends = np.array([(-length / 2, 0.0), (length / 2, 0.0)])
     part.line("map/legend/scale", ends + at, drawing.WHITE, 1.5)
     part.label("map/legend/scale/word", at, f"{length:g} m", drawing.WHITE)

@@ -59,6 +59,7 @@ _SIZES_WIDTHS = (1.2, 2.5)
 
 ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
 SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
+ALTITUDE = Plot("plots/altitude", "altitude, m: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)  # in space
 BITS = Plot(
     "plots/bits",
     f"{quantities.PAYLOAD.name}, Mbit",
@@ -82,6 +83,7 @@ FAILURES = Plot(
     legend=True,
 )
 OF_EVERY_FLIGHT = (ENERGY, SPEED, BITS, FAILURES, ALIGNMENT, RISK)
+IN_SPACE = (*OF_EVERY_FLIGHT[:2], ALTITUDE, *OF_EVERY_FLIGHT[2:])
 ROUNDS = Plot(
     "plots/rounds",
     "rounds: uploads received in time, late; participants silent",
@@ -109,6 +111,11 @@ def weights_title(leader: int, reported: Reported) -> str:
     return f"what UAV {leader} has learned: {which} weights"
 
 
+def of_flight(dimensions: int) -> tuple[Plot, ...]:
+    """The plots of every flight in so many dimensions."""
+    return IN_SPACE if dimensions == state.SPACE else OF_EVERY_FLIGHT
+
+
 def plot_rows(
     ticks: Ticks,
     states: state.States,
@@ -121,7 +128,7 @@ def plot_rows(
     """Values of all plots at ticks (T,), those of `LAST` at the end.
 
     Args:
-        states: (T, N, 4). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
+        states: (T, N, 2d). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
         energy: (T, N), J. status: (T, N).
     """
 
@@ -129,6 +136,8 @@ def plot_rows(
         return swarm[:, [COLUMN[name] for name in names]]
 
     yield from scalars(SPEED.entity, ticks, span(state.speed(states)))
+    if state.axes(states) == state.SPACE:
+        yield from scalars(ALTITUDE.entity, ticks, span(state.position(states)[..., 2]))
     yield from scalars(BITS.entity, ticks, swarm[:, BITS_SENT] / 1e6)
     yield from scalars(ALIGNMENT.entity, ticks, columns("phi_A"))
     yield from scalars(RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))

@@ -18,10 +18,11 @@ import rerun.blueprint as rrb
 from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from meanflock.federation.plan import plan_of
-from meanflock.recording import blueprint, mission_map
+from meanflock.recording import blueprint, mission_map, space
+from meanflock.recording.branches import IN_SPACE, ON_MAP
 from meanflock.recording.disturbances import Disturbances
 from meanflock.recording.drawing import Part, Sent, Ticks
-from meanflock.recording.flight import Trails, event_rows, link_rows, uav_colors, uav_rows, with_stations
+from meanflock.recording.flight import Trails, event_rows, link_rows, mark_rows, uav_colors, uav_rows, with_stations
 from meanflock.recording.plots import plot_rows, report_rows
 from meanflock.recording.rounds import RoundRows
 from meanflock.recording.viewer import await_listener, listening_address
@@ -73,7 +74,8 @@ class Writer:
         self._maps = maps
         self._large = scenario.uavs > LARGE_SWARM
         self._disturbances = Disturbances(scenario)
-        self._trails = Trails(scenario)
+        self._branches = [ON_MAP, IN_SPACE] if scenario.space.dimensions == state.SPACE else [ON_MAP]
+        self._trails = {branch: Trails(scenario, branch) for branch in self._branches}
         self._rounds = RoundRows(scenario)
         self._pending: list[Telemetry] = []
         self._pending_ticks = 0
@@ -89,6 +91,8 @@ class Writer:
         """Logs what does not change in flight."""
         blueprint.log_static(self._under, self._scenario, self._reported)
         mission_map.log(self._under, self._scenario, self._reported, self._maps)
+        if IN_SPACE in self._branches:
+            space.log(self._under, self._scenario, self._maps)
 
     def write(self, block: Telemetry) -> None:
         """Records a block of T ≥ 1 ticks. Blocks come in the order of the flight; one may be missing."""
@@ -118,19 +122,27 @@ class Writer:
         energy = np.concatenate([block.energy for block in blocks])
         links = np.concatenate([block.links for block in blocks])
         events = [event for block in blocks for event in block.events]
-        positions = state.flat(states).astype(np.float32)
+        positions = state.position(states).astype(np.float32)
         colors = uav_colors(states, diagnostics, status, self._reported)
 
         chosen = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
-        if len(rows := ticks[chosen]):
-            rows = ticks if len(rows) == len(ticks) else rows
-            self._send(uav_rows(rows, states[chosen], colors[chosen], self._scenario.federation.leader))
+        rows = ticks[chosen]
+        rows = ticks if len(rows) == len(ticks) else rows
+        for branch in self._branches:
+            places = branch.within(positions)
+            if len(rows):
+                leader = self._scenario.federation.leader
+                self._send(uav_rows(branch, rows, states[chosen], colors[chosen], leader))
+            self._send(self._trails[branch].rows(ticks, places, colors))
+            self._send(link_rows(branch, ticks, with_stations(places, self._scenario), links))
+            self._send(mark_rows(branch, ticks, places, events))
+        if len(rows):
             self._send(self._disturbances.rows(rows, states[chosen]))
-        self._send(self._trails.rows(ticks, positions, colors))
-        self._send(link_rows(ticks, with_stations(positions, self._scenario), links))
+            if IN_SPACE in self._branches:
+                self._send(space.rows(rows, positions[chosen]))
         self._send(self._rounds.rows(ticks, links, events, status))
         self._send(report_rows(blocks, self._reported))
-        self._send(event_rows(ticks, positions, swarm, events))
+        self._send(event_rows(ticks, swarm, events))
         if not self._large:
             self._send(self._disturbances.lanes(ticks, status))
         self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, self._reported.diagnostics))

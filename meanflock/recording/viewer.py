@@ -31,6 +31,7 @@ LISTEN_S = 60.0  # until a server that was started listens, on a busy machine
 _ASK_AGAIN_S = 0.02
 VIEWER_DEADLINE_S = 60.0  # until a picture is rendered in software, on a busy machine
 LEAST, MOST = 200, 8192  # pixels of a side
+VIEWS = ("all", "map", "space")  # that a picture can show
 MISSING_GRAPHICS = "apt-get install mesa-vulkan-drivers libgl1 libegl1"
 
 
@@ -187,14 +188,17 @@ def pixels(size: str) -> tuple[int, int]:
     return numbers[0], numbers[1]
 
 
-def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] = (1920, 1080)) -> None:
+def screenshot(
+    path: Path, png: Path, at_s: float | None, size: tuple[int, int] = (1920, 1080), view: str = VIEWS[0]
+) -> None:
     """Renders a recording as a picture of `size` pixels; needs no display.
 
     Args:
         at_s: seconds since take-off; None for the end of the recording.
+        view: one of `VIEWS`; `map` and `space` fill the picture.
 
     Raises:
-        BadInput: no such recording or second, or the picture cannot be written.
+        BadInput: no such recording, second or view, or the picture cannot be written.
         RunFailed: the viewer does not start or answer, or one of the views reports an error.
     """
     if not path.is_file():
@@ -208,7 +212,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
         log = Path(folder) / "viewer.log"
         viewer, url = start_headless(path, size, log)
         try:
-            picture = _render(viewer, url, at_s)
+            picture = _render(viewer, url, at_s, view)
         except (OSError, RuntimeError, ValueError) as error:
             lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
             cause = next((line for line in lines if "panicked" in line or "ERROR" in line), str(error))
@@ -221,7 +225,7 @@ def screenshot(path: Path, png: Path, at_s: float | None, size: tuple[int, int] 
     durable.put(png, picture)
 
 
-def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> bytes:
+def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None, view: str) -> bytes:
     """The picture once the recording is loaded and the viewer repeats an earlier picture.
 
     Two pictures in a row need not be equal: a plot may alternate between two widths of its labels.
@@ -244,6 +248,8 @@ def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> 
             if not prepared:
                 client.set_time(blueprint.TIMELINE, duration=_second(seen.recordings[0], at_s), play_state="paused")
                 client.run_command("ui.toggle_top_panel")  # its only message is that it renders in software
+                if view != "all":
+                    _fill(client, _found(seen.views, view))
                 prepared = True
                 continue
             picture = client.take_screenshot()
@@ -257,6 +263,25 @@ def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None) -> 
             return picture
         pictures.add(picture)
     raise TimeoutError(f"the viewer gave no steady picture within {VIEWER_DEADLINE_S:.0f} s")
+
+
+def _found(views: Iterable[Any], view: str) -> str:
+    """The identity of the map, or of the view in space, among the views of a recording."""
+    maps = [each for each in views if each.view_class == "2D" and not each.origin.endswith(blueprint.CLOSE_UP)]
+    found = maps if view == "map" else [each for each in views if each.view_class == "3D"]
+    if not found:
+        raise BadInput(f"--view {view}: the flight is in the plane, or was recorded before 2.0; take `map` or `all`")
+    if len(found) > 1:
+        raise BadInput(f"--view {view}: the recording shows {len(found)} flights; take `all`")
+    return str(found[0].view_id)
+
+
+def _fill(client: ViewerClient, view_id: str) -> None:
+    """Shows a view alone, without the controls of time."""
+    shown = client.get_blueprint()
+    shown.blueprint["/viewport"]["ViewportBlueprint"]["maximized"] = view_id
+    shown.blueprint["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
+    client.set_blueprint(shown.blueprint, store_id=shown.store_id)
 
 
 def _second(recording: Any, at_s: float | None) -> float:

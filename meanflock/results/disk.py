@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from meanflock.federation.plan import plan_of
+from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -14,6 +15,7 @@ LARGE_SWARM_STRIDE = 5  # ticks between recorded positions of a large swarm
 # Bytes as measured, rather too many: of a UAV's row, and of a tick.
 _SERIES_ROW, _SERIES_TICK = 70, 400  # timeseries.parquet; 4 more for each diagnostic
 _RECORDED_ROW, _RECORDED_ROW_OF_MANY, _RECORDED_TICK = 45, 13, 2000  # recording.rrd
+_SPACE_ROW, _SPACE_ROW_OF_MANY = 85, 20  # more of a recording in space
 _FIXED = 2 * 10**6
 _CHECKPOINT_ROW, _CHECKPOINT_PAIR = 500, 32  # beside the models; a pair of UAVs if they share states
 
@@ -37,7 +39,11 @@ def needed_mb(scenario: Scenario, record: bool, flown: int = 0) -> int:
     """
     uavs, declared = scenario.uavs, plan_of(scenario).declared
     series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))) * (scenario.max_ticks - flown)
-    recording = _RECORDED_TICK + uavs * (_RECORDED_ROW_OF_MANY if uavs > LARGE_SWARM else _RECORDED_ROW)
+    large = uavs > LARGE_SWARM
+    recorded = _RECORDED_ROW_OF_MANY if large else _RECORDED_ROW
+    if scenario.space.dimensions == state.SPACE:
+        recorded += _SPACE_ROW_OF_MANY if large else _SPACE_ROW
+    recording = _RECORDED_TICK + uavs * recorded
     recording *= scenario.max_ticks if record else 0
     checkpoint = uavs * (_CHECKPOINT_ROW + 8 * max(declared.weights, declared.parameters))
     checkpoint += _CHECKPOINT_PAIR * uavs * uavs if declared.pairwise else 0

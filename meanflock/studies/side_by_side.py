@@ -101,7 +101,10 @@ class _Beside(Writer):
 def _blueprint(flights: Mapping[str, Scenario]) -> rrb.Blueprint:
     """A map for every flight, and below them the plots they share."""
     _, columns = mission_map.shape(len(flights))
-    maps = [blueprint.swarm_map(flown, name, part_of(name), len(flights)) for name, flown in flights.items()]
+    maps = [
+        blueprint.flight_view(flown, name, f"{name} in space", part_of(name), len(flights))
+        for name, flown in flights.items()
+    ]
     plots = [
         rrb.TimeSeriesView(
             origin="/",

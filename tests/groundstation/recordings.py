@@ -12,8 +12,9 @@ from meanflock.recording import plots
 from meanflock.recording import recorder as recording
 from meanflock.recording.recorder import Recorder
 from meanflock.results.series import Reported
-from meanflock.swarm.events import Collided, FaultBegan, FlightEvent, Lost
-from meanflock.swarm.scenario import Scenario
+from meanflock.swarm import state
+from meanflock.swarm.events import Collided, FaultBegan, FlightEvent, Grounded, Lost
+from meanflock.swarm.scenario import Scenario, Space
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Status, Telemetry
 
 ROUND_TICKS = 100
@@ -23,13 +24,16 @@ HJB = plots.diagnostic("hjb_residual")
 COLLISIONS = ((120, (3, 4)), (121, (5, 6)), (333, (0, 24)))  # tick, pair
 
 
-def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]:
-    """A made-up flight from (150, 100) to the origin in 60 s, with rounds, collisions and a lost UAV."""
+def flight(uavs: int = 25, ticks: int = 600, block: int = 20, axes: int = state.PLANE) -> list[Telemetry]:
+    """A made-up flight from (150, 100) to the origin in 60 s, with rounds, collisions and a lost UAV.
+
+    In space it comes down from 60 m, and UAV 2 hits the ground.
+    """
     rng = np.random.default_rng(1)
     tick = np.arange(ticks)
     share = (tick / 600)[:, None, None]
-    position = np.array([150.0, 100.0]) * (1 - share) + rng.normal(size=(1, uavs, 2)) * 3
-    velocity = np.broadcast_to([-2.5, -1.7], position.shape) + 0.1 * rng.normal(size=position.shape)
+    position = np.array([150.0, 100.0, 60.0])[:axes] * (1 - share) + rng.normal(size=(1, uavs, axes)) * 3
+    velocity = np.broadcast_to([-2.5, -1.7, -1.0][:axes], position.shape) + 0.1 * rng.normal(size=position.shape)
     states = np.concatenate([position, velocity], axis=-1)
     diagnostics = np.abs(rng.normal(size=(ticks, uavs, 3))).astype(np.float32)
     diagnostics[0] = 0  # nobody has learned yet
@@ -44,7 +48,7 @@ def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]
             block=number,
             first_tick=first,
             states=states[first : first + block],
-            accelerations=np.zeros((len(tick[first : first + block]), uavs, 2), dtype=np.float32),
+            accelerations=np.zeros((len(tick[first : first + block]), uavs, axes), dtype=np.float32),
             diagnostics=diagnostics[first : first + block],
             status=status[first : first + block],
             energy=np.cumsum(np.ones((ticks, uavs), dtype=np.float32), axis=0)[first : first + block],
@@ -53,7 +57,7 @@ def flight(uavs: int = 25, ticks: int = 600, block: int = 20) -> list[Telemetry]
             report_ticks=np.array([first], dtype=np.int32),
             reports=rng.normal(size=(1, WEIGHTS)).astype(np.float32),
             spread=np.array([1.0]),
-            events=_events(uavs, first, block),
+            events=_events(uavs, first, block, axes),
             diagnostic_names=DIAGNOSTICS,
         )
         for number, first in enumerate(range(0, ticks, block))
@@ -72,15 +76,17 @@ def _links(uavs: int, first: int, block: int) -> np.ndarray:
     return np.array(rows, dtype=np.int32).reshape(-1, len(LinkColumn))
 
 
-def _events(uavs: int, first: int, block: int) -> tuple[FlightEvent, ...]:
+def _events(uavs: int, first: int, block: int, axes: int) -> tuple[FlightEvent, ...]:
     events: list[FlightEvent] = [Collided(tick, *pair) for tick, pair in COLLISIONS if uavs > max(pair)]
     events += [Lost(400, (7,), "silent"), FaultBegan(100, (), 0, "a gust")]
+    events += [Grounded(50, 2)] * (axes == state.SPACE)
     return tuple(event for event in events if first <= event.tick < first + block)
 
 
 def record(path: Path, blocks: list[Telemetry], reported: Reported | None = None, **changes: Any) -> Scenario:
     """In batches of 500 ticks, so that a flight of 600 is of two."""
-    scenario = Scenario(**{"uavs": blocks[0].states.shape[1], **changes})
+    axes = state.axes(blocks[0].states)
+    scenario = Scenario(**{"uavs": blocks[0].states.shape[1], "space": Space(dimensions=axes), **changes})
     batches = patch.object(recording, "_BATCH_TICKS_AT_MOST", 500)
     with batches, Recorder(scenario, "test", path, reported=reported) as recorder:
         for block in blocks:

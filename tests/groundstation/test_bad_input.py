@@ -92,6 +92,7 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("picture", "run"), "-o"),
     (("picture", "run", "-o", "p.jpg"), ".png"),
     (("picture", "run", "-o", "p.png", "--size", "1920"), "WIDTHxHEIGHT"),
+    (("picture", "run", "-o", "p.png", "--view", "side"), "'all', 'map', 'space'"),
     (("picture", "run", "-o", "bad.toml/p.png"), "bad.toml/p.png"),
     (("export", "run"), "--mcap"),
     (("export", "nowhere", "--mcap", "r"), "no such run"),

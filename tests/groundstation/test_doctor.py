@@ -167,9 +167,11 @@ def test_memory_that_grows_with_pairs_is_refused_with_the_largest_swarm_that_fit
     assert [one.verdict for one in fits] == ["ok", "fails"]
 
 
-@pytest.mark.parametrize("uavs", [25, LARGE_SWARM + 1])
-def test_a_run_folder_takes_no_more_than_estimated_and_a_large_recording_is_announced(tmp_path, capsys, uavs) -> None:
-    settings = [f"uavs={uavs}", "stop=duration", "duration=40", "federation.period=50"]
+@pytest.mark.parametrize(("uavs", "axes"), [(25, 2), (25, 3), (LARGE_SWARM + 1, 2)])
+def test_a_run_folder_takes_no_more_than_estimated_and_a_large_recording_is_announced(
+    tmp_path, capsys, uavs, axes
+) -> None:
+    settings = [f"uavs={uavs}", f"space.dimensions={axes}", "stop=duration", "duration=40", "federation.period=50"]
     flags = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "--in-process", "--out", str(tmp_path), *flags]) == 0
     told = "positions of every 5th tick" in capsys.readouterr().err

@@ -25,12 +25,13 @@ from meanflock.recording.replay import recorded, verify
 from meanflock.recording.viewer import MISSING_GRAPHICS, screenshot
 from meanflock.recording.web import WebPage
 from meanflock.results.run_folder import CHECKPOINT, RunFolder
-from meanflock.swarm import logs, scenario
+from meanflock.results.series import Reported
+from meanflock.swarm import logs, scenario, state
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from tests.commands import COMMAND, ended, printed
 from tests.groundstation.conftest import QUICK
-from tests.groundstation.recordings import flight, record
+from tests.groundstation.recordings import DIAGNOSTICS, WEIGHTS, flight, record
 from tests.polling import DEADLINE_S, until
 
 VERBS = (("view", "--web"), ("plot",), ("picture", "-o", "p.png"), ("resume",), ("export", "--mcap", "r"))
@@ -147,6 +148,28 @@ def test_a_picture_shows_the_given_second_or_the_last_without_a_display(run, tmp
     assert code == EXIT_BAD_INPUT
     assert "of 0 to 19.9 s" in err
     assert not (tmp_path / "beyond.png").exists()
+
+
+@pytest.mark.processes
+def test_a_picture_shows_one_view_alone_and_none_in_space_of_a_flight_in_the_plane(run, tmp_path: Path) -> None:
+    reported = Reported(DIAGNOSTICS, WEIGHTS)
+    record(tmp_path / "space.rrd", flight(ticks=200, axes=state.SPACE), reported)
+    record(tmp_path / "plane.rrd", flight(ticks=200))
+    canvas = {}
+    for name, view in (("space", "all"), ("space", "space"), ("space", "map"), ("plane", "map")):
+        png = tmp_path / "out" / f"{name}-{view}.png"
+        flags = ("--view", view, "-o", str(png), "--size", "640x480")
+        code, out, err = run("picture", f"{name}.rrd", *flags)
+        if any(reason in err for reason in NO_GRAPHICS) and MISSING_GRAPHICS in err:
+            pytest.skip(err)
+        assert (code, out) == (EXIT_DONE, f"{png}\n")
+        seen = np.round(imread(png)[..., :3] * 255)
+        canvas[name, view] = float((seen == CANVAS).all(axis=-1).mean())
+    assert canvas["space", "all"] < 0.4
+    assert min(share for (_, view), share in canvas.items() if view != "all") > 0.6
+    code, _, err = run("picture", "plane.rrd", "--view", "space", "-o", "none.png", "--size", "640x480")
+    assert (code, "--view space: the flight is in the plane" in err) == (EXIT_BAD_INPUT, True)
+    assert not (tmp_path / "none.png").exists()
 
 
 CANVAS, GOAL = (16, 19, 26), (0x35, 0xD6, 0xA0)  # colours of the map's background and of the goal's ring on it

@@ -76,6 +76,7 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "markeredgewidth": 0.4,
 }
 CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E69F00"}  # an obstacle hit
+FALLEN: dict[str, Any] = {**STAR, "marker": "v", "markersize": 5.0, "color": "#8B5CF6"}  # a UAV that hit the ground
 INK = "#222222"
 PALE = "#9A9A9A"
 GOAL = "#2E8B57"

@@ -15,7 +15,7 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Patch, Rectangle
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
@@ -26,7 +26,7 @@ from meanflock.results.quantities import FIELDS, PHI_G, POSITION, VELOCITY, quan
 from meanflock.results.run_folder import EVENTS, flown_rows
 from meanflock.results.series import diagnostics_in, dimensions_in, per_uav, span_where
 from meanflock.swarm import mission, state
-from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario import Obstacle, Scenario
 from meanflock.swarm.wire.messages import Status
 
 log = logging.getLogger("meanflock.plots")
@@ -35,6 +35,8 @@ Floats = NDArray[np.float64]
 
 MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
+_PANEL_IN = 4.5  # width of the paths in space
+_SIDES = (0.4, 0.3), (1.1, 0.8)  # height of its panels from above and from the side, as shares of it: least and most
 
 
 class RunPicture(NamedTuple):
@@ -65,38 +67,66 @@ def plot_run(folder: Path) -> dict[str, Figure]:
 
 @plotstyle.style()
 def plot_paths(run: RunPicture) -> Figure:
-    """The paths of all UAVs on the map, with collisions, obstacles and goals."""
+    """The paths of all UAVs on the map, with collisions, obstacles and goals; in space also from the side."""
     table, flown = run.table, run.scenario
-    position = per_uav(table, "x_m", "y_m")
-    ticks, uavs, _ = position.shape
-    step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
-    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
-    ax = figure.subplots()
-    shaded = PHI_G in diagnostics_in(table.schema)
-    plotstyle.paths(ax, position[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
-    ax.plot(*position[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
-    ax.plot(*position[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
-    collisions = places_of(run.events, "collision", position)
-    if (counted := int(_line(table, "collisions")[-1])) != len(collisions):
-        log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)
-    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {counted}")
-    if len(flown.obstacles):
-        hits = places_of(run.events, "hit", position)
-        ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
-    _draw_mission(ax, flown)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.05)
-    ax.set_xlabel("$x$ (m)")
-    ax.set_ylabel("$y$ (m)")
+    position = per_uav(table, *POSITION[: dimensions_in(table.schema)])
+    figure, panels = _sides(position, flown)
+    for ax, up in zip(panels, (1, 2), strict=False):
+        _draw_paths(ax, run, position, up)
     end = _line(table, "sim_time_s")[-1]
     arrived = int(_line(table, "arrived")[-1])
     name = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
-    plotstyle.titled(ax, "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s")
-    figure.legend(loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
-    if shaded:
+    plotstyle.titled(panels[0], "", f"{name}{arrived} of {position.shape[1]} arrived in {end:.0f} s")
+    marks = panels[0].get_legend_handles_labels()
+    figure.legend(*marks, loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
+    if PHI_G in diagnostics_in(table.schema):
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
-        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=ax, extend="both", label=label)
+        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=panels, extend="both", label=label)
     return figure
+
+
+def _sides(position: Floats, flown: FlownKeys | Scenario) -> tuple[Figure, Sequence[Axes]]:
+    """An empty figure with a panel from above, and below it in space one from the side, with about the same scale."""
+    if position.shape[-1] == state.PLANE:
+        figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
+        return figure, [figure.subplots()]
+    places = np.concatenate([position.reshape(-1, 3), mission.goals(flown), mission.stations(flown)])
+    wide, deep, _ = np.maximum(np.ptp(places, axis=0), 1.0)
+    shares = np.clip([deep / wide, places[:, 2].max() / wide], *_SIDES)
+    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 0.9 + _PANEL_IN * shares.sum())
+    return figure, figure.subplots(2, 1, sharex=True, height_ratios=shares)
+
+
+def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
+    """Draws paths, events and mission, from above (`up` is 1) or from the side (2); `position` is (T, N, axes)."""
+    table, flown = run.table, run.scenario
+    seen = position[..., [0, up]]
+    ticks, uavs, _ = seen.shape
+    step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
+    shaded = PHI_G in diagnostics_in(table.schema)
+    plotstyle.paths(ax, seen[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
+    ax.plot(*seen[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
+    ax.plot(*seen[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
+    collisions = places_of(run.events, "collision", seen)
+    if up == 1 and (counted := int(_line(table, "collisions")[-1])) != len(collisions):
+        log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)
+    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {int(_line(table, 'collisions')[-1])}")
+    if len(flown.obstacles):
+        hits = places_of(run.events, "hit", seen)
+        ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
+    if position.shape[-1] == state.SPACE:
+        grounded = places_of(run.events, "grounded", seen)
+        ax.plot(*grounded.T, **plotstyle.FALLEN, label=f"grounded: {len(grounded)}")
+    _draw_mission(ax, flown, up, float(position[..., -1].max()))
+    ax.margins(0.05)
+    if up == 1:
+        ax.set_aspect("equal", adjustable="datalim" if position.shape[-1] == state.PLANE else "box")
+        ax.set_ylabel("$y$ (m)")
+    else:
+        ax.axhline(0.0, color=plotstyle.INK, linewidth=0.7)  # the ground
+        ax.set_ylabel("$z$ (m)")
+    if up == position.shape[-1] - 1:
+        ax.set_xlabel("$x$ (m)")
 
 
 def places_of(events: Iterable[Mapping[str, Any]], kind: str, position: Floats) -> Floats:
@@ -126,23 +156,38 @@ def _events(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def _draw_mission(ax: Axes, flown: FlownKeys | Scenario) -> None:
-    """Draws goals, obstacles and stations over the paths, and names them in the legend."""
-    goals, radius = state.flat(mission.goals(flown)), flown.destination.radius
-    for x, y, size in mission.obstacles(flown).tolist():
-        ax.add_patch(Circle((x, y), size, facecolor=plotstyle.PALE, edgecolor=plotstyle.INK, linewidth=0.5, zorder=0.9))
+def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float) -> None:
+    """Draws goals, obstacles and stations over the paths, and names them in the legend.
+
+    Args:
+        up: as for `_draw_paths`. highest: of all places of UAVs, m; a column without an end is drawn up to there.
+    """
+    goals, radius = mission.goals(flown), flown.destination.radius
+    look = {"facecolor": plotstyle.PALE, "edgecolor": plotstyle.INK, "linewidth": 0.5, "zorder": 0.9}
+    for obstacle in flown.obstacles:
+        ax.add_patch(_outline(obstacle, up, highest, look))
     if len(flown.obstacles):
         ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
     if len(flown.stations):
-        places = mission.stations(flown)[:, :2]
+        places = mission.stations(flown)[:, [0, up]]
         ax.plot(*places.T, **plotstyle.TRIANGLE, label=f"station{'s' * (len(places) > 1)}")
     if (goals == goals[0]).all():
         for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
-            ax.add_patch(Circle(tuple(goals[0]), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
+            size = {"fill": False, "edgecolor": color, "linewidth": width, "zorder": 5}
+            ax.add_patch(Circle((goals[0, 0], goals[0, up]), radius, **size))
         ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
     else:
-        marks = np.unique(goals, axis=0)
+        marks = np.unique(goals[:, [0, up]], axis=0)
         ax.plot(*marks.T, linestyle="", marker="x", markersize=2.4, color=plotstyle.GOAL, zorder=5, label="goals")
+
+
+def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) -> Patch:
+    """An obstacle from above or from the side: a circle, or of a column from the side a rectangle."""
+    if up == 1 or len(obstacle.centre) == state.SPACE:
+        return Circle((obstacle.centre[0], obstacle.centre[up]), obstacle.radius, **look)
+    top = getattr(obstacle, "height", None)
+    corner = obstacle.centre[0] - obstacle.radius, 0.0
+    return Rectangle(corner, 2 * obstacle.radius, highest if top is None else top, **look)
 
 
 # -- curves --------------------------------------------------------------------------------------------------------
