@@ -12,12 +12,23 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import mission, state
-from meanflock.swarm.events import Arrived, Collided, Diverged, FlightEvent, Grounded, HitObstacle, Lost, Rejoined
+from meanflock.swarm.events import (
+    Arrived,
+    Collided,
+    Diverged,
+    FlightEvent,
+    Grounded,
+    HitObstacle,
+    LeftAltitudes,
+    Lost,
+    Rejoined,
+)
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.alignment import EXACT, speed_difference
+from meanflock.worldsim.altitude import Altitude
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.ground import Ground
 from meanflock.worldsim.vehicles.base import Physics
@@ -148,7 +159,7 @@ class Flight(Stateful):
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
         noise: of the motion.
-        ground: of a flight in space.
+        ground: of a flight in space. altitude: its floor and ceiling.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         steps: number of commands of UAVs that are not lost, one for each UAV and tick. lost_ticks: (N,), ticks in which
@@ -172,7 +183,18 @@ class Flight(Stateful):
             "speed_difference_squared_error",
             "near_sum",
         ),
-        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "ground", "noise"),
+        *(
+            "states",
+            "hidden",
+            "status",
+            "arrival_tick",
+            "arrival_energy",
+            "books",
+            "encounters",
+            "ground",
+            "altitude",
+            "noise",
+        ),
     )
 
     def __init__(self, scenario: Scenario) -> None:
@@ -191,6 +213,7 @@ class Flight(Stateful):
         self.hidden = self._physics.init()
         self.encounters = Encounters(scenario)
         self.ground = Ground(scenario)
+        self.altitude = Altitude(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)
         self.status = np.full(n, FLYING)
@@ -347,6 +370,10 @@ class Flight(Stateful):
         if self.ground.is_there:
             for uav in self.ground.touch(self.states, self.arrival_tick >= 0).tolist():
                 self.events.append(Grounded(self.tick, uav))
+        if self.altitude.limits:
+            for uav, limit in self.altitude.leave(self.states, self.arrival_tick >= 0):
+                side, limit_m = self.altitude.limits[limit]
+                self.events.append(LeftAltitudes(self.tick, uav, side > 0.0, limit_m))
 
     def restored(self) -> None:
         self._sort()

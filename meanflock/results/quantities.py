@@ -205,6 +205,13 @@ SUMMARY = (
         "null in the plane",
         optional=True,
     ),
+    Field(
+        "altitude_violations",
+        "1",
+        "UAVs that went below `space.floor`, after they had risen above it, and UAVs that went above `space.ceiling`, "
+        "before they arrived; each UAV and limit once; null without limits",
+        optional=True,
+    ),
     Field("speed_max_m_s", SPEED, "highest speed of a UAV on the way"),
     Field("speed_mean_m_s", SPEED, "mean speed of the UAVs on the way"),
     Field("distance_mean_m", DISTANCE, "distance that a UAV flies until it arrives: mean"),

@@ -182,6 +182,7 @@ def check(mission: Mission) -> None:
                     f"UAV {places[:, -1].argmin()} {verb} {-lowest:g} m below the ground, z = 0; raise its place, "
                     "`start.centre`, or `start.height` where these have two numbers"
                 )
+            _check_altitudes(mission, verb, places)
             for number, (x, y, radius) in enumerate(discs.tolist()):
                 inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
                 if len(inside):
@@ -190,7 +191,22 @@ def check(mission: Mission) -> None:
         _check_apart(mission)
 
 
+def _check_altitudes(mission: Mission, verb: str, places: state.Vectors) -> None:
+    """Raises ValueError if one of `places` (N, d) is beyond the floor or the ceiling."""
+    for side, limit in mission.space.limits:
+        beyond = side * (limit - places[:, -1])
+        if (worst := float(beyond.max())) > 0.0:
+            where = "below `space.floor`" if side > 0.0 else "above `space.ceiling`"
+            raise ValueError(
+                f"UAV {beyond.argmax()} {verb} {worst:g} m {where} {limit:g} m; move the limit, its place, "
+                "`start.centre`, or `start.height` where these have two numbers"
+            )
+
+
 def _check_tables(mission: Mission) -> None:
+    floor, ceiling = mission.space.floor, mission.space.ceiling
+    if floor is not None and ceiling is not None and floor >= ceiling:
+        raise ValueError(f"`space.floor` {floor:g} m is not below `space.ceiling` {ceiling:g} m; lower it")
     start = mission.start
     destination = mission.destination
     uavs = mission.uavs

@@ -76,6 +76,10 @@ class Orca(TravellingController):
             discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = half_planes(discs, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
+        if len(self._limits):
+            distance = self._limits.seen(own)[0] - 0.5 * options.radius_m
+            least = -distance / np.where(distance > 0.0, options.horizon_s, dt)
+            normals, bounds = self._limits.added(normals, bounds, least)
         chosen, missing = np.empty(preferred.shape), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, chosen, missing)
         return chosen, missing

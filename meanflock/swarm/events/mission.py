@@ -66,6 +66,27 @@ class Grounded(BaseEvent, frozen=True):
         return (self.uav,)
 
 
+class LeftAltitudes(BaseEvent, frozen=True):
+    """A UAV went below the floor or above the ceiling. limit_m: the limit."""
+
+    meanings = {
+        "altitude": "in space, a UAV went below `space.floor` or above `space.ceiling` for the first time, in this tick"
+    }
+    level = "ERROR"
+    uav: Count
+    is_floor: bool
+    limit_m: float
+
+    @property
+    def text(self) -> str:
+        side = "below the floor" if self.is_floor else "above the ceiling"
+        return f"UAV {self.uav} went {side} of {self.limit_m:g} m"
+
+    @property
+    def uavs(self) -> Uavs:
+        return (self.uav,)
+
+
 class LinksClamped(BaseEvent, frozen=True):
     """Links lead where the path loss of the channel does not hold."""
 

@@ -248,9 +248,13 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     )
 
     def _check_plane(self) -> None:
-        """Raises ValueError where a flight in the plane has a vector of three numbers."""
+        """Raises ValueError where a flight in the plane has a vector of three numbers, or a key of space."""
         if self.dimensions != state.PLANE:
             return
+        of_space = {"space.floor": self.space.floor, "space.ceiling": self.space.ceiling}
+        for name, value in of_space.items():
+            if value is not None:
+                raise ValueError(f"`{name}` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
         vectors = {
             "start.positions": self.start.positions,
             "start.centre": (self.start.centre,),
