@@ -24,7 +24,7 @@ from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
     closest,
-    closest_discs,
+    closest_obstacles,
     stopping_slope,
     stopping_speed,
     with_obstacles,
@@ -70,7 +70,7 @@ class HalfPlaneFilter(Filter):
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
         super().__init__(options, scenario, inner)
-        self._discs = mission.obstacles(scenario)
+        self._solids = mission.solids(scenario)
         self._limits = AltitudeLimits(scenario)
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
 
@@ -102,9 +102,9 @@ class HalfPlaneFilter(Filter):
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
         normals, bounds = self.half_planes(near, options.rate_1_s, options.distance_m, 0.5)
-        if len(self._discs):
-            discs, radii = closest_discs(own, self._discs, options.reach_m, options.obstacles)
-            more, least = self.half_planes(discs, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
+        if len(self._solids):
+            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+            more, least = self.half_planes(solids, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         if len(self._limits):
             distance, speed = self._limits.seen(own)

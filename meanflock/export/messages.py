@@ -75,18 +75,22 @@ def uavs(status: Sequence[int]) -> Any:
 
 
 def goals_and_obstacles(flown: Mission) -> Any:
-    """A disc for each goal, and a cylinder for each obstacle and, thin and as high as its antenna, for each station."""
+    """A disc for each goal, a sphere or a cylinder for each obstacle, and for each station a thin cylinder as high as its
+    antenna."""
     goals = np.unique(state.in_three(mission.goals(flown)), axis=0).tolist()
     radius = flown.destination.radius
-    discs = [("goals", number, goal, radius, 0.1, _GOAL, 0.4) for number, goal in enumerate(goals)]
-    for number, (x, y, width) in enumerate(mission.obstacles(flown).tolist()):
-        discs.append(("obstacles", number, (x, y, 0.0), width, _HEIGHT_M, _OBSTACLE, 0.6))
+    cylinder, sphere = ros.visualization_msgs__msg__Marker.CYLINDER, ros.visualization_msgs__msg__Marker.SPHERE
+    solids = [("goals", number, cylinder, goal, radius, 0.1, _GOAL, 0.4) for number, goal in enumerate(goals)]
+    for number, one in enumerate(flown.obstacles):
+        (x, y, *z), width, height = one.centre, one.radius, one.height
+        shape, length = (sphere, 2 * width) if z else (cylinder, height or _HEIGHT_M)
+        middle = z[0] if z else height / 2 if height else 0.0
+        solids.append(("obstacles", number, shape, (x, y, middle), width, length, _OBSTACLE, 0.6))
     for number, (x, y, height) in enumerate(mission.stations(flown).tolist()):
-        discs.append(("stations", number, (x, y, 0.0), _MAST_M, max(height, _MAST_M), _STATION, 0.9))
-    cylinder = ros.visualization_msgs__msg__Marker.CYLINDER
+        solids.append(("stations", number, cylinder, (x, y, 0.0), _MAST_M, max(height, _MAST_M), _STATION, 0.9))
     markers = [
-        _marker(kind, number, cylinder, place, (2 * width, 2 * width, height), color, alpha)
-        for kind, number, place, width, height, color, alpha in discs
+        _marker(kind, number, shape, place, (2 * width, 2 * width, length), color, alpha)
+        for kind, number, shape, place, width, length, color, alpha in solids
     ]
     if len(goals) == 1:
         markers.append(_text(0, goals[0], "goal", _GOAL))

@@ -196,7 +196,7 @@ SUMMARY = (
     Field(
         "obstacle_hits",
         "1",
-        "entries of a UAV into a disc of `[[obstacles]]`, also between ticks; each UAV and disc once",
+        "entries of a UAV into one of `[[obstacles]]`, also between ticks; each UAV and obstacle once",
     ),
     Field(
         "grounded",

@@ -160,8 +160,29 @@ def launches(mission: Mission) -> NDArray[np.intp]:
 
 
 def obstacles(mission: Mission) -> Floats:
-    """Obstacles, (K, 3): x, y and radius of each disc in m. In space a disc is a column."""
-    return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
+    """Obstacles as seen from above, (K, 3): x, y and radius of each in m."""
+    discs = [(*one.centre[: state.PLANE], one.radius) for one in mission.obstacles]
+    return np.array(discs, dtype=np.float64).reshape(-1, 3)
+
+
+def solids(mission: Mission) -> Floats:
+    """Obstacles as `obstacles`; in space (K, 5), with the lowest and the highest point of their upright axes, m."""
+    if mission.space.dimensions != state.SPACE:
+        return obstacles(mission)
+    axes = np.array([one.axis for one in mission.obstacles], dtype=np.float64).reshape(-1, 2)
+    return np.concatenate([obstacles(mission), axes], axis=1)
+
+
+def _inside(solid: Floats, places: state.Vectors) -> NDArray[np.bool_]:
+    """Mask (N,) of the places (N, d) that are in a solid, (3,) or (5,), or on its edge. Columns have a flat top."""
+    gaps = (state.flat(places) - solid[:2]).T
+    if places.shape[-1] == state.SPACE:
+        lowest, highest = solid[3:]
+        if lowest < highest:
+            return (np.hypot(*gaps) <= solid[2]) & (places[:, 2] <= highest)
+        gaps = np.stack([np.hypot(*gaps), places[:, 2] - highest])
+    within: NDArray[np.bool_] = np.hypot(*gaps) <= solid[2]
+    return within
 
 
 def stations(mission: Mission) -> Floats:
@@ -172,9 +193,9 @@ def stations(mission: Mission) -> Floats:
 def check(mission: Mission) -> None:
     """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
-    discs = obstacles(mission)
+    each = solids(mission)
     is_space = mission.space.dimensions == state.SPACE
-    if is_space or len(discs):
+    if is_space or len(each):
         remedy = "move one of them"
         for verb, places in (("starts", state.position(starts(mission))), ("has its goal", goals(mission))):
             if is_space and (lowest := places[:, -1].min()) < 0.0:
@@ -183,8 +204,8 @@ def check(mission: Mission) -> None:
                     "`start.centre`, or `start.height` where these have two numbers"
                 )
             _check_altitudes(mission, verb, places)
-            for number, (x, y, radius) in enumerate(discs.tolist()):
-                inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
+            for number, solid in enumerate(each):
+                inside = np.flatnonzero(_inside(solid, places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     if mission.start.positions or formation(mission.start) not in GRIDS:

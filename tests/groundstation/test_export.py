@@ -108,9 +108,10 @@ def test_a_bag_has_every_state_with_its_bits(run, flown) -> None:
 
 def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> None:
     keys = {"space.dimensions": 3, "start.layers": 2, "wind.mean": (1.0, -1.0, 0.5), "method": "cruise"}
-    flown = mf.fly("paper", uavs=5, duration=3, out=tmp_path, **keys)
+    solids = [{"centre": (9, 9), "radius": 2, "height": 30}, {"centre": (9, 0, 50), "radius": 3}]
+    flown = mf.fly("paper", uavs=5, duration=3, out=tmp_path, obstacles=solids, **keys)
     assert run("export", str(flown.folder), "--mcap", "space.mcap", "--quiet")[0] == EXIT_DONE
-    places, speeds, heights, goals = [], [], [], []
+    places, speeds, heights, goals, obstacles = [], [], [], [], []
     for topic, _, message in read("space.mcap"):
         if topic == "/swarm/poses":
             places.append([(pose.position.x, pose.position.y, pose.position.z) for pose in message.poses])
@@ -120,9 +121,13 @@ def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> N
             heights.append(message.data)
         elif topic == "/mission":
             goals += [marker.pose.position.z for marker in message.markers if marker.ns == "goals"]
+            obstacles = [
+                (one.type, one.pose.position.z, one.scale.z) for one in message.markers if one.ns == "obstacles"
+            ]
     assert np.concatenate([places, speeds], axis=-1).tobytes() == flown.states.tobytes()
     assert np.array(heights).tobytes() == flown.states[..., 2].tobytes()
     assert set(goals) == {40.0}
+    assert obstacles == [(3, 15.0, 30.0), (2, 50.0, 6.0)]  # a cylinder, a sphere
 
 
 @pytest.mark.parametrize("text", ["2026-11-21T10:15:00.5+01:00", "run"])

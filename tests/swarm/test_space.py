@@ -101,6 +101,18 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
             ["space.dimensions=3", "uavs=2", "space.floor=5", "destination.positions=[[1,2],[3,4,2]]"],
             "UAV 1 has its goal 3 m below `space.floor`",
         ),
+        (["obstacles=[{centre=[9,9,9],radius=1}]"], "`obstacles[0].centre` has three numbers, and the flight is in"),
+        (["obstacles=[{centre=[9,9],radius=1,height=3}]"], "`obstacles[0].height` has no effect in the plane"),
+        (
+            ["space.dimensions=3", "obstacles=[{centre=[9,9],radius=1,height=0}]"],
+            "obstacles[0].height: expected a number",
+        ),
+        (
+            ["space.dimensions=3", "obstacles=[{centre=[9,9,9],radius=1,height=3}]"],
+            "`obstacles[0]` is a sphere, because its `centre` has three numbers, and has no `height`",
+        ),
+        (["space.dimensions=3", "obstacles=[{centre=[150,100,43],radius=3}]"], "UAV 12 starts inside `obstacles[0]`"),
+        (["space.dimensions=3", "obstacles=[{centre=[150,100],radius=0.5,height=40}]"], "UAV 12 starts inside"),
         (["space.dimensions=4"], "space.dimensions: Invalid enum value 4; choose one of 2, 3"),
         (["start.centre=[1,2,3,4]"], "start.centre: expected a list of length <= 3"),
         (["space.dimensions=3", "stations=[{place=[150,100,40.5]}]"], "stands 0.5 m from the start of UAV 12"),
@@ -110,6 +122,17 @@ def test_a_scenario_that_contradicts_its_dimensions_is_refused(settings: list[st
     with pytest.raises(BadInput) as error:
         load(None, settings)
     assert words in str(error.value)
+
+
+def test_starts_beside_and_above_an_obstacle_are_free_and_the_hash_knows_heights_only_where_they_are() -> None:
+    free = in_space(
+        "obstacles=[{centre=[150,100,43.1],radius=3},{centre=[150,100],radius=9,height=39.9},{centre=[9,9],radius=1}]"
+    )
+    np.testing.assert_array_equal(mission.obstacles(free), [[150, 100, 3], [150, 100, 9], [9, 9, 1]])
+    np.testing.assert_array_equal(mission.solids(free)[:, 3:], [[43.1, 43.1], [-np.inf, 39.9], [-np.inf, np.inf]])
+    flat = load(None, ["obstacles=[{centre=[9,9],radius=1}]"])
+    assert mission.solids(flat).shape == (1, 3)
+    assert flat.sha256() == "0d89d68765a38acb777587e4ac2d37e16701981214477604fa5b839b9bc704e3"
 
 
 @pytest.mark.parametrize(

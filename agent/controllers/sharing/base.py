@@ -186,7 +186,7 @@ class SharingController(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours, self._obstacles = NeighbourStates(scenario), mission.obstacles(scenario)
+        self._neighbours, self._solids = NeighbourStates(scenario), mission.solids(scenario)
         self._limits = AltitudeLimits(scenario)
         self.broadcast_numbers = self._neighbours.numbers
 

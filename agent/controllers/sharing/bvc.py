@@ -17,7 +17,7 @@ from meanflock.agent.controllers.sharing.base import Travelling, TravellingContr
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
     closest,
-    closest_discs,
+    closest_obstacles,
     stopping_speed,
     to_the_right,
     with_obstacles,
@@ -73,9 +73,9 @@ class BufferedVoronoi(TravellingController):
         preferred = to_the_right(preferred, options.right_bias)
         near = closest(own, others, memory["neighbour_uav"], options.reach_m, options.neighbours)
         normals, bounds = self._faces(near, options.radius_m, 0.5)
-        if len(self._obstacles):
-            discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
-            more, least = self._faces(discs, radii + options.clearance_m, 1.0)
+        if len(self._solids):
+            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+            more, least = self._faces(solids, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         if len(self._limits):
             distance = self._limits.seen(own)[0] - options.clearance_m

@@ -34,7 +34,7 @@ class Collided(BaseEvent, frozen=True):
 class HitObstacle(BaseEvent, frozen=True):
     """A UAV entered an obstacle. disc: its number in the scenario, from 0."""
 
-    meanings = {"hit": "a UAV entered a disc of `[[obstacles]]` for the first time, in this tick"}
+    meanings = {"hit": "a UAV entered one of `[[obstacles]]` for the first time, in this tick"}
     level = "ERROR"
     uav: Count
     disc: Count

@@ -230,6 +230,12 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`radio.coherence_time_s` {self.radio.coherence_time_s:g} s; take less, or longer slots"
             )
         self._check_plane()
+        for number, one in enumerate(self.obstacles):
+            if one.height is not None and len(one.centre) > state.PLANE:
+                raise ValueError(
+                    f"`obstacles[{number}]` is a sphere, because its `centre` has three numbers, and has no `height`; "
+                    "leave out the height or the third number"
+                )
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -252,6 +258,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         if self.dimensions != state.PLANE:
             return
         of_space = {"space.floor": self.space.floor, "space.ceiling": self.space.ceiling}
+        of_space |= {f"obstacles[{number}].height": one.height for number, one in enumerate(self.obstacles)}
         for name, value in of_space.items():
             if value is not None:
                 raise ValueError(f"`{name}` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
@@ -262,6 +269,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             "wind.mean": (self.wind.mean,),
             "truth.wind": (self.truth.wind or (),),
         }
+        vectors |= {f"obstacles[{number}].centre": (one.centre,) for number, one in enumerate(self.obstacles)}
         for number, fault in enumerate(self.faults):
             vectors[f"faults[{number}].acceleration"] = (getattr(fault, "acceleration", ()),)
         for name, given in vectors.items():

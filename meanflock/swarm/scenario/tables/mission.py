@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.state import PLANE
 from meanflock.swarm.toml import Point
 from meanflock.swarm.toml import Table as _Table
 
@@ -138,11 +139,23 @@ class Destination(_Table, frozen=True):
     ] = ()
 
 
-class Obstacle(_Table, frozen=True):
-    """A disc that no UAV should enter; in space, a column. A UAV that enters it is counted once and flies on."""
+class Obstacle(_Table, frozen=True, omit_defaults=True):
+    """A disc that no UAV should enter; in space a column, or a sphere if its centre has three numbers. A UAV that
+    enters it is counted once and flies on.
+    """
 
-    centre: Annotated[tuple[float, float], Meta(description="its centre, m")]
+    centre: Annotated[Point, Meta(description="its centre; in space, three numbers make it a sphere, m")]
     radius: Annotated[float, Meta(gt=0, description="its radius, m")]
+    height: Annotated[float, Meta(gt=0, description="in space, height of a column; unset: without end, m")] | None = (
+        None
+    )
+
+    @property
+    def axis(self) -> tuple[float, float]:
+        """Lowest and highest point of its upright axis, from which every point within the radius is inside, m."""
+        if len(self.centre) > PLANE:
+            return self.centre[PLANE], self.centre[PLANE]
+        return -math.inf, math.inf if self.height is None else self.height
 
 
 class Wind(_Table, frozen=True):
