@@ -75,8 +75,8 @@ def uavs(status: Sequence[int]) -> Any:
 
 
 def goals_and_obstacles(flown: Mission) -> Any:
-    """A disc for each goal, a sphere or a cylinder for each obstacle, and for each station a thin cylinder as high as its
-    antenna."""
+    """A disc for each goal, a sphere or a cylinder for each obstacle, and a thin cylinder for each station, as high as
+    its antenna."""
     goals = np.unique(state.in_three(mission.goals(flown)), axis=0).tolist()
     radius = flown.destination.radius
     cylinder, sphere = ros.visualization_msgs__msg__Marker.CYLINDER, ros.visualization_msgs__msg__Marker.SPHERE

@@ -21,6 +21,7 @@ from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 _LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
+_MOST_WITH_DOWNWASH = 2000  # UAVs: a tick takes a quarter of a second and 200 MB
 
 
 class _Validating(msgspec.StructMeta):
@@ -230,6 +231,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`radio.coherence_time_s` {self.radio.coherence_time_s:g} s; take less, or longer slots"
             )
         self._check_plane()
+        if self.wind.downwash != "none" and self.uavs > _MOST_WITH_DOWNWASH:
+            raise ValueError(
+                f"`wind.downwash` compares all pairs of UAVs, and `uavs` is {self.uavs}; take {_MOST_WITH_DOWNWASH} at "
+                "most, or leave it out"
+            )
         for number, one in enumerate(self.obstacles):
             if one.height is not None and len(one.centre) > state.PLANE:
                 raise ValueError(
@@ -257,10 +263,15 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """Raises ValueError where a flight in the plane has a vector of three numbers, or a key of space."""
         if self.dimensions != state.PLANE:
             return
-        of_space = {"space.floor": self.space.floor, "space.ceiling": self.space.ceiling}
-        of_space |= {f"obstacles[{number}].height": one.height for number, one in enumerate(self.obstacles)}
-        for name, value in of_space.items():
-            if value is not None:
+        of_space = {
+            "space.floor": self.space.floor is not None,
+            "space.ceiling": self.space.ceiling is not None,
+            "wind.profile_exponent": self.wind.profile_exponent > 0.0,
+            "wind.downwash": self.wind.downwash != "none",
+            **{f"obstacles[{number}].height": one.height is not None for number, one in enumerate(self.obstacles)},
+        }
+        for name, is_set in of_space.items():
+            if is_set:
                 raise ValueError(f"`{name}` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
         vectors = {
             "start.positions": self.start.positions,

@@ -209,6 +209,26 @@ class Wind(_Table, frozen=True):
             le=1000,
         ),
     ] = 64
+    profile_exponent: Annotated[
+        float,
+        key(
+            "in space, α of a mean wind that grows with the height z as (z / `start.height`)^α; 0: it does not",
+            OURS,
+            "the mean wind is the same at all heights",
+            later=True,
+            ge=0,
+            le=1,
+        ),
+    ] = 0.0
+    downwash: Annotated[
+        Literal["none", "crazyflie"],
+        key(
+            "in space, wakes that push UAVs below down: none, or those fitted to the Crazyflie 2.x; at most 2000 UAVs",
+            OURS,
+            "the paper's UAVs do not disturb each other",
+            later=True,
+        ),
+    ] = "none"
 
 
 class Truth(_Table, frozen=True):
