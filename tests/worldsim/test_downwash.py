@@ -20,7 +20,7 @@ def states_at(*places: tuple[float, float, float]) -> np.ndarray:
 
 
 def by_hand(below_m: float, aside_m: float) -> float:
-    force_N = 2267.18 * (0.0231348 / (4 * below_m)) ** 2  # noqa: N806
+    force_N = 2267.18 * (0.0231348 / (4 * below_m)) ** 2
     return float(force_N * np.exp(-0.5 * (aside_m / (0.16 * below_m - 0.11)) ** 2) / 0.027)
 
 
@@ -46,7 +46,7 @@ def test_wakes_of_all_uavs_above_add_up_and_those_on_the_ground_have_none() -> N
     gust = np.ones((4, 3))
     waiting = np.array([True, False, False, False])
     added = wash.added(gust, states, waiting)
-    np.testing.assert_allclose(added, gust + [[0, 0, 0], [0, 0, 0], [0, 0, -by_hand(1, 0)], [0, 0, 0]])
+    np.testing.assert_allclose(added - gust, [[0, 0, 0], [0, 0, 0], [0, 0, -by_hand(1, 0)], [0, 0, 0]])
     assert (gust == 1.0).all()
 
 
@@ -73,7 +73,7 @@ def test_the_mean_wind_grows_with_the_height_by_a_power_law() -> None:
     np.testing.assert_allclose(found, np.array([1.0, 0.5, 0.0, 0.0, 1.5])[:, None] * [4.0, -2.0, 0.0])
     field = MeanWind(Scenario(**keys, **{"wind.field_rms": 1.0}))(states_at((3, 4, 1.0)))
     alone = MeanWind(Scenario(**(keys | {"wind.mean": (0.0, 0.0)}), **{"wind.field_rms": 1.0}))(states_at((3, 4, 1.0)))
-    np.testing.assert_allclose(field, alone + [2.0, -1.0, 0.0])
+    np.testing.assert_allclose(field - alone, [[2.0, -1.0, 0.0]])
 
 
 def test_uavs_know_the_wind_at_the_height_of_the_start() -> None:
