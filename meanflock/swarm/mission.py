@@ -121,8 +121,9 @@ def goals(mission: Mission) -> state.Vectors:
     """Goal of each UAV, (N, d) in m. By default the origin is the goal of all; in space, the point above it at
     `start.height`.
 
-    `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the
-    stream. `parallel`: the whole formation moved from `start.centre` to the origin.
+    `opposite`: the start mirrored in `start.centre`. `vertical`: mirrored in its height only. `across`: the other side
+    of the crossing, in the formation of the stream. `parallel`: the whole formation moved from `start.centre` to the
+    origin.
     """
     destination, start, space = mission.destination, mission.start, mission.space
     if destination.positions:
@@ -130,6 +131,9 @@ def goals(mission: Mission) -> state.Vectors:
     from_there, centre = state.position(starts(mission)), space.vector(start.centre, start.height)
     if destination.goals == "opposite":
         return 2.0 * centre - from_there
+    if destination.goals == "vertical":
+        above, below = np.split(from_there, [state.PLANE], axis=-1)
+        return np.concatenate([above, 2.0 * centre[state.PLANE :] - below], axis=-1)
     if destination.goals == "across":
         return from_there + 2.0 * start.radius * _headings(mission.uavs)[:, : space.dimensions]
     origin = space.vector((0.0, 0.0), start.height)
@@ -245,6 +249,8 @@ def _check_tables(mission: Mission) -> None:
             raise ValueError("`start.layers` has no effect here; leave it out, or take grid, waves or streams")
         if start.layers > uavs:
             raise ValueError(f"`start.layers` is {start.layers}, but `uavs` is {uavs}; take {uavs} layers at most")
+    if destination.goals == "vertical" and mission.space.dimensions != state.SPACE:
+        raise ValueError('`destination.goals` "vertical" needs space; set `space.dimensions` to 3, or take other goals')
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
 

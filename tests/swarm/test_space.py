@@ -78,6 +78,7 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
         (["wind.mean=[1,2,3]"], "`wind.mean` has three numbers"),
         (["truth.wind=[1,2,3]"], "`truth.wind` has three numbers"),
         (["faults=[{kind='gust',tick=1,duration_s=1,acceleration=[1,2,3]}]"], "`faults[0].acceleration` has three"),
+        (["destination.goals=vertical"], '"vertical" needs space; set `space.dimensions` to 3, or take other goals'),
         (["start.layers=2"], "`start.layers` has no effect in the plane; set `space.dimensions` to 3"),
         (["start.formation=sphere"], '"sphere" needs space; set `space.dimensions` to 3'),
         (["space.dimensions=3", "start.formation=circle", "start.layers=2"], "`start.layers` has no effect here"),

@@ -123,10 +123,11 @@ class Destination(_Table, frozen=True):
     ] = 5.0
     goals: (
         Annotated[
-            Literal["common", "opposite", "across", "parallel"],
+            Literal["common", "opposite", "across", "parallel", "vertical"],
             key(
                 "goals: `common`: the origin; `opposite`: the point opposite the start, through the centre; `across`: "
-                "the far side of the crossing; `parallel`: the origin plus the offset of the start from `centre`",
+                "the far side of the crossing; `parallel`: the origin plus the offset of the start from `centre`; "
+                "`vertical`, in space: above or below the start, as far from the height of the centre",
                 PRINTED,
                 "all UAVs have one destination",
                 later=True,
@@ -140,9 +141,7 @@ class Destination(_Table, frozen=True):
 
 
 class Obstacle(_Table, frozen=True, omit_defaults=True):
-    """A disc that no UAV should enter; in space a column, or a sphere if its centre has three numbers. A UAV that
-    enters it is counted once and flies on.
-    """
+    """A disc that no UAV should enter; in space, a column or a sphere. A UAV that enters it is counted and flies on."""
 
     centre: Annotated[Point, Meta(description="its centre; in space, three numbers make it a sphere, m")]
     radius: Annotated[float, Meta(gt=0, description="its radius, m")]
