@@ -11,7 +11,7 @@ from meanflock.swarm.toml import Table as _Table
 
 
 class VehicleTable(_Table, frozen=True):
-    """Vehicle, and constants of the rotary-wing power model, as printed: a craft of a few grams. Climbs use them, too."""
+    """Vehicle, and constants of the rotary-wing power model, as printed: a craft of a few grams."""
 
     model: Annotated[
         str,
