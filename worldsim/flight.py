@@ -182,18 +182,8 @@ class Flight(Stateful):
             "speed_difference_squared_error",
             "near_sum",
         ),
-        *(
-            "states",
-            "hidden",
-            "status",
-            "arrival_tick",
-            "arrival_energy",
-            "books",
-            "encounters",
-            "ground",
-            "altitude",
-            "noise",
-        ),
+        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters"),
+        *("ground", "altitude", "noise"),
     )
 
     def __init__(self, scenario: Scenario) -> None:

@@ -21,7 +21,7 @@ from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 _LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
-_MOST_WITH_DOWNWASH = 2000  # UAVs: a tick takes a quarter of a second and 200 MB
+_MOST_WITH_DOWNWASH = 2000  # UAVs: their wakes take a fifth of a second and 120 MB in each tick
 
 
 class _Validating(msgspec.StructMeta):
