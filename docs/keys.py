@@ -40,15 +40,7 @@ def page() -> str:
             lines += ["", f"## [{name}]", "", schema[table]["description"], "", *_table(schema, table, f"{name}.")]
     lines += [
         "",
-        "## [[obstacles]]",
-        "",
-        schema["Obstacle"]["description"],
-        "",
-        "| key | what | unit | bounds |",
-        "|---|---|---|---|",
-        "| `centre` | its centre | m | two numbers |",
-        "| `radius` | its radius | m | > 0 |",
-        "",
+        *_entries(schema, "obstacles", "Obstacle"),
         *_entries(schema, "stations", "Station"),
         *_entries(schema, "radios", "UnequalRadio"),
         "## [[faults]]",

@@ -12,14 +12,26 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import mission, state
-from meanflock.swarm.events import Arrived, Collided, Diverged, FlightEvent, Grounded, HitObstacle, Lost, Rejoined
+from meanflock.swarm.events import (
+    Arrived,
+    Collided,
+    Diverged,
+    FlightEvent,
+    Grounded,
+    HitObstacle,
+    LeftAltitudes,
+    Lost,
+    Rejoined,
+)
 from meanflock.swarm.scenario import Metrics, Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.alignment import EXACT, speed_difference
+from meanflock.worldsim.altitude import Altitude
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.ground import Ground
+from meanflock.worldsim.obstacles import entered
 from meanflock.worldsim.vehicles.base import Physics
 
 Pair = tuple[int, int]
@@ -56,13 +68,13 @@ def pairs(metrics: Metrics, before: state.States, after: state.States, nearest_m
 
 
 class Encounters(Stateful):
-    """Encounters of one flight: each pair counts once, and each UAV once for each disc. A checkpoint contains them.
+    """Encounters of one flight: each pair counts once, and each UAV once for each obstacle. A checkpoint contains them.
 
     Attributes:
         collided: pairs that came within r_coll in a tick that both began on the way.
         collided_at_ticks: those of them that were within r_coll at the end of such a tick.
         touched: pairs of any UAVs in the air that came within r_coll, arrived and lost UAVs included.
-        hit: (N, K), whether a UAV was within a disc.
+        hit: (N, K), whether a UAV was within an obstacle.
         nearest_m: least distance of any two UAVs in the air; infinite if there never were two.
         expected: number of pairs that may touch in the next tick: twice those of the last.
     """
@@ -76,8 +88,8 @@ class Encounters(Stateful):
         self.nearest_m = math.inf
         self.expected = 0
         self._radius = scenario.metrics.collision_radius
-        self._discs = mission.obstacles(scenario)
-        self.hit = np.zeros((scenario.uavs, len(self._discs)), dtype=bool)
+        self._solids = mission.solids(scenario)
+        self.hit = np.zeros((scenario.uavs, len(self._solids)), dtype=bool)
 
     @property
     def closest_approach_m(self) -> float | None:
@@ -111,20 +123,18 @@ class Encounters(Stateful):
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
-        """Add the discs that UAVs enter between `before` and `after`, (N, 2d) each; a UAV with NaN enters none.
+        """Add the obstacles that UAVs enter between `before` and `after`, (N, 2d) each; a UAV with NaN enters none.
 
         Returns:
-            Pairs (UAV, disc) of UAVs that are within a disc for the first time.
+            Pairs (UAV, obstacle) of UAVs that are within an obstacle for the first time.
         """
-        if not len(self._discs):
+        if not len(self._solids):
             return []
-        centres, radius = state.flat(self._discs), self._discs[:, 2]
-        first, last = (state.flat(states)[:, None] - centres for states in (before, after))
-        new = (state.approach(first, last) < radius * radius) & ~self.hit
+        new = entered(self._solids, before, after) & ~self.hit
         if not np.count_nonzero(new):
             return []
         self.hit |= new
-        return [(uav, disc) for uav, disc in np.argwhere(new).tolist()]
+        return [(uav, obstacle) for uav, obstacle in np.argwhere(new).tolist()]
 
 
 # Numbers of the array's own type: comparing with a member of the enumeration converts it each time.
@@ -148,7 +158,7 @@ class Flight(Stateful):
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
         noise: of the motion.
-        ground: of a flight in space.
+        ground: of a flight in space. altitude: its floor and ceiling.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         steps: number of commands of UAVs that are not lost, one for each UAV and tick. lost_ticks: (N,), ticks in which
@@ -172,7 +182,8 @@ class Flight(Stateful):
             "speed_difference_squared_error",
             "near_sum",
         ),
-        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters", "ground", "noise"),
+        *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters"),
+        *("ground", "altitude", "noise"),
     )
 
     def __init__(self, scenario: Scenario) -> None:
@@ -191,6 +202,7 @@ class Flight(Stateful):
         self.hidden = self._physics.init()
         self.encounters = Encounters(scenario)
         self.ground = Ground(scenario)
+        self.altitude = Altitude(scenario)
         self._goals = mission.goal_states(scenario)
         self.launch_tick = mission.launches(scenario)
         self.status = np.full(n, FLYING)
@@ -347,6 +359,10 @@ class Flight(Stateful):
         if self.ground.is_there:
             for uav in self.ground.touch(self.states, self.arrival_tick >= 0).tolist():
                 self.events.append(Grounded(self.tick, uav))
+        if self.altitude.limits:
+            for uav, limit in self.altitude.leave(self.states, self.arrival_tick >= 0):
+                side, limit_m = self.altitude.limits[limit]
+                self.events.append(LeftAltitudes(self.tick, uav, side > 0.0, limit_m))
 
     def restored(self) -> None:
         self._sort()

@@ -53,6 +53,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "closest_approach_m": flight.encounters.closest_approach_m,
         "obstacle_hits": int(np.count_nonzero(flight.encounters.hit)),
         "grounded": int(np.count_nonzero(flight.ground.touched)) if flight.ground.is_there else None,
+        "altitude_violations": int(np.count_nonzero(flight.altitude.beyond)) if flight.altitude.limits else None,
         "speed_max_m_s": flight.speed_max,
         "speed_mean_m_s": flight.mean_speed,
         "distance_mean_m": float(flight.distance.mean()),

@@ -31,6 +31,7 @@ from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters, weight_spread
+from meanflock.worldsim.downwash import Downwash
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
@@ -85,6 +86,7 @@ class World(Stateful):
         self.counters = Counters()
         self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
         self._script = Script(scenario)
+        self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every if plan.is_resumable else 0
         self.over_duty: list[int] = []
@@ -195,7 +197,8 @@ class World(Stateful):
             flight.events.append(completed)
             if self.target.is_met(completed):
                 self.target.reach(completed, self.energies()["energy_total_J"])
-        flight.advance(self.commands.accelerations, self._script.gust(tick, states))
+        gust = self._downwash.added(self._script.gust(tick, states), states, flight.waiting)
+        flight.advance(self.commands.accelerations, gust)
         self._watch_duty()
         if flight.last_arrival == flight.tick:
             self.air.meter.mark()

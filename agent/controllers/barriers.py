@@ -2,7 +2,7 @@
 
 Wang, Ames and Egerstedt, Safety Barrier Certificates for Collisions-Free Multirobot Systems, IEEE T-RO 33, 2017. A
 barrier h ≥ 0 of a pair gives one half-plane of accelerations, of which each UAV of the pair takes half. An obstacle
-takes no part, so the UAV takes all of its half-plane.
+takes no part, so the UAV takes all of its half-plane. The floor and the ceiling of a flight in space are such, too.
 
 `ecbf` has h = ‖Δr‖² − D², whose second derivative contains the acceleration (exponential form: Nguyen and Sreenath, ACC
 2016). `braking` has the barrier of the source: the closing speed is at most the speed from which the pair can stop.
@@ -20,10 +20,11 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Controller
 from meanflock.agent.controllers.cruise import acceleration_limit, against_the_air
 from meanflock.agent.controllers.filtered import Filter
+from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
     closest,
-    closest_discs,
+    closest_obstacles,
     stopping_slope,
     stopping_speed,
     with_obstacles,
@@ -45,8 +46,10 @@ class BarrierOptions(base.Options, frozen=True):
     rate_1_s: Rate = 4.0
     neighbours: Annotated[int, Meta(ge=1, le=32, description="number of the closest UAVs that are avoided")] = 10
     reach_m: Annotated[float, Meta(gt=0, description="distance beyond which a UAV is not avoided, m")] = 6.0
-    clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.3
-    obstacle_rate_1_s: Annotated[float, Meta(gt=0, description="k of obstacles, 1/s")] = 1.5
+    clearance_m: Annotated[
+        float, Meta(ge=0, description="distance to keep from the edge of an obstacle, the floor and the ceiling, m")
+    ] = 0.3
+    obstacle_rate_1_s: Annotated[float, Meta(gt=0, description="k of obstacles, floor and ceiling, 1/s")] = 1.5
     obstacles: Annotated[int, Meta(ge=1, le=32, description="number of the closest obstacles that are avoided")] = 4
     acceleration_max_m_s2: Annotated[
         float, Meta(gt=0, description="limit on ‖dv/dt‖, at most that of the vehicle, m/s²")
@@ -54,7 +57,7 @@ class BarrierOptions(base.Options, frozen=True):
 
 
 class HalfPlaneFilter(Filter):
-    """Base class of these filters: override `half_planes`.
+    """Base class of these filters: override `half_planes` and `face`.
 
     The limit `acceleration_max_m_s2` is on the motion: drag and mean wind, as known before take-off, are subtracted and
     added again. So a controller that commands more is limited even if no UAV is near. If no acceleration satisfies all
@@ -67,7 +70,8 @@ class HalfPlaneFilter(Filter):
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
         super().__init__(options, scenario, inner)
-        self._discs = mission.obstacles(scenario)
+        self._solids = mission.solids(scenario)
+        self._limits = AltitudeLimits(scenario)
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
 
     @abstractmethod
@@ -83,16 +87,29 @@ class HalfPlaneFilter(Filter):
         """
         raise NotImplementedError
 
+    @abstractmethod
+    def face(self, distance: Rows, speed: Rows, rate: float) -> Rows:
+        """Bounds n·a ≥ bound, (M, L) m/s², of the rows before L flat faces with the normals n.
+
+        Args:
+            distance: (M, L), m, to keep positive. speed: its derivative, m/s. rate: k, 1/s.
+        """
+        raise NotImplementedError
+
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors) -> tuple[Vectors, Floats]:
         """Returns the acceleration nearest to `wanted` that satisfies all half-planes, and `infeasible`."""
         options = self.options
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
         normals, bounds = self.half_planes(near, options.rate_1_s, options.distance_m, 0.5)
-        if len(self._discs):
-            discs, radii = closest_discs(own, self._discs, options.reach_m, options.obstacles)
-            more, least = self.half_planes(discs, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
+        if len(self._solids):
+            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+            more, least = self.half_planes(solids, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
+        if len(self._limits):
+            distance, speed = self._limits.seen(own)
+            least = self.face(distance - options.clearance_m, speed, options.obstacle_rate_1_s)
+            normals, bounds = self._limits.added(normals, bounds, least)
         admitted, missing = np.empty_like(motion), np.empty(len(own))
         kernels.nearest(motion, normals, bounds, self._limit, admitted, missing)
         changed = (admitted != motion).any(axis=1, keepdims=True)
@@ -122,6 +139,10 @@ class Ecbf(HalfPlaneFilter):
         length = np.sqrt(np.where(near.present, near.squared, 1.0))
         return np.where(near.present[..., None], away / length[..., None], 0.0), bounds / length
 
+    def face(self, distance: Rows, speed: Rows, rate: float) -> Rows:
+        """ḧ + 2kḣ + k²h ≥ 0 with h = distance, see `HalfPlaneFilter`."""
+        return -rate * (2.0 * speed + rate * distance)
+
 
 class Braking(HalfPlaneFilter):
     """Barriers with the braking distance: no pair closes faster than it can stop, one tick of delay included.
@@ -150,3 +171,10 @@ class Braking(HalfPlaneFilter):
         slope = stopping_slope(length - distance, deceleration, delay_s)
         bounds = -share * (rate * (speed + along) + slope * along + across_squared / length)
         return normals, bounds
+
+    def face(self, distance: Rows, speed: Rows, rate: float) -> Rows:
+        """ḣ + kh ≥ 0 with h = v_stop(distance) + speed, see `HalfPlaneFilter`."""
+        delay_s = self.scenario.dt + self.options.reaction_s
+        stopping = stopping_speed(distance, self._limit, delay_s)
+        slope = stopping_slope(distance, self._limit, delay_s)
+        return -(rate * (stopping + speed) + slope * speed)

@@ -87,8 +87,11 @@ def run(
     \b
     crowd, faults, gusts, hierarchical, lossy, obstacles, paper,
     paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
-    radio-street, radio-thin, sphere, streams, swap, unknown, windmap,
-    windy.
+    radio-street, radio-thin, streams, swap, unknown, windmap, windy.
+
+    \b
+    In space: layers, mast, sphere, tower. The others fly there, too, with
+    --set space.dimensions=3.
 
     Results are written to OUT/<id>/: summary, time series, events, recording.
 

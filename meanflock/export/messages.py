@@ -101,7 +101,7 @@ def _obstacle(number: int, obstacle: Any, flown: Mission) -> Any:
         return _marker("obstacles", number, kind.SPHERE, (x, y, *z), (width, width, width), _OBSTACLE, 0.6)
     if flown.space.dimensions == state.PLANE:
         return _marker("obstacles", number, kind.CYLINDER, (x, y, 0.0), (width, width, _HEIGHT_M), _OBSTACLE, 0.6)
-    height = getattr(obstacle, "height", None)
+    height = obstacle.height
     if height is None:
         places = np.concatenate([state.position(mission.starts(flown)), mission.goals(flown)])
         height = float(places[:, 2].max()) + _HEIGHT_M

@@ -118,6 +118,8 @@ def summary_table(summary: dict[str, object]) -> Table:
     quantity("phi_A", "", 3)
     quantity("phi_C_distinct", "", 5)
     quantity("collisions", "", 0)
+    if (violations := summary.get("altitude_violations")) is not None:
+        add("altitude violations", violations, "beyond floor or ceiling")
     quantity("speed_max_m_s", "highest", 1)
     quantity("distance_mean_m", "mean", 0)
     for name in TRAFFIC.values():

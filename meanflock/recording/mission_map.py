@@ -191,7 +191,7 @@ def _log_field(part: Part, scenario: Scenario) -> None:
     step = float((high - low).max()) / ARROWS
     places = np.stack(np.meshgrid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True))), axis=-1)
     places = places.reshape(-1, 2)
-    velocity = wind(np.concatenate([places, np.zeros_like(places)], axis=-1))
+    velocity = state.flat(wind(state.at_rest(mission.in_space(scenario, places)[:, : scenario.dimensions])))
     vectors = velocity * (ARROW * step / np.sqrt(state.dot(velocity, velocity)).max())
     arrows = rr.Arrows2D(
         vectors=vectors,

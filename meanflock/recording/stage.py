@@ -113,4 +113,4 @@ def _extent(obstacle: Obstacle) -> tuple[float, float | None]:
     _, _, *height = obstacle.centre
     if height:
         return height[0] - obstacle.radius, height[0] + obstacle.radius
-    return 0.0, getattr(obstacle, "height", None)
+    return 0.0, obstacle.height

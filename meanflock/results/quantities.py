@@ -196,13 +196,20 @@ SUMMARY = (
     Field(
         "obstacle_hits",
         "1",
-        "entries of a UAV into a disc of `[[obstacles]]`, also between ticks; each UAV and disc once",
+        "entries of a UAV into one of `[[obstacles]]`, also between ticks; each UAV and obstacle once",
     ),
     Field(
         "grounded",
         "1",
         "UAVs that came down to the ground, z = 0, after they had been higher than r_coll and before they arrived; "
         "null in the plane",
+        optional=True,
+    ),
+    Field(
+        "altitude_violations",
+        "1",
+        "UAVs that went below `space.floor`, after they had risen above it, and UAVs that went above `space.ceiling`, "
+        "before they arrived; each UAV and limit once; null without limits",
         optional=True,
     ),
     Field("speed_max_m_s", SPEED, "highest speed of a UAV on the way"),

@@ -121,8 +121,9 @@ def goals(mission: Mission) -> state.Vectors:
     """Goal of each UAV, (N, d) in m. By default the origin is the goal of all; in space, the point above it at
     `start.height`.
 
-    `opposite`: the start mirrored in `start.centre`. `across`: the other side of the crossing, in the formation of the
-    stream. `parallel`: the whole formation moved from `start.centre` to the origin.
+    `opposite`: the start mirrored in `start.centre`. `vertical`: mirrored in its height only. `across`: the other side
+    of the crossing, in the formation of the stream. `parallel`: the whole formation moved from `start.centre` to the
+    origin.
     """
     destination, start, space = mission.destination, mission.start, mission.space
     if destination.positions:
@@ -130,6 +131,9 @@ def goals(mission: Mission) -> state.Vectors:
     from_there, centre = state.position(starts(mission)), space.vector(start.centre, start.height)
     if destination.goals == "opposite":
         return 2.0 * centre - from_there
+    if destination.goals == "vertical":
+        above, below = np.split(from_there, [state.PLANE], axis=-1)
+        return np.concatenate([above, 2.0 * centre[state.PLANE :] - below], axis=-1)
     if destination.goals == "across":
         return from_there + 2.0 * start.radius * _headings(mission.uavs)[:, : space.dimensions]
     origin = space.vector((0.0, 0.0), start.height)
@@ -160,8 +164,29 @@ def launches(mission: Mission) -> NDArray[np.intp]:
 
 
 def obstacles(mission: Mission) -> Floats:
-    """Obstacles, (K, 3): x, y and radius of each disc in m. In space a disc is a column."""
-    return np.array([(*disc.centre, disc.radius) for disc in mission.obstacles], dtype=np.float64).reshape(-1, 3)
+    """Obstacles as seen from above, (K, 3): x, y and radius of each in m."""
+    discs = [(*one.centre[: state.PLANE], one.radius) for one in mission.obstacles]
+    return np.array(discs, dtype=np.float64).reshape(-1, 3)
+
+
+def solids(mission: Mission) -> Floats:
+    """Obstacles as `obstacles`; in space (K, 5), with the lowest and the highest point of their upright axes, m."""
+    if mission.space.dimensions != state.SPACE:
+        return obstacles(mission)
+    axes = np.array([one.axis for one in mission.obstacles], dtype=np.float64).reshape(-1, 2)
+    return np.concatenate([obstacles(mission), axes], axis=1)
+
+
+def _inside(solid: Floats, places: state.Vectors) -> NDArray[np.bool_]:
+    """Mask (N,) of the places (N, d) that are in a solid, (3,) or (5,), or on its edge. Columns have a flat top."""
+    gaps = (state.flat(places) - solid[:2]).T
+    if places.shape[-1] == state.SPACE:
+        lowest, highest = solid[3:]
+        if lowest < highest:
+            return (np.hypot(*gaps) <= solid[2]) & (places[:, 2] <= highest)
+        gaps = np.stack([np.hypot(*gaps), places[:, 2] - highest])
+    within: NDArray[np.bool_] = np.hypot(*gaps) <= solid[2]
+    return within
 
 
 def stations(mission: Mission) -> Floats:
@@ -172,9 +197,9 @@ def stations(mission: Mission) -> Floats:
 def check(mission: Mission) -> None:
     """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
-    discs = obstacles(mission)
+    each = solids(mission)
     is_space = mission.space.dimensions == state.SPACE
-    if is_space or len(discs):
+    if is_space or len(each):
         remedy = "move one of them"
         for verb, places in (("starts", state.position(starts(mission))), ("has its goal", goals(mission))):
             if is_space and (lowest := places[:, -1].min()) < 0.0:
@@ -182,15 +207,31 @@ def check(mission: Mission) -> None:
                     f"UAV {places[:, -1].argmin()} {verb} {-lowest:g} m below the ground, z = 0; raise its place, "
                     "`start.centre`, or `start.height` where these have two numbers"
                 )
-            for number, (x, y, radius) in enumerate(discs.tolist()):
-                inside = np.flatnonzero(np.hypot(*(state.flat(places) - (x, y)).T) <= radius)
+            _check_altitudes(mission, verb, places)
+            for number, solid in enumerate(each):
+                inside = np.flatnonzero(_inside(solid, places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     if mission.start.positions or formation(mission.start) not in GRIDS:
         _check_apart(mission)
 
 
+def _check_altitudes(mission: Mission, verb: str, places: state.Vectors) -> None:
+    """Raises ValueError if one of `places` (N, d) is beyond the floor or the ceiling."""
+    for side, limit in mission.space.limits:
+        beyond = side * (limit - places[:, -1])
+        if (worst := float(beyond.max())) > 0.0:
+            where = "below `space.floor`" if side > 0.0 else "above `space.ceiling`"
+            raise ValueError(
+                f"UAV {beyond.argmax()} {verb} {worst:g} m {where} {limit:g} m; move the limit, its place, "
+                "`start.centre`, or `start.height` where these have two numbers"
+            )
+
+
 def _check_tables(mission: Mission) -> None:
+    floor, ceiling = mission.space.floor, mission.space.ceiling
+    if floor is not None and ceiling is not None and floor >= ceiling:
+        raise ValueError(f"`space.floor` {floor:g} m is not below `space.ceiling` {ceiling:g} m; lower it")
     start = mission.start
     destination = mission.destination
     uavs = mission.uavs
@@ -208,6 +249,8 @@ def _check_tables(mission: Mission) -> None:
             raise ValueError("`start.layers` has no effect here; leave it out, or take grid, waves or streams")
         if start.layers > uavs:
             raise ValueError(f"`start.layers` is {start.layers}, but `uavs` is {uavs}; take {uavs} layers at most")
+    if destination.goals == "vertical" and mission.space.dimensions != state.SPACE:
+        raise ValueError('`destination.goals` "vertical" needs space; set `space.dimensions` to 3, or take other goals')
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
 

@@ -31,7 +31,7 @@ NUMPY = {
     *("short-hjb", "short-mfgfl-hf", "short-offline", "short-multinomial", "short-separation", "short-encounters"),
     *("short-orca", "short-bvc", "short-braking", "short-crowd-mfgfl-h", "short-windmap", "short-events"),
     *("short-int8", "short-clusters-hf", "short-doubles", "short-quiet", "short-waves", "short-discs"),
-    *("short-space-cruise", "short-space-orca", "short-space-braking", "short-space-hf"),
+    *("short-space-cruise", "short-space-orca", "short-space-braking", "short-space-hf", "short-space-mast"),
 }
 FLY = """
 import json, sys

@@ -108,10 +108,15 @@ def test_a_bag_has_every_state_with_its_bits(run, flown) -> None:
 
 def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> None:
     keys = {"space.dimensions": 3, "start.layers": 2, "wind.mean": (1.0, -1.0, 0.5), "method": "cruise"}
-    keys |= {"obstacles": [{"centre": [80.0, 60.0], "radius": 3.0}], "stations": [{"place": (10.0, 20.0, 25.0)}]}
+    solids = [
+        {"centre": [80.0, 60.0], "radius": 3.0},
+        {"centre": (9, 9), "radius": 2, "height": 30},
+        {"centre": (9, 0, 50), "radius": 3},
+    ]
+    keys |= {"obstacles": solids, "stations": [{"place": (10.0, 20.0, 25.0)}]}
     flown = mf.fly("paper", uavs=5, duration=3, out=tmp_path, **keys)
     assert run("export", str(flown.folder), "--mcap", "space.mcap", "--quiet")[0] == EXIT_DONE
-    places, speeds, heights, frames = [], [], [], []
+    places, speeds, heights, frames, middles = [], [], [], [], []
     for topic, _, message in read("space.mcap"):
         if topic == "/swarm/poses":
             places.append([(pose.position.x, pose.position.y, pose.position.z) for pose in message.poses])
@@ -122,13 +127,20 @@ def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> N
         elif topic == "/tf":
             frames.append([one.transform.translation.z for one in message.transforms])
         elif topic == "/mission":
-            middles = {marker.ns: (marker.pose.position.z, marker.scale.z) for marker in message.markers}
+            middles = [(one.ns, one.type, one.pose.position.z, one.scale.z) for one in message.markers]
     assert np.concatenate([places, speeds], axis=-1).tobytes() == flown.states.tobytes()
     assert np.array(heights).tobytes() == flown.states[..., 2].tobytes()
     assert np.array(frames).tobytes() == flown.states[..., 2].tobytes()
     top = float(flown.states[0, :, 2].max()) + 4.0
-    expected = {"goals": (40.0, 0.1), "obstacles": (top / 2, top), "stations": (12.5, 25.0), "labels": (42.0, 3.0)}
-    assert {kind: pytest.approx(numbers) for kind, numbers in expected.items()} == middles
+    cylinder, sphere, text = 3, 2, 9
+    assert middles == [
+        ("goals", cylinder, 40.0, 0.1),
+        ("obstacles", cylinder, pytest.approx(top / 2), pytest.approx(top)),
+        ("obstacles", cylinder, 15.0, 30.0),
+        ("obstacles", sphere, 50.0, 6.0),
+        ("stations", cylinder, 12.5, 25.0),
+        ("labels", text, 42.0, 3.0),
+    ]
 
 
 @pytest.mark.parametrize("text", ["2026-11-21T10:15:00.5+01:00", "run"])

@@ -144,6 +144,30 @@ def test_swap_and_streams_send_all_uavs_through_the_middle(name: str, way_m: flo
     assert np.hypot(*((targets + origins) / 2).T).max() < 9.0
 
 
+@pytest.mark.parametrize(("name", "least_m"), [("sphere", 49.0), ("layers", 5.0), ("tower", 3.0)])
+def test_missions_in_space_lead_through_the_middle(name: str, least_m: float) -> None:
+    flown = mission(name)
+    origins, targets = starts(flown)[:, :3], goals(flown)
+    np.testing.assert_allclose((origins + targets)[:, 2] / 2, 40.0)
+    level = np.hypot(*(targets - origins)[:, :2].T)
+    assert (level.max() == 0.0) == (name == "tower")
+    assert np.linalg.norm(targets - origins, axis=-1).min() >= least_m
+    assert flown.destination.radius < least_m
+
+
+@pytest.mark.parametrize("name", ["sphere", "layers", "tower", "mast"])
+def test_missions_in_space_end_with_all_arrived_and_no_collision(name: str) -> None:
+    summary = Engine(mission(name, seed=2), name).complete()
+    assert (summary["arrived"], summary["collisions_all"]) == (summary["uavs"], 0)
+    assert (summary["obstacle_hits"], summary["grounded"]) == (0, 0)
+
+
+def test_the_mast_is_in_the_way_of_the_lowest_layer() -> None:
+    flown = mission("mast", method="cruise").replace(**{"filter.kind": "none"})
+    assert Engine(flown, "mast").complete()["obstacle_hits"] > 0
+    assert flown.stations[0].place[2] == flown.obstacles[0].height
+
+
 def test_on_the_lossy_radio_half_of_all_states_are_lost_and_most_uploads() -> None:
     radio = mission("lossy").radio
     for bits, outage in ((64, 0.5), (4 * 32, 0.5), (108 * 32, 0.86)):

@@ -78,6 +78,7 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
         (["wind.mean=[1,2,3]"], "`wind.mean` has three numbers"),
         (["truth.wind=[1,2,3]"], "`truth.wind` has three numbers"),
         (["faults=[{kind='gust',tick=1,duration_s=1,acceleration=[1,2,3]}]"], "`faults[0].acceleration` has three"),
+        (["destination.goals=vertical"], '"vertical" needs space; set `space.dimensions` to 3, or take other goals'),
         (["start.layers=2"], "`start.layers` has no effect in the plane; set `space.dimensions` to 3"),
         (["start.formation=sphere"], '"sphere" needs space; set `space.dimensions` to 3'),
         (["space.dimensions=3", "start.formation=circle", "start.layers=2"], "`start.layers` has no effect here"),
@@ -87,6 +88,32 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
             ["space.dimensions=3", "uavs=1", "destination.positions=[[1,2,-3]]"],
             "UAV 0 has its goal 3 m below the ground",
         ),
+        (["space.floor=3"], "`space.floor` has no effect in the plane; set `space.dimensions` to 3, or leave it out"),
+        (["space.ceiling=3"], "`space.ceiling` has no effect in the plane"),
+        (["space.dimensions=3", "space.floor=-1"], "space.floor: expected a number >= 0.0"),
+        (["space.dimensions=3", "space.ceiling=0"], "space.ceiling: expected a number > 0.0"),
+        (["space.dimensions=3", "space.floor=9", "space.ceiling=9"], "`space.floor` 9 m is not below `space.ceiling`"),
+        (
+            ["space.dimensions=3", "space.floor=41"],
+            "UAV 0 starts 1 m below `space.floor` 41 m; move the limit, its place",
+        ),
+        (["space.dimensions=3", "space.ceiling=38.5"], "UAV 0 starts 1.5 m above `space.ceiling` 38.5 m"),
+        (
+            ["space.dimensions=3", "uavs=2", "space.floor=5", "destination.positions=[[1,2],[3,4,2]]"],
+            "UAV 1 has its goal 3 m below `space.floor`",
+        ),
+        (["obstacles=[{centre=[9,9,9],radius=1}]"], "`obstacles[0].centre` has three numbers, and the flight is in"),
+        (["obstacles=[{centre=[9,9],radius=1,height=3}]"], "`obstacles[0].height` has no effect in the plane"),
+        (
+            ["space.dimensions=3", "obstacles=[{centre=[9,9],radius=1,height=0}]"],
+            "obstacles[0].height: expected a number",
+        ),
+        (
+            ["space.dimensions=3", "obstacles=[{centre=[9,9,9],radius=1,height=3}]"],
+            "`obstacles[0]` is a sphere, because its `centre` has three numbers, and has no `height`",
+        ),
+        (["space.dimensions=3", "obstacles=[{centre=[150,100,43],radius=3}]"], "UAV 12 starts inside `obstacles[0]`"),
+        (["space.dimensions=3", "obstacles=[{centre=[150,100],radius=0.5,height=40}]"], "UAV 12 starts inside"),
         (["space.dimensions=4"], "space.dimensions: Invalid enum value 4; choose one of 2, 3"),
         (["start.centre=[1,2,3,4]"], "start.centre: expected a list of length <= 3"),
         (["space.dimensions=3", "stations=[{place=[150,100,40.5]}]"], "stands 0.5 m from the start of UAV 12"),
@@ -96,6 +123,17 @@ def test_a_scenario_that_contradicts_its_dimensions_is_refused(settings: list[st
     with pytest.raises(BadInput) as error:
         load(None, settings)
     assert words in str(error.value)
+
+
+def test_starts_beside_and_above_an_obstacle_are_free_and_the_hash_knows_heights_only_where_they_are() -> None:
+    free = in_space(
+        "obstacles=[{centre=[150,100,43.1],radius=3},{centre=[150,100],radius=9,height=39.9},{centre=[9,9],radius=1}]"
+    )
+    np.testing.assert_array_equal(mission.obstacles(free), [[150, 100, 3], [150, 100, 9], [9, 9, 1]])
+    np.testing.assert_array_equal(mission.solids(free)[:, 3:], [[43.1, 43.1], [-np.inf, 39.9], [-np.inf, np.inf]])
+    flat = load(None, ["obstacles=[{centre=[9,9],radius=1}]"])
+    assert mission.solids(flat).shape == (1, 3)
+    assert flat.sha256() == "0d89d68765a38acb777587e4ac2d37e16701981214477604fa5b839b9bc704e3"
 
 
 @pytest.mark.parametrize(

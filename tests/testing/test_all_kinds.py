@@ -70,6 +70,14 @@ ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
 SOON: dict[str, Any] = {"uavs": 6, "federation.period": 15}  # two rounds are shorter
 SOONER = dict.fromkeys(("mfgfl-f", "mfgfl-h", "mfgfl-hf"), SOON)
 SPACE: dict[str, Any] = {"uavs": 6, "space.dimensions": 3, "start.layers": 2, "start.spacing": 1.0}
+SKY: dict[str, Any] = {
+    "space.floor": 38.0,
+    "space.ceiling": 42.0,
+    "obstacles": [
+        {"centre": (140.0, 96.0, 40.0), "radius": 4.0},
+        {"centre": (152.0, 90.0), "radius": 3.0, "height": 40.5},
+    ],
+}
 SPATIAL = [
     name
     for name in plugins.names("controller")
@@ -93,7 +101,8 @@ CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
         ("controller", name, {}, {**SPACE, **keys} | SOONER.get(name, {}))
         for name, keys in product(SPATIAL, ({}, {**ECBF, **TICK}))
     ),
-    *(("filter", name, {}, {**SPACE, "filter.kind": name, "obstacles": DISCS}) for name in plugins.names("filter")),
+    *(("controller", name, {}, {**SPACE, **SKY}) for name in SHARING),
+    *(("filter", name, {}, {**SPACE, **SKY, "filter.kind": name}) for name in plugins.names("filter")),
     ("vehicle", "point-mass", {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0}),
     *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
     *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),

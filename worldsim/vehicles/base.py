@@ -76,6 +76,8 @@ class Vehicle:
 class MeanWind:
     """Mean wind of the world, without noise: constant, or a function of the place that does not change with time.
 
+    With `wind.profile_exponent` α the constant part is w·(z/`start.height`)^α, zero at the ground. The field has none.
+
     The field is a sum of M random Fourier modes (Kraichnan, Phys. Fluids 13, 1970), w(r) = Σ a n_m cos(k_m·r + φ_m).
     Wave vectors k_m are normal with standard deviation 1/L an axis, so velocities are correlated over about L. Unit
     vectors n_m ⊥ k_m make the field free of divergence. Phases φ_m are uniform. With a = rms·√(2/M) the mean of ‖w‖²
@@ -88,8 +90,10 @@ class MeanWind:
     def __init__(self, scenario: Scenario) -> None:
         wind = scenario.wind
         self._mean = scenario.space.vector(wind.mean)
-        self.uniform = wind.field_rms == 0.0
-        if not self.uniform:
+        self._exponent, self._height = wind.profile_exponent, scenario.start.height
+        self._has_field = wind.field_rms > 0.0
+        self.uniform = not self._has_field and (self._exponent == 0.0 or not self._mean.any())
+        if self._has_field:
             draw = generator(scenario.seed, "wind-field")
             self._waves = draw.standard_normal((wind.field_modes, scenario.dimensions)) / wind.field_length
             self._phases = draw.uniform(0.0, 2.0 * math.pi, wind.field_modes)
@@ -101,12 +105,18 @@ class MeanWind:
         """The wind at each of `states` (..., 2d), `(..., d)`, m/s; `(d,)` if it is the same everywhere."""
         if self.uniform:
             return self._mean
+        mean = self._mean
+        if self._exponent > 0.0:
+            share = np.maximum(states[..., 2], 0.0) / self._height
+            mean = mean * np.power(share, self._exponent)[..., None]
+        if not self._has_field:
+            return mean
         # Products first, then a sum in NumPy's order: a row's bits do not depend on how many rows there are.
         place = state.parts(state.position(states))
         phase = sum(along[..., None] * waves for along, waves in zip(place, self._waves.T, strict=True))
         swing = np.cos(phase + self._phases)
         along = [np.add.reduce(swing * mode, axis=-1) for mode in self._modes.T]
-        return self._mean + np.stack(along, axis=-1)
+        return mean + np.stack(along, axis=-1)
 
 
 def _across(waves: state.Floats, draw: np.random.Generator) -> state.Floats:

@@ -7,6 +7,7 @@ import numpy as np
 from meanflock import kernels
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles import rotor
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind, Vehicle
 
 
@@ -48,10 +49,16 @@ class PointMass(Vehicle):
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """Power of the rotary wing at speed ‖v‖, or at ‖v − v_o(r)‖ if `vehicle.power_speed` is air; v_o is the mean
-        wind without noise."""
+        wind without noise. UAVs that climb or sink need that of momentum theory, see `rotor`."""
+        through = state.velocity(states)
         if self._through_air:
-            through = state.velocity(states) - self._mean(states)
+            through = through - self._mean(states)
             speed = np.sqrt(state.dot(through, through))
         else:
-            speed = state.speed(states)
-        return self._vehicle.power(speed * speed, speed)
+            speed = state.length(through)
+        power = self._vehicle.power(speed * speed, speed)
+        if through.shape[-1] == state.SPACE:
+            steep = np.flatnonzero(through[:, 2])
+            level = state.length(state.flat(through[steep]))
+            power[steep] = rotor.power(self._vehicle, level, through[steep, 2], speed[steep])
+        return power

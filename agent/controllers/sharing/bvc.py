@@ -17,7 +17,7 @@ from meanflock.agent.controllers.sharing.base import Travelling, TravellingContr
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
     closest,
-    closest_discs,
+    closest_obstacles,
     stopping_speed,
     to_the_right,
     with_obstacles,
@@ -46,7 +46,9 @@ class BufferedVoronoi(TravellingController):
 
         velocity_gain_1_s: Annotated[float, Meta(gt=0, description="k_v, 1/s")] = 3.0
         radius_m: Annotated[float, Meta(gt=0, description="buffer, half of the distance that two UAVs keep, m")] = 0.45
-        clearance_m: Annotated[float, Meta(ge=0, description="distance to keep from the edge of an obstacle, m")] = 0.4
+        clearance_m: Annotated[
+            float, Meta(ge=0, description="distance to keep from the edge of an obstacle, the floor and the ceiling, m")
+        ] = 0.4
         right_bias: Annotated[
             float, Meta(ge=0, le=1, description="share of the cruise velocity that is added to its right")
         ] = 0.5
@@ -71,10 +73,13 @@ class BufferedVoronoi(TravellingController):
         preferred = to_the_right(preferred, options.right_bias)
         near = closest(own, others, memory["neighbour_uav"], options.reach_m, options.neighbours)
         normals, bounds = self._faces(near, options.radius_m, 0.5)
-        if len(self._obstacles):
-            discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
-            more, least = self._faces(discs, radii + options.clearance_m, 1.0)
+        if len(self._solids):
+            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+            more, least = self._faces(solids, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
+        if len(self._limits):
+            distance = self._limits.seen(own)[0] - options.clearance_m
+            normals, bounds = self._limits.added(normals, bounds, -stopping_speed(distance, self._limit, self._delay_s))
         velocity, missing = np.empty(preferred.shape), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, velocity, missing)
         acceleration = limited(options.velocity_gain_1_s * (velocity - state.velocity(own)), self._limit)

@@ -12,7 +12,6 @@ from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
 
 NOWHERE_M = 1e-9  # a distance without a direction
 OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
-FLAT = range(2)  # columns of x and y, of states and of discs
 NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
 
@@ -73,16 +72,36 @@ def level(axes: int, x: Rows, y: Rows) -> Vectors:
     return np.stack([x, y] if axes == state.PLANE else [x, y, np.zeros(x.shape)], axis=-1)
 
 
-def edges(own: States, discs: Floats) -> tuple[Floats, Floats, Floats]:
-    """Distances of rows (M, 4) from the edges of discs (K, 3), m, negative inside; unit vectors away from the centres.
+class Edges(NamedTuple):
+    """The edges of all K obstacles as M rows see them.
 
-    Returns:
-        Distance, x and y, (M, K) each.
+    distance: (M, K) m, negative inside. away: unit vectors away from the obstacles, (M, K) along each axis. closing:
+    velocities relative to the nearest points of their axes, (M, 1) or (M, K) m/s along each axis.
     """
-    x, y = _gaps(own, discs, FLAT)
-    distance = np.sqrt(x * x + y * y)
+
+    distance: Rows
+    away: list[Rows]
+    closing: list[Rows]
+
+
+def edges(own: States, solids: Floats) -> Edges:
+    """The edges of `mission.solids` (K, …); the top of a column counts as a dome of its radius."""
+    gaps, upward = _from_axes(own, solids)
+    closing = [along[:, None] for along in state.parts(state.flat(state.velocity(own)))] + upward
+    distance = np.sqrt(state.squared(gaps))
     length = np.maximum(distance, NOWHERE_M)
-    return distance - discs[:, 2], x / length, y / length
+    return Edges(distance - solids[:, 2], [gap / length for gap in gaps], closing)
+
+
+def _from_axes(own: States, solids: Floats) -> tuple[list[Rows], list[Rows]]:
+    """Places of rows (M, 2d) relative to the nearest points of the axes of K solids, (M, K) m for each number; and in
+    space the speeds upward relative to these points, which move along with a UAV beside a column, one (M, K) m/s.
+    """
+    gaps = _gaps(own, solids, range(2))
+    if state.axes(own) == state.PLANE:
+        return gaps, []
+    z, v_z, (lowest, highest) = own[:, 2, None], own[:, 5, None], solids[:, 3:].T
+    return [*gaps, z - np.clip(z, lowest, highest)], [np.where((z <= lowest) | (z >= highest), v_z, 0.0)]
 
 
 def summed(row: NDArray[np.intp], vectors: Vectors, rows: int) -> Vectors:
@@ -119,19 +138,19 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     return _apart([gap[row, which] for gap in gaps], closing, present, right)
 
 
-def closest_discs(own: States, discs: NDArray[np.float64], reach_m: float, most: int) -> tuple[Closest, Rows]:
-    """The discs (D, 3) of x, y and radius whose edge is within reach, at most so many; and their radii, (M, K) m.
+def closest_obstacles(own: States, solids: Floats, reach_m: float, most: int) -> tuple[Closest, Rows]:
+    """Of `mission.solids` (D, …) those whose edge is within reach, at most so many; and their radii, (M, K) m.
 
-    In space a disc is a column, and what is relative to it is level.
+    The nearest point of the axis of a column moves along with a UAV beside it, so what is relative to it is level.
+    The top of a column counts as a dome of its radius.
     """
-    gaps = _gaps(own, discs, FLAT)
-    which, present = _first(np.sqrt(state.squared(gaps)) - discs[:, 2], reach_m, most)
-    row, axes, velocity = np.arange(len(own))[:, None], state.axes(own), state.velocity(own)
-    gaps = [gap[row, which] for gap in gaps]
-    if axes != state.PLANE:
-        gaps, velocity = [*gaps, np.zeros(which.shape)], level(axes, velocity[:, 0], velocity[:, 1])
-    closing = np.broadcast_to(velocity[:, None], (*which.shape, axes))
-    return _apart(gaps, closing, present, 1.0), discs[which, 2]
+    gaps, upward = _from_axes(own, solids)
+    which, present = _first(np.sqrt(state.squared(gaps)) - solids[:, 2], reach_m, most)
+    row = np.arange(len(own))[:, None]
+    closing = np.broadcast_to(state.velocity(own)[:, None], (*which.shape, len(gaps)))
+    for speed in upward:
+        closing = np.concatenate([state.flat(closing), speed[row, which, None]], axis=-1)
+    return _apart([gap[row, which] for gap in gaps], closing, present, 1.0), solids[which, 2]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:

@@ -12,7 +12,7 @@ from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import SharingController
-from meanflock.agent.controllers.sharing.nearby import Near, edges, level, near, summed
+from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
@@ -70,7 +70,7 @@ class OlfatiSaber(SharingController):
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
         acceleration = options.pull_m_s2 * way - options.damping_1_s * state.velocity(own)
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
-        if len(self._obstacles):
+        if len(self._solids):
             acceleration += self._of_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
@@ -89,21 +89,34 @@ class OlfatiSaber(SharingController):
     def _of_obstacles(self, own: States) -> Vectors:
         """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, d) m/s²."""
         options = self.options
-        edge, x, y = edges(own, self._obstacles)
+        edge, away, closing = edges(own, self._solids)
         gap = np.maximum(edge, 0.0)
         sigma, reach = self._sigma(gap * gap), self._sigma(options.d_obstacle_m**2)
         weight, z = bump(sigma / reach, options.h), sigma - reach
         action = options.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
         # The virtual agent has the UAV's velocity along the edge, times μ = R/(R + gap).
-        vx, vy = (along[:, None] for along in state.parts(state.flat(state.velocity(own))))
-        along = vy * x - vx * y
-        slower = self._obstacles[:, 2] / (self._obstacles[:, 2] + gap) * along
+        slower = _along_edge(closing, away, self._solids[:, 2] / (self._solids[:, 2] + gap))
         damping = options.c2_obstacle_1_s * weight
-        ax = action * x + damping * (-y * slower - vx)
-        ay = action * y + damping * (x * slower - vy)
-        return level(state.axes(own), np.add.reduce(ax, axis=1), np.add.reduce(ay, axis=1))
+        pushes = [action * n + damping * (agent - v) for n, agent, v in zip(away, slower, closing, strict=True)]
+        return np.stack([np.add.reduce(push, axis=1) for push in pushes], axis=-1)
 
     def _sigma(self, squared: Any) -> Any:
         """σ-norm (√(1 + ε‖z‖²) − 1)/ε of ‖z‖², his Eq. 8."""
         epsilon = self.options.epsilon_1_m2
         return (np.sqrt(1.0 + epsilon * squared) - 1.0) / epsilon
+
+
+def _along_edge(velocity: list[Rows], away: list[Rows], share: Rows) -> list[Rows]:
+    """A share (M, K) of the parts of velocities at right angles to unit vectors n, n × (share · (v × n)), (M, K) along
+    each axis."""
+    if len(away) == state.PLANE:
+        (vx, vy), (x, y) = velocity, away
+        turn = share * (vy * x - vx * y)
+        return [-y * turn, x * turn]
+    turns = [share * turn for turn in _cross(velocity, away)]
+    return _cross(away, turns)
+
+
+def _cross(first: list[Rows], second: list[Rows]) -> list[Rows]:
+    (a, b, c), (x, y, z) = first, second
+    return [b * z - c * y, c * x - a * z, a * y - b * x]

@@ -17,7 +17,7 @@ from meanflock.agent.controllers.sharing.base import Travelling, TravellingContr
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
     closest,
-    closest_discs,
+    closest_obstacles,
     level,
     to_the_right,
     with_obstacles,
@@ -72,10 +72,14 @@ class Orca(TravellingController):
         options, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
         normals, bounds = half_planes(near, own, options.radius_m, options.horizon_s, dt, 0.5)
-        if len(self._obstacles):
-            discs, radii = closest_discs(own, self._obstacles, options.reach_m, options.obstacles)
-            more, least = half_planes(discs, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
+        if len(self._solids):
+            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+            more, least = half_planes(solids, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
+        if len(self._limits):
+            distance = self._limits.seen(own)[0] - 0.5 * options.radius_m
+            least = -distance / np.where(distance > 0.0, options.horizon_s, dt)
+            normals, bounds = self._limits.added(normals, bounds, least)
         chosen, missing = np.empty(preferred.shape), np.empty(len(own))
         kernels.nearest(np.ascontiguousarray(preferred), normals, bounds, options.speed_max_m_s, chosen, missing)
         return chosen, missing

@@ -13,7 +13,7 @@ from msgspec import Meta
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import edges, level, near, summed
+from meanflock.agent.controllers.sharing.nearby import edges, near, summed
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
@@ -56,16 +56,16 @@ class PotentialField(TravellingController):
         pairs = near(own, others, memory["neighbour_uav"], options.rho0_m + options.radius_m)
         force = repulsion(pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, self._limit)
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
-        if len(self._obstacles):
+        if len(self._solids):
             acceleration += self._off_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
     def _off_obstacles(self, own: States) -> Vectors:
         """Repulsion of rows by all obstacles, (M, d) m/s²."""
         options = self.options
-        edge, x, y = edges(own, self._obstacles)
+        edge, away, _ = edges(own, self._solids)
         force = repulsion(edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, self._limit)
-        return level(state.axes(own), np.add.reduce(force * x, axis=1), np.add.reduce(force * y, axis=1))
+        return np.stack([np.add.reduce(force * along, axis=1) for along in away], axis=-1)
 
 
 def repulsion(rho_m: Rows, rho0_m: float, eta: float, most: float) -> Rows:

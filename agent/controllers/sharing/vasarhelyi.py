@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import limited
 from meanflock.agent.controllers.sharing.base import Travelling, TravellingController
-from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, level, near, summed
+from meanflock.agent.controllers.sharing.nearby import NOWHERE_M, Near, edges, near, summed
 from meanflock.swarm import state
 from meanflock.swarm.state import Floats, Rows, States, Vectors
 
@@ -59,7 +59,7 @@ class Vasarhelyi(TravellingController):
         memory, velocity = self._travel.velocity(memory, own)
         pairs = near(own, others, memory["neighbour_uav"], self.options.range_m, self._matters)
         velocity += summed(pairs.row, self._push(pairs), len(own))
-        if len(self._obstacles):
+        if len(self._solids):
             velocity += self._off_obstacles(own)
         velocity = limited(velocity, self.options.v_max_m_s)
         return Step(memory, (velocity - state.velocity(own)) / self.options.tau_s)
@@ -79,13 +79,12 @@ class Vasarhelyi(TravellingController):
         (M, d) m/s.
         """
         options = self.options
-        edge, x, y = edges(own, self._obstacles)
-        vx, vy = (along[:, None] for along in state.parts(state.flat(state.velocity(own))))
-        vx, vy = vx - options.v_shill_m_s * x, vy - options.v_shill_m_s * y
-        difference = np.sqrt(vx * vx + vy * vy)
+        edge, away, closing = edges(own, self._solids)
+        relative = [v - options.v_shill_m_s * along for v, along in zip(closing, away, strict=True)]
+        difference = np.sqrt(state.squared(relative))
         allowed = braking(edge - options.r0_shill_m, options.p_shill_1_s, options.a_shill_m_s2)
         share = np.maximum(difference - allowed, 0.0) / np.maximum(difference, NOWHERE_M)
-        return -level(state.axes(own), np.add.reduce(share * vx, axis=1), np.add.reduce(share * vy, axis=1))
+        return -np.stack([np.add.reduce(share * v, axis=1) for v in relative], axis=-1)
 
     def _push(self, pairs: Near) -> Vectors:
         """Repulsion (their Eq. 1) and friction (Eq. 2, 4) of pairs, (P, d) m/s."""

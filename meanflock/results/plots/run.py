@@ -185,7 +185,7 @@ def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) 
     """An obstacle from above or from the side: a circle, or of a column from the side a rectangle."""
     if up == 1 or len(obstacle.centre) == state.SPACE:
         return Circle((obstacle.centre[0], obstacle.centre[up]), obstacle.radius, **look)
-    top = getattr(obstacle, "height", None)
+    top = obstacle.height
     corner = obstacle.centre[0] - obstacle.radius, 0.0
     return Rectangle(corner, 2 * obstacle.radius, highest if top is None else top, **look)
 

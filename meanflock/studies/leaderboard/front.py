@@ -8,6 +8,8 @@ The front is the minimum of that over all T up to the time taken, because a slow
 
 The vehicle has no limit of acceleration, so this is a bound and not a flight plan: flights that accelerate as craft do
 come within a few per cent of it (a test flies some). Others in the air and obstacles only add to it.
+
+In space power depends on the climb too, so there is no front of flights in space.
 """
 
 from collections.abc import Mapping
@@ -112,7 +114,9 @@ class Fronts:
 
     @cached_property
     def each(self) -> list[Front] | None:
-        """Fronts of all UAVs; None if power depends on a wind that varies from place to place."""
+        """Fronts of all UAVs; None in space, and if power depends on a wind that varies from place to place."""
+        if self.scenario.dimensions == state.SPACE:
+            return None
         if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
             return None
         ways = mission.goals(self.scenario) - state.position(mission.starts(self.scenario))

@@ -98,7 +98,7 @@ def _wind(ax: Axes, flown: Scenario, middle: state.Floats, side: float) -> None:
         return
     along = (np.arange(_FIELD) + 0.5) / _FIELD - 0.5
     places = middle + side * np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
-    velocity = wind(np.concatenate([places, np.zeros_like(places)], axis=-1))
+    velocity = state.flat(wind(state.at_rest(mission.in_space(flown, places)[:, : flown.dimensions])))
     vectors = velocity * (0.85 * side / _FIELD / np.hypot(*velocity.T).max())
     _arrows(ax, places - vectors / 2.0, vectors, _WIND, width=0.008, alpha=0.6)
 

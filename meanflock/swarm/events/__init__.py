@@ -16,6 +16,7 @@ from meanflock.swarm.events.mission import (
     FaultNeverBegins,
     Grounded,
     HitObstacle,
+    LeftAltitudes,
     LinksClamped,
     Lost,
     Rejoined,
@@ -74,6 +75,7 @@ FlightEvent: TypeAlias = (
     | Collided
     | HitObstacle
     | Grounded
+    | LeftAltitudes
     | DutyExceeded
     | LinksClamped
     | FaultBegan

@@ -34,7 +34,7 @@ class Collided(BaseEvent, frozen=True):
 class HitObstacle(BaseEvent, frozen=True):
     """A UAV entered an obstacle. disc: its number in the scenario, from 0."""
 
-    meanings = {"hit": "a UAV entered a disc of `[[obstacles]]` for the first time, in this tick"}
+    meanings = {"hit": "a UAV entered one of `[[obstacles]]` for the first time, in this tick"}
     level = "ERROR"
     uav: Count
     disc: Count
@@ -60,6 +60,27 @@ class Grounded(BaseEvent, frozen=True):
     @property
     def text(self) -> str:
         return f"UAV {self.uav} hit the ground"
+
+    @property
+    def uavs(self) -> Uavs:
+        return (self.uav,)
+
+
+class LeftAltitudes(BaseEvent, frozen=True):
+    """A UAV went below the floor or above the ceiling. limit_m: the limit."""
+
+    meanings = {
+        "altitude": "in space, a UAV went below `space.floor` or above `space.ceiling` for the first time, in this tick"
+    }
+    level = "ERROR"
+    uav: Count
+    is_floor: bool
+    limit_m: float
+
+    @property
+    def text(self) -> str:
+        side = "below the floor" if self.is_floor else "above the ceiling"
+        return f"UAV {self.uav} went {side} of {self.limit_m:g} m"
 
     @property
     def uavs(self) -> Uavs:

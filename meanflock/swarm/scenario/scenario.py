@@ -21,6 +21,7 @@ from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 _LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
+_MOST_WITH_DOWNWASH = 2000  # UAVs: their wakes take a fifth of a second and 120 MB in each tick
 
 
 class _Validating(msgspec.StructMeta):
@@ -230,6 +231,17 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`radio.coherence_time_s` {self.radio.coherence_time_s:g} s; take less, or longer slots"
             )
         self._check_plane()
+        if self.wind.downwash != "none" and self.uavs > _MOST_WITH_DOWNWASH:
+            raise ValueError(
+                f"`wind.downwash` compares all pairs of UAVs, and `uavs` is {self.uavs}; take {_MOST_WITH_DOWNWASH} at "
+                "most, or leave it out"
+            )
+        for number, one in enumerate(self.obstacles):
+            if one.height is not None and len(one.centre) > state.PLANE:
+                raise ValueError(
+                    f"`obstacles[{number}]` is a sphere, because its `centre` has three numbers, and has no `height`; "
+                    "leave out the height or the third number"
+                )
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
         if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
@@ -248,9 +260,19 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     )
 
     def _check_plane(self) -> None:
-        """Raises ValueError where a flight in the plane has a vector of three numbers."""
+        """Raises ValueError where a flight in the plane has a vector of three numbers, or a key of space."""
         if self.dimensions != state.PLANE:
             return
+        of_space = {
+            "space.floor": self.space.floor is not None,
+            "space.ceiling": self.space.ceiling is not None,
+            "wind.profile_exponent": self.wind.profile_exponent > 0.0,
+            "wind.downwash": self.wind.downwash != "none",
+            **{f"obstacles[{number}].height": one.height is not None for number, one in enumerate(self.obstacles)},
+        }
+        for name, is_set in of_space.items():
+            if is_set:
+                raise ValueError(f"`{name}` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
         vectors = {
             "start.positions": self.start.positions,
             "start.centre": (self.start.centre,),
@@ -258,6 +280,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             "wind.mean": (self.wind.mean,),
             "truth.wind": (self.truth.wind or (),),
         }
+        vectors |= {f"obstacles[{number}].centre": (one.centre,) for number, one in enumerate(self.obstacles)}
         for number, fault in enumerate(self.faults):
             vectors[f"faults[{number}].acceleration"] = (getattr(fault, "acceleration", ()),)
         for name, given in vectors.items():

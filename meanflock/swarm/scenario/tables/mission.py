@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
+from meanflock.swarm.state import PLANE
 from meanflock.swarm.toml import Point
 from meanflock.swarm.toml import Table as _Table
 
@@ -122,10 +123,11 @@ class Destination(_Table, frozen=True):
     ] = 5.0
     goals: (
         Annotated[
-            Literal["common", "opposite", "across", "parallel"],
+            Literal["common", "opposite", "across", "parallel", "vertical"],
             key(
                 "goals: `common`: the origin; `opposite`: the point opposite the start, through the centre; `across`: "
-                "the far side of the crossing; `parallel`: the origin plus the offset of the start from `centre`",
+                "the far side of the crossing; `parallel`: the origin plus the offset of the start from `centre`; "
+                "`vertical`, in space: above or below the start, as far from the height of the centre",
                 PRINTED,
                 "all UAVs have one destination",
                 later=True,
@@ -138,11 +140,21 @@ class Destination(_Table, frozen=True):
     ] = ()
 
 
-class Obstacle(_Table, frozen=True):
-    """A disc that no UAV should enter; in space, a column. A UAV that enters it is counted once and flies on."""
+class Obstacle(_Table, frozen=True, omit_defaults=True):
+    """A disc that no UAV should enter; in space, a column or a sphere. A UAV that enters it is counted and flies on."""
 
-    centre: Annotated[tuple[float, float], Meta(description="its centre, m")]
+    centre: Annotated[Point, Meta(description="its centre; in space, three numbers make it a sphere, m")]
     radius: Annotated[float, Meta(gt=0, description="its radius, m")]
+    height: Annotated[float, Meta(gt=0, description="in space, height of a column; unset: without end, m")] | None = (
+        None
+    )
+
+    @property
+    def axis(self) -> tuple[float, float]:
+        """Lowest and highest point of its upright axis, from which every point within the radius is inside, m."""
+        if len(self.centre) > PLANE:
+            return self.centre[PLANE], self.centre[PLANE]
+        return -math.inf, math.inf if self.height is None else self.height
 
 
 class Wind(_Table, frozen=True):
@@ -196,6 +208,26 @@ class Wind(_Table, frozen=True):
             le=1000,
         ),
     ] = 64
+    profile_exponent: Annotated[
+        float,
+        key(
+            "in space, α of a mean wind that grows with the height z as (z / `start.height`)^α; 0: it does not",
+            OURS,
+            "the mean wind is the same at all heights",
+            later=True,
+            ge=0,
+            le=1,
+        ),
+    ] = 0.0
+    downwash: Annotated[
+        Literal["none", "crazyflie"],
+        key(
+            "in space, wakes that push UAVs below down: none, or those fitted to the Crazyflie 2.x; at most 2000 UAVs",
+            OURS,
+            "the paper's UAVs do not disturb each other",
+            later=True,
+        ),
+    ] = "none"
 
 
 class Truth(_Table, frozen=True):

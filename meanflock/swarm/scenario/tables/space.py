@@ -5,13 +5,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from meanflock.swarm.scenario.described import PRINTED, key
+from meanflock.swarm.scenario.described import OURS, PRINTED, key
 from meanflock.swarm.state import Vectors
 from meanflock.swarm.toml import Table as _Table
 
 
 class Space(_Table, frozen=True):
-    """Number of axes of a flight: in the plane, or in space with z upward from the ground."""
+    """Number of axes of a flight: in the plane, or in space with z upward from the ground; and limits of altitude."""
 
     dimensions: Annotated[
         Literal[2, 3],
@@ -22,6 +22,41 @@ class Space(_Table, frozen=True):
             later=True,
         ),
     ] = 2
+    floor: (
+        Annotated[
+            float,
+            key(
+                "lowest altitude of UAVs; filters, `orca` and `bvc` keep above it, and UAVs that go below are "
+                "counted; unset: none",
+                OURS,
+                "the paper has no limits of altitude",
+                unit="m",
+                later=True,
+                ge=0,
+            ),
+        ]
+        | None
+    ) = None
+    ceiling: (
+        Annotated[
+            float,
+            key(
+                "highest altitude of UAVs, likewise; unset: none",
+                OURS,
+                "likewise",
+                unit="m",
+                later=True,
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """The limits of altitude that are set, each with its side: 1 and the floor, −1 and the ceiling, m."""
+        sides = ((1.0, self.floor), (-1.0, self.ceiling))
+        return tuple((side, limit) for side, limit in sides if limit is not None)
 
     def vector(self, given: tuple[float, ...], upward: float = 0.0) -> Vectors:
         """A vector (d,) from the numbers of a key; `upward` is its z if the key has none. Read-only."""
