@@ -280,7 +280,9 @@ def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
         return _kernel_sums(points, centres, bandwidth) / _kernel_sums(centres, centres, bandwidth).max()
     centres = centres[np.argsort(centres[:, 0], kind="stable")]
     shown = centres[np.linspace(0, len(centres) - 1, _MANY).astype(np.intp)]
-    ends = np.searchsorted(centres[:, 0], np.concatenate([points, shown])[:, :1] + [-_FAR * bandwidth[0], _FAR * bandwidth[0]])
+    ends = np.searchsorted(
+        centres[:, 0], np.concatenate([points, shown])[:, :1] + [-_FAR * bandwidth[0], _FAR * bandwidth[0]]
+    )
     sums = np.array(
         [
             _kernel_sums(at[None], centres[first:end], bandwidth)[0]
