@@ -20,8 +20,8 @@ def pairs(
 
     Distances are those of the closest approach within the tick, and no less than those of the boxes around both
     segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would. Of more than
-    `MANY` UAVs it goes by strips along x, so wide that near UAVs are in the same or in the next strip: time grows with N
-    as long as the flock does not get denser.
+    `MANY` UAVs it goes by strips along x, so wide that near UAVs are in the same or in the next strip: time grows with
+    N as long as the flock does not get denser.
 
     Args:
         before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches no other.
