@@ -9,7 +9,8 @@ from typing import TypeVar
 
 from meanflock.swarm.threads import limited
 
-Part, Result = TypeVar("Part"), TypeVar("Result")
+Part = TypeVar("Part")
+Result = TypeVar("Result")
 
 _pool: ThreadPoolExecutor | None = None
 
