@@ -24,6 +24,7 @@ WARN_FROM = 0.5  # share of lost whole models from which a warning is given
 WARN_FROM_FRAGMENTS = 0.9  # and of lost fragments: each is averaged over the UAVs whose copy arrived
 _ACCEPTABLE = 0.2  # share of lost messages that a suggested remedy leaves at most
 _LINKS_AT_ONCE = 2**20
+_LINKS_AT_MOST = 2**24  # of more, those of some senders, evenly spaced, are looked at
 _MOST_SLOTS = 2**14  # latency threshold up to which a remedy is searched for
 
 
@@ -155,12 +156,17 @@ def _senders(scenario: Scenario, hop: Hop) -> Indices:
 
 
 def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
-    """Sources and targets (K,) of the links of a hop by radio at take-off; some senders at a time, to save memory."""
+    """Sources and targets (K,) of the links of a hop by radio at take-off; some senders at a time, to save memory.
+
+    Of a large swarm they are the links of some senders.
+    """
     places = state.position(starts(scenario))
     targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
     width = targets.shape[1]
     some = max(1, _LINKS_AT_ONCE // width)
     every = _senders(scenario, hop)
+    if len(every) * width > _LINKS_AT_MOST:
+        every = every[:: -(-len(every) * width // _LINKS_AT_MOST)]
     for first in range(0, len(every), some):
         senders = every[first : first + some]
         source = senders.repeat(width)

@@ -95,9 +95,11 @@ class Prepared(NamedTuple):
 
 
 def prepared(
-    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, is_resumable: bool = True
+    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, is_stepped: bool = False
 ) -> Prepared:
-    """Prepare a flight whose files are complete when `stack` is closed. `is_resumable`: see `Engine`.
+    """Prepare a flight whose files are complete when `stack` is closed.
+
+    A stepped flight has one agent, and nobody but its caller resumes it.
 
     Raises:
         BadInput: the scenario or the folder cannot be used, or the files would not fit on the disk.
@@ -123,4 +125,5 @@ def prepared(
         run_id = stack.enter_context(new_run(flown, out)).name
         outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
         sinks += outputs.sinks
-    return Prepared(flown, Engine(flown, run_id, sinks=sinks, is_resumable=is_resumable), telemetry, outputs)
+    engine = Engine(flown, run_id, sinks=sinks, threads=1 if is_stepped else None, is_resumable=not is_stepped)
+    return Prepared(flown, engine, telemetry, outputs)

@@ -122,7 +122,7 @@ class Stepped:
     def _take_off(self, out: str | Path | None, record: bool) -> None:
         self._run: Run | None = None
         with ExitStack() as stack:
-            self._flight = prepared(self.scenario, out, record, stack, is_resumable=False)
+            self._flight = prepared(self.scenario, out, record, stack, is_stepped=True)
             self._stack = stack.pop_all()
         self._engine = self._flight.engine
         self._world = self._engine.world

@@ -25,6 +25,7 @@ from meanflock.swarm.events import (
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
+from meanflock.swarm.workers import each, free_cores
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import TickSchedule
 from meanflock.worldsim.tick import Acts, Row, Senses
@@ -100,8 +101,11 @@ def place_of(uavs: NDArray[np.intp]) -> Place:
     return slice(first, end) if end - first == len(uavs) else uavs
 
 
+MANY_UAVS = 4096  # from which on a crew uses the cores of its process
+
+
 class LocalCrew:
-    """Agents and a leader in this process and thread, called one after the other.
+    """Agents and a leader in this process. A node of many UAVs is cut into agents that compute side by side in threads.
 
     Attributes:
         agents: they hold all UAVs, in order.
@@ -114,6 +118,7 @@ class LocalCrew:
         resume: Resumption | None = None,
         *,
         rows_at_most: int | None = None,
+        threads: int | None = None,
         leaders: int | None = None,
         memory: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
@@ -121,7 +126,9 @@ class LocalCrew:
         Args:
             world: whose UAVs fly; it is not changed.
             resume: the checkpoint that the world continues from; None: none.
-            rows_at_most: most UAVs of an agent; None: one agent has all.
+            rows_at_most: most UAVs of a node; None: one node has all.
+            threads: agents that compute at once, which have equal parts of a node's UAVs, at least one each; None: one,
+                and of many UAVs one for each core. Bits do not depend on it.
             leaders: one and its standbys; None: as many as the fault script needs.
             memory: arrays of N rows that replace the memory of `init`.
 
@@ -131,23 +138,29 @@ class LocalCrew:
         plan, scenario, tick = world.plan, world.scenario, world.tick
         uavs = scenario.uavs
         size = uavs if rows_at_most is None else rows_at_most
+        self._threads = threads or (free_cores() if uavs >= MANY_UAVS else 1)
+        part = max(1, -(-size // self._threads))
         self._plan = plan
         self._encoded = scenarios.encode(plan.node_scenario)
         self._starts = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
         self.agents: list[Agent] = []
+        self._nodes: list[str] = []  # name of the node of each agent
         for group in plan.groups:
             for first in range(0, len(group.uavs), size):
-                rows = group.uavs[first : first + size]
-                record = b"" if resume is None else resume.memory(rows)
-                if memory is not None and tick == 0:
-                    record = encode_record({name: array[rows] for name, array in memory.items()})
-                name, names = f"agent-{rows[0]}", tuple(rows.tolist())
-                self.agents.append(Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record)))
+                node = group.uavs[first : first + size]
+                for begin in range(0, len(node), part):
+                    rows = node[begin : begin + part]
+                    record = b"" if resume is None else resume.memory(rows)
+                    if memory is not None and tick == 0:
+                        record = encode_record({name: array[rows] for name, array in memory.items()})
+                    name, names = f"agent-{node[0]}", tuple(rows.tolist())
+                    self.agents.append(Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record)))
+                    self._nodes.append(name)
         self._places = [place_of(agent.uavs) for agent in self.agents]
         self._nothing = np.zeros((uavs, plan.scenario.dimensions + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
         self._standbys = plan.leaders(tick) if leaders is None else leaders
-        nodes = len(self.agents) + self._standbys
+        nodes = len(set(self._nodes)) + self._standbys
         self._news: list[FlightEvent] = [(NodesJoined if resume is None else FlightResumed)(tick, nodes, uavs)]
         self._senses: list[tuple[int, Sense]] = []  # of the tick that was heard, by the number of the agent
         self.received: list[tuple[Received, ...]] = []
@@ -185,15 +198,13 @@ class LocalCrew:
             self._lose_leader(senses.tick, acts)
         if senses.leads and self._leader is not None:
             self._lead(self._leader, senses, acts)
-        replies = []
-        for (number, sense), received in zip(self._senses, self.received, strict=True):
+        replies = self._replies()
+        for number, reply in replies:
             agent = self.agents[number]
-            reply = agent.reply(sense, received)
-            replies.append((number, reply))
             acts.outbox += reply.outbox
             acts.add(reply)
             if agent.problems:
-                acts.news += [AgentFailed(senses.tick, f"agent-{agent.uavs[0]}", text) for text in agent.problems]
+                acts.news += [AgentFailed(senses.tick, self._nodes[number], text) for text in agent.problems]
                 agent.problems.clear()
         if len(replies) == len(self.agents) == 1:
             acts.commands, acts.models = replies[0][1].commands, replies[0][1].models
@@ -212,6 +223,16 @@ class LocalCrew:
     def models(self) -> Floats:
         """Learned weights of every UAV, (N, W); the last ones of a lost UAV."""
         return np.concatenate([agent.models for agent in self.agents])
+
+    def _replies(self) -> list[tuple[int, Act]]:
+        """The replies of the agents that have heard, with their numbers."""
+
+        def reply(heard: tuple[tuple[int, Sense], tuple[Received, ...]]) -> tuple[int, Act]:
+            (number, sense), received = heard
+            return number, self.agents[number].reply(sense, received)
+
+        heard = list(zip(self._senses, self.received, strict=True))
+        return each(reply, heard) if self._threads > 1 and len(heard) > 1 else list(map(reply, heard))
 
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""

@@ -9,6 +9,8 @@
 #include "axes.h"
 #include "pairwise.h"
 
+enum { MANY = 4096 }; /* UAVs above which the sweep goes by strips */
+static const double MARGIN = 1.0 + 1e-6; /* more than rounding errors, by which no pair may be missed */
 enum { TOGETHER = 16 }; /* boxes that are compared at once; any number gives the same result */
 
 /* The smaller of two numbers; NaN if one of them is. */
@@ -24,9 +26,9 @@ typedef struct { /* a UAV in the order of the sweep; the order of the keys is th
     int64_t uav;
 } Place;
 
-ptrdiff_t pairs_room(int axes, ptrdiff_t n) { return 2 * axes * n + 4 * axes * (n + TOGETHER) + 4 * n; }
+ptrdiff_t pairs_room(int axes, ptrdiff_t n) { return 2 * axes * n + 4 * axes * (n + TOGETHER) + 4 * n + n + 2; }
 
-typedef struct { /* columns in the order of the sweep, one for each axis: the box around each segment, and its ends */
+typedef struct { /* columns in the order of the sweeps, one for each axis: the box around each segment, and its ends */
     double *low[MOST_AXES], *high[MOST_AXES], *from[MOST_AXES], *to[MOST_AXES];
 } Sweep;
 
@@ -49,8 +51,8 @@ FOR_AXES double approach(const int axes, const double *from, const double *to) {
     return smaller(ends, inner(axes, at, at));
 }
 
-/* Sorts places by their keys, digit by digit; returns `place` or `other`, whichever has the result. */
-static Place *sorted(ptrdiff_t n, Place *place, Place *other) {
+/* Sorts places by their keys, digit by digit. `other` has room for as many; the number of digits is even. */
+static void sort(ptrdiff_t n, Place *place, Place *other) {
     for (int shift = 0; shift < KEY; shift += DIGIT) {
         ptrdiff_t starts[DIGITS + 1] = {0};
         for (ptrdiff_t i = 0; i < n; i++) starts[(place[i].key >> shift) % DIGITS + 1]++;
@@ -59,7 +61,6 @@ static Place *sorted(ptrdiff_t n, Place *place, Place *other) {
         Place *last = place;
         place = other, other = last;
     }
-    return place;
 }
 
 /* Key of a number: keys of unsigned integers have the order of the numbers. */
@@ -69,9 +70,8 @@ static uint64_t key(double number) {
     return bits >> (KEY - 1) ? ~bits : bits | (uint64_t)1 << (KEY - 1);
 }
 
-/* Orders the UAVs whose position at the end of the tick is finite; their number goes to `present`. */
-FOR_AXES const Place *swept(const int axes, ptrdiff_t n, const double *from, Place *place, const Sweep *sweep,
-                            ptrdiff_t *present) {
+/* Orders the UAVs whose position at the end of the tick is finite by the least x of their segments; returns how many. */
+FOR_AXES ptrdiff_t order_by_x(const int axes, ptrdiff_t n, const double *from, Place *place) {
     const double *to = from + axes * n;
     ptrdiff_t count = 0;
     for (ptrdiff_t uav = 0; uav < n; uav++) {
@@ -79,7 +79,13 @@ FOR_AXES const Place *swept(const int axes, ptrdiff_t n, const double *from, Pla
         for (int k = 0; k < axes; k++) is_here &= to[k * n + uav] == to[k * n + uav];
         if (is_here) place[count++] = (Place){key(fmin(from[uav], to[uav])), uav};
     }
-    place = sorted(count, place, place + n);
+    sort(count, place, place + n);
+    return count;
+}
+
+/* Copies the segments of places, in their order, and the boxes around them. */
+FOR_AXES void line_up(const int axes, ptrdiff_t n, ptrdiff_t count, const double *from, const Place *place, Sweep *sweep) {
+    const double *to = from + axes * n;
     for (ptrdiff_t i = 0; i < count; i++) {
         for (int k = 0; k < axes; k++) {
             const double begin = from[k * n + place[i].uav], end = to[k * n + place[i].uav];
@@ -89,14 +95,12 @@ FOR_AXES const Place *swept(const int axes, ptrdiff_t n, const double *from, Pla
     }
     for (ptrdiff_t i = count; i < count + TOGETHER; i++)
         for (int k = 0; k < axes; k++) sweep->low[k][i] = sweep->high[k][i] = INFINITY;
-    *present = count;
-    return place;
 }
 
 /* Squared distance of the boxes of two places in the order. */
 FOR_AXES double box(const int axes, const Sweep *s, ptrdiff_t i, ptrdiff_t j) {
-    double gap[MOST_AXES] = {larger(s->low[0][j] - s->high[0][i], 0.0)}; /* the sweep is along the first axis */
-    for (int k = 1; k < axes; k++)
+    double gap[MOST_AXES];
+    for (int k = 0; k < axes; k++)
         gap[k] = larger(larger(s->low[k][j] - s->high[k][i], s->low[k][i] - s->high[k][j]), 0.0);
     return inner(axes, gap, gap);
 }
@@ -116,6 +120,79 @@ static TARGET int any_close_in_space(const Sweep *s, ptrdiff_t i, ptrdiff_t j, d
     return any_close(SPACE, s, i, j, reach);
 }
 
+/* Squared closest approach of two places in the order, whose boxes are `apart`. */
+FOR_AXES double closest(const int axes, const Sweep *s, ptrdiff_t i, ptrdiff_t j, double apart) {
+    double from[MOST_AXES], to[MOST_AXES];
+    for (int k = 0; k < axes; k++) from[k] = s->from[k][j] - s->from[k][i], to[k] = s->to[k][j] - s->to[k][i];
+    return larger(apart, approach(axes, from, to));
+}
+
+/* Largest extent of a box along an axis. */
+static double largest_extent(const Sweep *s, int axis, ptrdiff_t count) {
+    double most = 0.0;
+    for (ptrdiff_t i = 0; i < count; i++) most = larger(s->high[axis][i] - s->low[axis][i], most);
+    return most;
+}
+
+/* Sorts places, which are in the order of x, by strips along x, each as wide as `width`, or wider; returns their number.
+ * `begin`: where each begins, and the end of the last. */
+static ptrdiff_t sort_by_strips(ptrdiff_t count, const Sweep *s, double width, Place *place, Place *other,
+                                ptrdiff_t *begin) {
+    double low = INFINITY, high = -INFINITY;
+    for (ptrdiff_t i = 0; i < count; i++) low = smaller(s->low[1][i], low), high = larger(s->low[1][i], high);
+    width = larger(width, (high - low) / (double)count);
+    const ptrdiff_t strips = (ptrdiff_t)((high - low) / width) + 1;
+    memset(begin, 0, (strips + 1) * sizeof *begin);
+    for (ptrdiff_t i = 0; i < count; i++) begin[(ptrdiff_t)((s->low[1][i] - low) / width) + 1]++;
+    for (ptrdiff_t strip = 0; strip < strips; strip++) begin[strip + 1] += begin[strip];
+    memcpy(other, place, count * sizeof *place);
+    for (ptrdiff_t i = count - 1; i >= 0; i--)
+        place[--begin[(ptrdiff_t)((s->low[1][i] - low) / width) + 1]] = other[i];
+    for (ptrdiff_t strip = 0; strip < strips; strip++) begin[strip] = begin[strip + 1];
+    begin[strips] = count;
+    return strips;
+}
+
+typedef struct { /* what was found, and what is looked for in which order */
+    Measured seen; /* `nearest` is squared */
+    double radius, hazard, collision; /* squared */
+    const Sweep *sweep;
+    const Place *place;
+    char *found;
+    ptrdiff_t most;
+} Search;
+
+/* Compares a place in the order with those from `first` to `last`, as long as they are within reach along x. */
+FOR_AXES void compare(const int axes, Search *search, ptrdiff_t i, ptrdiff_t first, ptrdiff_t last) {
+    const Sweep *s = search->sweep;
+    Measured *seen = &search->seen;
+    double reach = larger(search->radius, seen->nearest);
+    for (; first < last; first += TOGETHER) {
+        const double along = larger(s->low[0][first] - s->high[0][i], 0.0);
+        if (along * along > reach) break;
+        if (!(axes == PLANE ? any_close_in_plane : any_close_in_space)(s, i, first, reach)) continue;
+        const ptrdiff_t end = last - first < TOGETHER ? last : first + TOGETHER;
+        for (ptrdiff_t j = first; j < end; j++) {
+            const double apart = box(axes, s, i, j);
+            if (apart > reach) continue;
+            const double squared = closest(axes, s, i, j, apart);
+            double to[MOST_AXES];
+            for (int k = 0; k < axes; k++) to[k] = s->to[k][j] - s->to[k][i];
+            seen->near += inner(axes, to, to) <= search->hazard;
+            if (squared < seen->nearest) {
+                seen->nearest = squared;
+                reach = larger(search->radius, squared);
+            }
+            if (!(squared < search->collision)) continue;
+            const int64_t one = search->place[i].uav, other = search->place[j].uav;
+            const int64_t pair[] = {one < other ? one : other, one < other ? other : one};
+            char *to_write = search->found + seen->touching * (ptrdiff_t)sizeof pair;
+            if (seen->touching < search->most) memcpy(to_write, pair, sizeof pair);
+            seen->touching++;
+        }
+    }
+}
+
 FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest,
                            char *found, ptrdiff_t most) {
     const ptrdiff_t length = n + TOGETHER;
@@ -123,40 +200,37 @@ FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double haz
     Sweep s;
     for (int k = 0; k < axes; k++, at += 4 * length)
         s.low[k] = at, s.high[k] = at + length, s.from[k] = at + 2 * length, s.to[k] = at + 3 * length;
-    ptrdiff_t present;
-    const Place *place = swept(axes, n, room, (Place *)at, &s, &present);
-    Measured seen = {0, 0, nearest * nearest};
+    Place *place = (Place *)at;
+    ptrdiff_t *begin = (ptrdiff_t *)(place + 2 * n), strips = 1;
+    const ptrdiff_t present = order_by_x(axes, n, room, place);
+    begin[0] = 0, begin[1] = present;
+    line_up(axes, n, present, room, place, &s);
     hazard *= hazard, collision *= collision;
-    const double radius = larger(hazard, collision);
-    for (ptrdiff_t i = 0; i < present; i++) {
-        double reach = larger(radius, seen.nearest);
-        for (ptrdiff_t first = i + 1; first < present; first += TOGETHER) {
-            const double along = larger(s.low[0][first] - s.high[0][i], 0.0);
-            if (along * along > reach) break;
-            if (!(axes == PLANE ? any_close_in_plane : any_close_in_space)(&s, i, first, reach)) continue;
-            const ptrdiff_t end = present - first < TOGETHER ? present : first + TOGETHER;
-            for (ptrdiff_t j = first; j < end; j++) {
-                const double apart = box(axes, &s, i, j);
-                if (apart > reach) continue;
-                double from[MOST_AXES], to[MOST_AXES];
-                for (int k = 0; k < axes; k++) from[k] = s.from[k][j] - s.from[k][i], to[k] = s.to[k][j] - s.to[k][i];
-                const double squared = larger(apart, approach(axes, from, to));
-                seen.near += inner(axes, to, to) <= hazard;
-                if (squared < seen.nearest) {
-                    seen.nearest = squared;
-                    reach = larger(radius, squared);
-                }
-                if (!(squared < collision)) continue;
-                const int64_t one = place[i].uav, other = place[j].uav;
-                const int64_t pair[] = {one < other ? one : other, one < other ? other : one};
-                if (seen.touching < most) memcpy(found + seen.touching * (ptrdiff_t)sizeof pair, pair, sizeof pair);
-                seen.touching++;
-            }
+    Search search = {{0, 0, nearest * nearest}, larger(hazard, collision), hazard, collision, &s, place, found, most};
+    double back = 0.0;
+    if (present > MANY) {
+        for (ptrdiff_t i = 0; i + 1 < present; i++) { /* some distances: strips are as wide as the least of them */
+            const double some = closest(axes, &s, i, i + 1, box(axes, &s, i, i + 1));
+            if (some < search.seen.nearest) search.seen.nearest = some;
+        }
+        const double width = sqrt(larger(search.radius, search.seen.nearest)) + largest_extent(&s, 1, present);
+        back = largest_extent(&s, 0, present);
+        strips = sort_by_strips(present, &s, width * MARGIN, place, place + n, begin);
+        line_up(axes, n, present, room, place, &s);
+    }
+    for (ptrdiff_t strip = 0; strip < strips; strip++) {
+        const ptrdiff_t end = begin[strip + 1], stop = strip + 1 < strips ? begin[strip + 2] : end;
+        ptrdiff_t next = end; /* the first place of the next strip that may be within reach */
+        for (ptrdiff_t i = begin[strip]; i < end; i++) {
+            compare(axes, &search, i, i + 1, end);
+            const double reach = (sqrt(larger(search.radius, search.seen.nearest)) + back) * MARGIN;
+            while (next < stop && s.low[0][i] - s.low[0][next] > reach) next++;
+            compare(axes, &search, i, next, stop);
         }
     }
-    qsort(found, seen.touching < most ? seen.touching : most, 2 * sizeof(int64_t), by_pair);
-    seen.nearest = sqrt(seen.nearest);
-    return seen;
+    qsort(found, search.seen.touching < most ? search.seen.touching : most, 2 * sizeof(int64_t), by_pair);
+    search.seen.nearest = sqrt(search.seen.nearest);
+    return search.seen;
 }
 
 Measured pairs(int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest, char *found,

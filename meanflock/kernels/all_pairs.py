@@ -9,6 +9,8 @@ from meanflock.kernels import state
 from meanflock.kernels.state import Floats
 
 FEW = 100  # UAVs up to which all pairs are compared at once
+MANY = 4096  # UAVs above which the sweep goes by strips
+_MARGIN = 1.0 + 1e-6  # more than rounding errors, by which no pair may be missed
 
 
 def pairs(
@@ -17,7 +19,9 @@ def pairs(
     """Pairs of N UAVs that are close to each other in a tick, in which all UAVs move straight; exactly.
 
     Distances are those of the closest approach within the tick, and no less than those of the boxes around both
-    segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would.
+    segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would. Of more than
+    `MANY` UAVs it goes by strips along x, so wide that near UAVs are in the same or in the next strip: time grows with
+    N as long as the flock does not get denser.
 
     Args:
         before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches no other.
@@ -38,13 +42,24 @@ def pairs(
     present = np.flatnonzero(~np.isnan(last).any(axis=-1))
     order = present[np.argsort(low[present, 0], kind="stable")]
     few = len(order) <= FEW
-    left, right = np.triu_indices(len(order), 1) if few else (np.arange(len(order) - 1), np.arange(1, len(order)))
+    if len(order) > MANY:
+        i, j = order[:-1], order[1:]  # some distances: strips are as wide as the least of them
+        gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
+        some = np.maximum(state.approach(first[j] - first[i], last[j] - last[i]), state.squared(state.parts(gap)))
+        nearest = float(np.fmin.reduce(some, initial=nearest))
+        within = math.sqrt(max(hazard, collision, nearest))
+        order, left, right, ends = _by_strips(order, low, high, within)
+    else:
+        left, right = np.triu_indices(len(order), 1) if few else (np.arange(len(order) - 1), np.arange(1, len(order)))
+        ends = np.full(len(left), len(order))
     near, touching = 0, [np.zeros((0, 2), dtype=np.intp)]
     while len(left):  # places in the order; next, each left one with the one after its right one
         i, j = order[left], order[right]
         gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
-        along, box, reach = gap[:, 0], state.squared(state.parts(gap)), max(hazard, collision, nearest)
+        box, reach = state.squared(state.parts(gap)), max(hazard, collision, nearest)
+        along = np.maximum(low[j, 0] - high[i, 0], 0.0)
         close = ~(box > reach)
+        ahead = ~(along * along > reach) & (right + 1 < ends)
         i, j = i[close], j[close]
         apart = last[j] - last[i]
         squared = np.maximum(state.approach(first[j] - first[i], apart), box[close])
@@ -52,9 +67,38 @@ def pairs(
         nearest = float(np.fmin.reduce(squared, initial=nearest))  # ignores NaN
         touch = squared < collision
         touching.append(np.sort(np.stack([i[touch], j[touch]], axis=-1)))
-        ahead = ~(along * along > reach) & (right < len(order) - 1)
-        left, right = (left[:0], right[:0]) if few else (left[ahead], right[ahead] + 1)
+        left, right, ends = (left[:0],) * 3 if few else (left[ahead], right[ahead] + 1, ends[ahead])
     all_touching = np.concatenate(touching)
     all_touching = all_touching[np.lexsort(all_touching.T[::-1])]
     found[: len(all_touching)] = all_touching[: len(found)]
     return near, len(all_touching), math.sqrt(nearest)
+
+
+def _by_strips(
+    order: NDArray[np.intp], low: Floats, high: Floats, within: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """The UAVs of `order`, which is that of x, strip by strip; and what the sweep compares.
+
+    Args:
+        low, high: (N, d), the boxes. within: distance up to which pairs are looked for, m.
+
+    Returns:
+        The order; places of it, each with the first and the end of the places that it is compared with: those behind it
+        in its own strip, and those of the next strip that are not too far behind along x.
+    """
+    extent = np.max(high[order] - low[order], axis=0)
+    across = low[order, 1] - low[order, 1].min()
+    width = max((within + extent[1]) * _MARGIN, float(across.max()) / len(order))
+    strip = (across / width).astype(np.intp)
+    by_strip = np.argsort(strip, kind="stable")
+    order, strip = order[by_strip], strip[by_strip]
+    begin = np.searchsorted(strip, np.arange(strip[-1] + 3))  # of each strip, and of two empty ones behind the last
+    along, places = low[order, 0], np.arange(len(order))
+    behind = np.empty_like(places)
+    for one in range(strip[-1] + 1):
+        own, beside = places[begin[one] : begin[one + 1]], along[begin[one + 1] : begin[one + 2]]
+        behind[own] = begin[one + 1] + np.searchsorted(beside, along[own] - (within + extent[0]) * _MARGIN)
+    left = np.concatenate([places, places])
+    right, ends = np.concatenate([places + 1, behind]), np.concatenate([begin[strip + 1], begin[strip + 2]])
+    some = right < ends
+    return order, left[some], right[some], ends[some]

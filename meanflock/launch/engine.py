@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from meanflock.federation.plan import plan_of
 from meanflock.net.limits import Limits
-from meanflock.swarm import threads
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightFinished
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.threads import limited, renew_if_loaded
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.clocks import Stopwatch, TickSchedule
@@ -42,13 +42,14 @@ class Engine:
         watch: the time flown.
     """
 
-    @threads.limited()
+    @limited()
     def __init__(
         self,
         scenario: Scenario,
         run: str,
         *,
         uavs_per_node: int | None = None,
+        threads: int | None = None,
         sinks: Sequence[BlockSink] = (),
         realtime: float | None = None,
         steer: Port | None = None,
@@ -61,7 +62,8 @@ class Engine:
         Args:
             scenario: what is flown.
             run: name of the run.
-            uavs_per_node: UAVs of an agent; None: one agent has all.
+            uavs_per_node: UAVs of a node; None: one node has all.
+            threads: see `LocalCrew`.
             sinks: get the telemetry; without any, no telemetry is gathered.
             realtime: how many times faster than the wall clock ticks go; None: as fast as they can.
             steer: where clients steer UAVs; only in real time.
@@ -79,7 +81,9 @@ class Engine:
         plan = plan_of(scenario)
         self.world = World(plan, resume, checkpoint_every=every)
         Limits(plan)  # refuses plug-ins that cannot begin
-        self.crew = LocalCrew(self.world, resume, rows_at_most=uavs_per_node, leaders=leaders, memory=memory)
+        self.crew = LocalCrew(
+            self.world, resume, rows_at_most=uavs_per_node, threads=threads, leaders=leaders, memory=memory
+        )
         self.watch = Stopwatch(self.world.counters.wall_s)
         self._run = run
         self._schedule = None if realtime is None else TickSchedule(realtime, scenario.dt)
@@ -112,9 +116,9 @@ class Engine:
             RunFailed: the vehicle failed.
         """
         self.watch.restart()
-        with threads.limited():
+        with limited():
             for row in fly(self.world, self._answering, self._sinks):
-                threads.renew_if_loaded()
+                renew_if_loaded()
                 yield row.tick
             self.world.flight.books.settle()
 
@@ -133,7 +137,7 @@ class Engine:
                 observe(self)
         return self.finish()
 
-    @threads.limited()
+    @limited()
     def finish(self) -> dict[str, Any]:
         """End the run, also before it is over; returns its summary."""
         world = self.world

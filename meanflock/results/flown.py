@@ -27,7 +27,7 @@ class FlownKeys(msgspec.Struct):
 
     method: str = ""  # empty: there is no scenario
     seed: int = 0
-    uavs: Annotated[int, Meta(ge=1, le=100_000)] = 1
+    uavs: Annotated[int, Meta(ge=1)] = 1
     dt: Annotated[float, Meta(ge=1e-6, le=1e3)] = 0.1
     space: Space = field(default_factory=Space)
     start: Start = field(default_factory=Start)

@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import EXIT_RUN_FAILED, BadInput, MeanflockError, RunFailed
+from meanflock.swarm.workers import cores
 
 BACKENDS = ("processes", "dask")
 SCHEDULER_TIMEOUT = "10s"
@@ -86,16 +87,6 @@ def _number_of(jobs: int) -> int:
     if current.daemon or isinstance(current, _Worker):
         return 1
     return jobs if jobs > 0 else max(1, cores() + 1 + jobs)
-
-
-def cores(groups: Path = Path("/sys/fs/cgroup")) -> int:
-    """Cores that this process may use: those it is bound to, or fewer by the limit of a container."""
-    bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    try:
-        quota, period = (groups / "cpu.max").read_text().split()
-        return max(1, min(bound, -(-int(quota) // int(period))))
-    except (OSError, ValueError):  # no limit, or no control groups of this version
-        return bound
 
 
 def _fly(

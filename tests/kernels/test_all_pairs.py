@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from meanflock.kernels import reference
 from meanflock.kernels.all_pairs import FEW as SMALL
+from meanflock.kernels.all_pairs import MANY
 from meanflock.kernels.differences import ALIGNMENT_ERROR, FEW
 from meanflock.swarm import state
 
@@ -108,6 +109,42 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike
         assert (found <= np.triu(apart < collision + 1e-12, 1)).all()
     least = np.fmin.reduce(apart[np.triu_indices(uavs, 1)], initial=bound)
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+@pytest.mark.parametrize(
+    ("spread", "step", "bound"),
+    [(60.0, 0.1, math.inf), (60.0, 0.1, 0.01), (8.0, 0.02, math.inf), (1e6, 0.1, math.inf), (0.2, 0.0, math.inf)],
+)
+def test_a_sweep_by_strips_finds_what_a_comparison_of_all_pairs_does(
+    backend: ModuleType, axes: int, spread: float, step: float, bound: float
+) -> None:
+    """Dense and scattered; one UAV flies across everything, and some have the same place."""
+    draw = np.random.default_rng(4)
+    before = np.zeros((MANY + 100, 2 * axes))
+    before[:, :axes] = draw.normal(size=(len(before), axes)) * spread
+    before[100:150] = before[:50]
+    after = before + draw.normal(size=before.shape) * step
+    after[7, :axes] += 0.5 * spread
+    before[11], after[13] = np.nan, np.nan
+    found = np.empty((10**6 if spread > 1.0 else 0, 2), dtype=np.intp)
+    near, count, nearest = backend.pairs(before, after, 0.5, 0.1, bound, found)
+    nears, touching, distances = zip(
+        *(_compared(before, after, uav, 0.5, 0.1) for uav in range(len(before))), strict=True
+    )
+    expected = np.concatenate(touching)
+    assert (near, count, nearest) == (sum(nears), len(expected), math.sqrt(min(bound * bound, *distances)))
+    np.testing.assert_array_equal(found[:count], expected[: len(found)])
+
+
+def _compared(before: np.ndarray, after: np.ndarray, one: int, hazard: float, collision: float) -> tuple:
+    """The near pairs, the pairs that touch, and the least squared distance, of a UAV with all later ones."""
+    start, end = (state.position(states[one + 1 :]) - state.position(states[one]) for states in (before, after))
+    with np.errstate(invalid="ignore"):
+        approach = state.approach(start, end)
+        touch = one + 1 + np.flatnonzero(approach < collision * collision)
+        near = np.count_nonzero(state.dot(end, end) <= hazard * hazard)
+    return near, np.stack([np.full_like(touch, one), touch], axis=-1), float(np.fmin.reduce(approach, initial=math.inf))
 
 
 def test_a_uav_without_a_finite_position_has_no_neighbours(backend: ModuleType) -> None:

@@ -182,15 +182,6 @@ def test_negative_numbers_of_jobs_count_down_from_the_cores(monkeypatch: pytest.
     assert [runner._number_of(jobs) for jobs in (-9, -4, -2, -1, 1, 7)] == [1, 1, 3, 4, 1, 7]
 
 
-@pytest.mark.parametrize(
-    ("limit", "cores"), [("150000 100000", 2), ("50000 100000", 1), ("max 100000", None), ("", None)]
-)
-def test_the_cores_of_a_container_bound_the_processes(limit: str, cores: int | None, tmp_path: Path) -> None:
-    (tmp_path / "cpu.max").write_text(limit)
-    bound = runner.cores(tmp_path / "nowhere")
-    assert runner.cores(tmp_path) == (bound if cores is None else min(cores, bound))
-
-
 def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
     """The destination is so wide that some UAVs arrive at once and others are on their way at the end."""
     flags = ("--set", "destination.radius=178", "--set", "start.spacing=4", "--uavs", "3", "--seeds", "2")

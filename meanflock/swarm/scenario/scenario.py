@@ -1,6 +1,7 @@
 """A scenario: its tables, checks of their combinations, quantities derived from them, and its forms (TOML, JSON)."""
 
 import importlib
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
@@ -20,6 +21,7 @@ from meanflock.swarm.scenario.values import as_builtins, toml_text, validated, w
 from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
+_LEAST_BYTES = 1000  # of a UAV: states, links and commands, without a controller
 _LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
 _MOST_WITH_DOWNWASH = 2000  # UAVs: their wakes take a fifth of a second and 120 MB in each tick
 
@@ -58,7 +60,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         dict[str, Any], key("options of that controller", OURS, "a controller declares its own", later=True)
     ] = field(default_factory=dict)
     uavs: Annotated[
-        int, key("N, number of UAVs", PRINTED, "S0, the scenario of its first figures", unit="UAVs", ge=1, le=100000)
+        int, key("N, number of UAVs", PRINTED, "S0, the scenario of its first figures", unit="UAVs", ge=1, le=2**31 - 1)
     ] = 25
     seed: Annotated[
         int,
@@ -196,6 +198,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._check_memory()
         if self.federation.leader >= self.uavs:
             raise ValueError(
                 f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
@@ -258,6 +261,18 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                         f"`faults[{number}].stations` names station {station}, and there are {len(self.stations)} "
                         "`[[stations]]`, numbered from 0"
                     )
+
+    def _check_memory(self) -> None:
+        """Raises ValueError where the memory of this machine could not even hold the states of the UAVs.
+
+        What a whole flight needs is checked before it starts.
+        """
+        least, most = _LEAST_BYTES * self.uavs, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if least > most:
+            raise ValueError(
+                f"`uavs` is {self.uavs}, which needs {least / 2**30:,.0f} GiB at least, and this machine has "
+                f"{most / 2**30:,.0f} GiB; take fewer"
+            )
 
     def _check_plane(self) -> None:
         """Raises ValueError where a flight in the plane has a vector of three numbers, or a key of space."""

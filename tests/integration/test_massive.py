@@ -1,0 +1,54 @@
+"""Large swarms: memory grows with the number of UAVs and not with its square, for each controller that may fly them."""
+
+import math
+import tracemalloc
+
+import pytest
+
+from meanflock.launch import memory
+from meanflock.launch.engine import Engine
+from meanflock.swarm import plugins
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
+
+FEW, MANY = 4200, 8400  # both above the numbers from which on things are done in another way
+TICKS = 1
+SLOW = {"windmap"}  # thousands of maps, one after the other: nobody flies that many
+
+
+def massive() -> list[str]:
+    """The built-in controllers whose memory does not grow with pairs of UAVs."""
+    found = []
+    for name in sorted({*plugins.names("controller")} - SLOW):
+        try:
+            if memory.pair_bytes(Scenario(uavs=FEW, method=name)) == 0:
+                found.append(name)
+        except BadInput:  # it needs an option
+            continue
+    return found
+
+
+def peak(name: str, uavs: int) -> int:
+    """Largest memory of a flight of a tick in one thread, from its scenario to its summary, bytes."""
+    scenario = Scenario(uavs=uavs, method=name, duration=0.1 * TICKS, start={"spacing": 120.0 / math.sqrt(uavs)})
+    tracemalloc.start()
+    try:
+        Engine(scenario, "massive", threads=1).complete()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", massive())
+def test_memory_grows_with_the_number_of_uavs(name: str) -> None:
+    assert peak(name, MANY) < 2.2 * peak(name, FEW) + 2**22
+
+
+def test_what_claims_to_be_massive() -> None:
+    assert {"mfgfl-hf", "mfgfl-h", "mfgfl-f", "mfg", "offline", "cruise", "lqr", "plan"} <= {*massive()}
+
+
+@pytest.mark.parametrize(("uavs", "says"), [(10**9, r"needs \d+ GiB at least, and this machine has"), (2**31, "uavs")])
+def test_more_uavs_than_memory_are_refused_with_a_number(uavs: int, says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        Scenario.load("paper", uavs=uavs)
