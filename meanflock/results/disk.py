@@ -35,8 +35,9 @@ def needed_mb(scenario: Scenario, record: bool, flown: int = 0) -> int:
 
     `flown`: number of ticks whose series the folder has already.
     """
-    uavs, declared = scenario.uavs, plan_of(scenario).declared
-    series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))) * (scenario.max_ticks - flown)
+    uavs, plan = scenario.uavs, plan_of(scenario)
+    declared = plan.declared
+    series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(plan.columns))) * (scenario.max_ticks - flown)
     recording = _RECORDED_TICK + uavs * (_RECORDED_ROW_OF_MANY if uavs > LARGE_SWARM else _RECORDED_ROW)
     recording *= scenario.max_ticks if record else 0
     checkpoint = uavs * (_CHECKPOINT_ROW + 8 * max(declared.weights, declared.parameters))
