@@ -39,7 +39,14 @@ def page() -> str:
             map(_column, map(quantities.diagnostic, quantities.DIAGNOSTICS)),
         ),
         "",
-        "The remaining columns are the same for all controllers:",
+        "Then follow the [columns of the vehicle](your-vehicle.md#in-space-with-an-attitude), as they are at the end",
+        "of the tick. `point-mass` has none, `quadrotor` and `multirotor` have these:",
+        "",
+        *_table(
+            ("column", "unit", "", "cumulative", "what"), map(_column, map(quantities.diagnostic, quantities.SHOWN))
+        ),
+        "",
+        "The remaining columns are the same for all controllers and vehicles:",
         "",
         *_table(("column", "unit", "", "cumulative", "what"), map(_column, quantities.COLUMNS_AFTER)),
         "",

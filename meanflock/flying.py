@@ -10,7 +10,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
-from meanflock.results.quantities import check_diagnostics
+from meanflock.results.series import check_reports
 from meanflock.runs import Run
 from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
 from meanflock.swarm import paths, threads
@@ -106,7 +106,7 @@ def prepared(
     """
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
-    check_diagnostics(flown.method, plan_of(flown).declared.diagnostics)
+    check_reports(plan_of(flown))
     memory.check([flown])
     warn_of_lost_models([flown])
     outputs = None

@@ -338,9 +338,9 @@ class Flight(Stateful):
         if self.any_lost:
             self.steps -= int(np.count_nonzero(self.lost))
             self.lost_ticks += self.lost
-        felt = accelerations if gust is None else accelerations + gust
+        felt = accelerations if gust is None or self._physics.takes_push else accelerations + gust
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
-        moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting)
+        moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting, gust)
         self.tick += 1
         self.states = self.ground.above(moved.states) if self.ground.is_there else moved.states
         self.hidden = moved.hidden
@@ -363,6 +363,10 @@ class Flight(Stateful):
             for uav, limit in self.altitude.leave(self.states, self.arrival_tick >= 0):
                 side, limit_m = self.altitude.limits[limit]
                 self.events.append(LeftAltitudes(self.tick, uav, side > 0.0, limit_m))
+
+    def shown(self, columns: int) -> Floats:
+        """The numbers (N, columns) that the vehicle shows of the UAVs."""
+        return self._physics.shown(self.hidden, columns)
 
     def restored(self) -> None:
         self._sort()

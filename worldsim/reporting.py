@@ -88,7 +88,7 @@ class Blocks:
             block_rows: most rows of a block; None in real time.
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
-        scenario, self._declared = world.scenario, world.plan.declared
+        scenario, self._declared, self._names = world.scenario, world.plan.declared, world.plan.columns
         uavs = scenario.uavs
         self._world = world
         self._mailer = mailer
@@ -97,13 +97,11 @@ class Blocks:
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
-        rows = self._rows = max(
-            1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(scenario, len(self._declared.diagnostics))))
-        )
+        rows = self._rows = max(1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(scenario, len(self._names)))))
         self._columns: dict[str, Any] = {  # as `Telemetry` has them
             "states": np.zeros((rows, uavs, scenario.state_numbers)),
             "accelerations": np.zeros((rows, uavs, scenario.dimensions), dtype=np.float32),
-            "diagnostics": np.zeros((rows, uavs, len(self._declared.diagnostics)), dtype=np.float32),
+            "diagnostics": np.zeros((rows, uavs, len(self._names)), dtype=np.float32),
             "status": np.zeros((rows, uavs), dtype=np.uint8),
             "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
         }
@@ -195,7 +193,7 @@ class Blocks:
                 spread=np.array(spread),
                 events=tuple(self._events),
                 checkpoint=self._parts.popleft() if self._parts else b"",
-                diagnostic_names=self._declared.diagnostics,
+                diagnostic_names=self._names,
             )
         )
         self._begin(self.block + 1, self._first_tick + n)

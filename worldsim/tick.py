@@ -83,10 +83,10 @@ class Acts(msgspec.Struct, eq=False):
 class Row(NamedTuple):
     """A tick of a flight, after it was flown.
 
-    states: (N, 4) and status (N,), at the end of the tick. accelerations: (N, 2) m/s² and diagnostics (N, K), of the
-    tick. links: (K, 7), the links that were used, see `Telemetry`. events: since the row before. weights: (W,), learned
-    by the leader's UAV, if they were reported, and the spread of all models. memories: of the controllers, where a
-    checkpoint is due.
+    states: (N, 4) and status (N,), at the end of the tick. accelerations: (N, 2) m/s², of the tick. diagnostics:
+    (N, K), of the controller in the tick, then what the vehicle shows at its end. links: (K, 7), the links that were
+    used, see `Telemetry`. events: since the row before. weights: (W,), learned by the leader's UAV, if they were
+    reported, and the spread of all models. memories: of the controllers, where a checkpoint is due.
     """
 
     tick: int

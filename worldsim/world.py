@@ -255,12 +255,15 @@ class World(Stateful):
     ) -> Row:
         flight, commands = self.flight, self.commands
         events, flight.events = flight.events, []
+        diagnostics = commands.diagnostics
+        if self.plan.shown:
+            diagnostics = np.concatenate([diagnostics, flight.shown(len(self.plan.shown))], axis=1)
         return Row(
             flight.tick,
             flight.states,
             flight.status,
             commands.accelerations,
-            commands.diagnostics,
+            diagnostics,
             links,
             events,
             weights,

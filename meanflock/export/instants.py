@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
+from meanflock.results.quantities import ATTITUDE
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.state import Floats
 
 NANOSECONDS = 1_000_000_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -23,14 +25,15 @@ class Instant(NamedTuple):
     """A tick.
 
     time_ns: see `time_ns`. row: in the table of its piece. places, velocities: [x, y, z] of each UAV; z is 0 in the
-    plane. headings: the quaternion [z, w] of each velocity, about the vertical axis. events: since the tick before.
+    plane. turns: the quaternion [x, y, z, w] of each UAV: its attitude, of a vehicle that shows one, or the heading of
+    its velocity. events: since the tick before.
     """
 
     time_ns: int
     row: int
     places: list[list[float]]
     velocities: list[list[float]]
-    headings: list[list[float]]
+    turns: list[list[float]]
     status: list[int]
     events: list[FlightEvent]
 
@@ -62,8 +65,12 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     """The ticks of a piece of a flight; the last one has all events that are left."""
     states = states_of(piece.rows)
     places, velocities = state.in_three(state.position(states)), state.in_three(state.velocity(states))
-    half = np.arctan2(velocities[..., 1], velocities[..., 0]) / 2
-    headings = np.stack([np.sin(half), np.cos(half)], axis=-1)
+    if set(ATTITUDE) <= {*piece.rows.schema.names}:
+        roll, pitch, yaw = np.moveaxis(per_uav(piece.rows, *ATTITUDE).astype(np.float64), -1, 0)
+    else:
+        yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
+        roll = pitch = np.zeros_like(yaw)
+    turns = _quaternions(roll, pitch, yaw)
     status = per_uav(piece.rows, "status")[..., 0]
     times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
     ticks = piece.rows["tick"].to_pylist()
@@ -76,10 +83,17 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
             row,
             places[row].tolist(),
             velocities[row].tolist(),
-            headings[row].tolist(),
+            turns[row].tolist(),
             status[row].tolist(),
             now,
         )
+
+
+def _quaternions(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
+    """Quaternions [x, y, z, w] of the rotations R_z(yaw) R_y(pitch) R_x(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = ([part(angle / 2) for angle in (roll, pitch, yaw)] for part in (np.sin, np.cos))
+    x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    return np.stack([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], axis=-1)
 
 
 def about(flown: FlownKeys, finished: bool) -> dict[str, str]:

@@ -47,8 +47,8 @@ def transforms(at: Instant) -> Any:
 def poses(at: Instant) -> Any:
     """The pose of each UAV."""
     each = [
-        ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(*place), _heading(heading))
-        for place, heading in zip(at.places, at.headings, strict=True)
+        ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(*place), _turn(turn))
+        for place, turn in zip(at.places, at.turns, strict=True)
     ]
     return ros.geometry_msgs__msg__PoseArray(_header(at.time_ns), each)
 
@@ -138,15 +138,14 @@ def _header(time_ns: int) -> Any:
     return ros.std_msgs__msg__Header(_time(time_ns), _MAP)
 
 
-def _heading(heading: Sequence[float]) -> Any:
-    z, w = heading
-    return ros.geometry_msgs__msg__Quaternion(0.0, 0.0, z, w)
+def _turn(turn: Sequence[float]) -> Any:
+    return ros.geometry_msgs__msg__Quaternion(*turn)
 
 
 def _transforms(at: Instant) -> list[Any]:
     return [
-        ros.geometry_msgs__msg__Transform(ros.geometry_msgs__msg__Vector3(*place), _heading(heading))
-        for place, heading in zip(at.places, at.headings, strict=True)
+        ros.geometry_msgs__msg__Transform(ros.geometry_msgs__msg__Vector3(*place), _turn(turn))
+        for place, turn in zip(at.places, at.turns, strict=True)
     ]
 
 

@@ -3,6 +3,7 @@
 A scenario is data and loads no plug-in. Whatever flies needs its plan, which is made once.
 """
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from meanflock.federation.cut import WHOLE, coding_of
 from meanflock.federation.seat import name_of, seat
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
-from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, controller, declarations_of
+from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names, controller, declarations_of
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
@@ -80,6 +81,27 @@ class Plan:
     def declared(self) -> Declared:
         """Declarations of the controller."""
         return self.groups[0].declared
+
+    @functools.cached_property
+    def shown(self) -> tuple[str, ...]:
+        """Names of the numbers that the vehicle shows of every UAV.
+
+        Raises:
+            BadInput: they cannot be names of columns.
+        """
+        model = self.scenario.vehicle.model
+        shown = column_names(f"vehicle {model!r}: `columns`", getattr(plugins.load("vehicle", model), "columns", ()))
+        if shared := sorted({*shown} & {*self.declared.diagnostics}):
+            raise BadInput(
+                f"vehicle {model!r}: `columns` {', '.join(shared)}: controller {self.scenario.method!r} has "
+                "diagnostics of that name; give it another"
+            )
+        return shown
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the numbers of every UAV and tick: diagnostics of the controller, then what the vehicle shows."""
+        return (*self.declared.diagnostics, *self.shown)
 
     @property
     def period_ticks(self) -> int:

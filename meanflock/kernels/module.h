@@ -6,7 +6,7 @@
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h> /* first */
 
-enum { D = sizeof(double), MOST_ARRAYS = 5, READ = 0, WRITTEN = PyBUF_WRITABLE };
+enum { D = sizeof(double), MOST_ARRAYS = 7, READ = 0, WRITTEN = PyBUF_WRITABLE };
 
 /* The arrays that a call holds, and its working memory. */
 typedef struct {
@@ -39,11 +39,12 @@ Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vector
 /* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 
-/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, elimination.c, ranking.c and mean_field/learner.c. */
+/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, quadrotor.c, elimination.c, ranking.c and mean_field/learner.c. */
 PyObject *wire_read(PyObject *module, PyObject *args);
 PyObject *wire_write(PyObject *module, PyObject *args);
 PyObject *motion_move(PyObject *module, PyObject *args);
 PyObject *motion_reached(PyObject *module, PyObject *args);
+PyObject *quadrotor_fly(PyObject *module, PyObject *args);
 PyObject *radio_fade(PyObject *module, PyObject *args);
 PyObject *radio_send(PyObject *module, PyObject *args);
 PyObject *radio_poisson(PyObject *module, PyObject *args);

@@ -177,6 +177,7 @@ static PyMethodDef methods[] = {
     {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
     {"move", motion_move, METH_VARARGS, "move(states, acceleration, noise, wind, drag, shake, dt, moved)"},
     {"reached", motion_reached, METH_VARARGS, "reached(states, goals, radius, within)"},
+    {"fly", quadrotor_fly, METH_VARARGS, "fly(craft, states, body, wanted, outside, steps, moved, turned)"},
     {"fade", radio_fade, METH_VARARGS, "fade(normal, xi, chi, thresholds, slot, busy, missing, slots)"},
     {"send", radio_send, METH_VARARGS, "send(uniform, success, slot, busy, missing, slots)"},
     {"waves", radio_waves, METH_VARARGS, "waves(place, vectors, phase, sums)"},

@@ -14,6 +14,7 @@ from meanflock.kernels.halfspaces import nearest
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.motion import move, reached
+from meanflock.kernels.quadrotor import fly
 from meanflock.kernels.ranking import closest
 from meanflock.kernels.state import Floats
 from meanflock.kernels.wire import read, write
@@ -24,6 +25,7 @@ __all__ = [
     "closest",
     "columns",
     "fade",
+    "fly",
     "interpolate",
     "learn",
     "move",

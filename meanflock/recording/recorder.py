@@ -68,7 +68,7 @@ class Writer:
         patience_s: float = FILE_WALL_S,
         maps: int = 1,
     ) -> None:
-        self._reported = reported if reported is not None else Reported.by(plan_of(scenario).declared)
+        self._reported = reported if reported is not None else Reported.by(plan_of(scenario))
         self._scenario = scenario
         self._part = f"{part}/" if part else ""
         self._maps = maps
@@ -178,7 +178,7 @@ class Recorder(Writer):
         serve: tuple[str, int] | None = None,
         reported: Reported | None = None,
     ) -> None:
-        reported = reported if reported is not None else Reported.by(plan_of(scenario).declared)
+        reported = reported if reported is not None else Reported.by(plan_of(scenario))
         sinks: list[Sink] = []
         self.live_url: str | None = None  # where `rerun` or `meanflock view` finds the live recording
         if serve is not None:

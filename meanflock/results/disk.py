@@ -37,8 +37,9 @@ def needed_mb(scenario: Scenario, record: bool, flown: int = 0) -> int:
 
     `flown`: number of ticks whose series the folder has already.
     """
-    uavs, declared = scenario.uavs, plan_of(scenario).declared
-    series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(declared.diagnostics))) * (scenario.max_ticks - flown)
+    uavs, plan = scenario.uavs, plan_of(scenario)
+    declared = plan.declared
+    series = (_SERIES_TICK + uavs * (_SERIES_ROW + 4 * len(plan.columns))) * (scenario.max_ticks - flown)
     large = uavs > LARGE_SWARM
     recorded = _RECORDED_ROW_OF_MANY if large else _RECORDED_ROW
     if scenario.space.dimensions == state.SPACE:

@@ -85,10 +85,20 @@ ARRIVED = Quantity("arrived", "UAVs", heading="arrived")
 INTERACTION = Quantity("interaction term φ_G", "1/s²", symbol="φ_G")
 HJB_RESIDUAL = Quantity("HJB residual |e_H|", "m/s", symbol="|e_H|", logarithmic=True)
 FPK_RESIDUAL = Quantity("FPK residual |e_F|", "1/s", symbol="|e_F|", logarithmic=True)
+ROLL, PITCH, YAW = Quantity("roll", "rad"), Quantity("pitch", "rad"), Quantity("yaw", "rad")
+THRUST = Quantity("thrust", "N")
 SPREAD = Quantity("spread of the models", symbol="spread")
 
 PHI_G = "phi_G"  # the diagnostic that colours paths and the map
 DIAGNOSTICS = {"hjb_residual": HJB_RESIDUAL, "fpk_residual": FPK_RESIDUAL, PHI_G: INTERACTION}
+ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")  # columns of a vehicle, which exports show as an orientation
+_ANGLE = "{} of each UAV, rotation about its {} axis; yaw comes first, then pitch, then roll"
+SHOWN = {
+    "roll_rad": (ROLL, _ANGLE.format("roll", "x")),
+    "pitch_rad": (PITCH, _ANGLE.format("pitch", "y")),
+    "yaw_rad": (YAW, _ANGLE.format("yaw", "z")),
+    "thrust_N": (THRUST, "thrust of each UAV, of all its rotors"),
+}
 
 # What methods are compared by, in the order of the panels.
 COMPARED = (
@@ -415,31 +425,30 @@ DERIVED = (  # numbers that studies make of summaries and time series
 
 
 def diagnostic(name: str) -> Field:
-    """The column of a diagnostic. A diagnostic of a plug-in has a name and no unit."""
+    """The column of a diagnostic or of a number that a vehicle shows. That of a plug-in has a name and no unit."""
+    if name in SHOWN:
+        return Field(name, *SHOWN[name], type="float32[]")
     quantity = DIAGNOSTICS.get(name)
-    about = f"{quantity.name} of each UAV" if quantity else f"diagnostic {name} of the controller, for each UAV"
+    about = f"{quantity.name} of each UAV" if quantity else f"{name} of controller or vehicle, for each UAV"
     return Field(name, quantity or "", f"{about}, in the tick that led here; 0 at take-off", type="float32[]")
 
 
 def columns(diagnostics: Iterable[str], dimensions: int = PLANE) -> tuple[Field, ...]:
-    """All columns of a run whose controller reports these diagnostics."""
+    """All columns of a run whose controller and vehicle report these diagnostics."""
     return (*_before(dimensions), *map(diagnostic, diagnostics), *COLUMNS_AFTER)
 
 
-def check_diagnostics(controller: str, diagnostics: Iterable[str]) -> None:
-    """Accepts diagnostics that can be columns.
+def check_columns(label: str, names: Iterable[str]) -> None:
+    """Accepts diagnostics of a controller, or columns of a vehicle, that can be columns of the time series.
 
     Raises:
-        BadInput: one is called like another column.
+        BadInput: one is called like another column; the text begins with `label`.
     """
-    if taken := sorted(RESERVED & set(diagnostics)):
-        raise BadInput(
-            f"controller {controller!r}: `diagnostics` {', '.join(taken)}: the time series has columns of that name; "
-            "give it another"
-        )
+    if taken := sorted(RESERVED & set(names)):
+        raise BadInput(f"{label} {', '.join(taken)}: the time series has columns of that name; give it another")
 
 
-_BY_KEY = {field.key: field for field in (*SUMMARY, *columns(DIAGNOSTICS, SPACE), *DERIVED)}
+_BY_KEY = {field.key: field for field in (*SUMMARY, *columns((*DIAGNOSTICS, *SHOWN), SPACE), *DERIVED)}
 # The quantity of every field that has one.
 FIELDS = {key: field.measured for key, field in _BY_KEY.items() if isinstance(field.measured, Quantity)}
 

@@ -16,9 +16,8 @@ import pyarrow as pa
 from meanflock.federation.plan import plan_of
 from meanflock.results import flown_plugins, inbound
 from meanflock.results.event_log import EventLog, lock, past_events, stored_lines
-from meanflock.results.quantities import check_diagnostics
 from meanflock.results.rounds_table import write_rounds
-from meanflock.results.series import block_of, unbroken
+from meanflock.results.series import block_of, check_reports, unbroken
 from meanflock.results.spool import Spool
 from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
 from meanflock.swarm import durable, paths, scenario
@@ -88,7 +87,7 @@ class RunFolder:
         advice = f"bring the file back, or {fly_again(self.path)}"
         if past is not None:
             past_events(self.path / EVENTS, past.events_bytes, flown.uavs, advice)
-        check_diagnostics(flown.method, plan_of(flown).declared.diagnostics)
+        check_reports(plan_of(flown))
         self._flown, self._resumed = flown, past is not None
         self._over = False
         self._full: OSError | None = None  # why nothing more can be written

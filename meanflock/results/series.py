@@ -10,9 +10,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.results.quantities import ACCELERATION, PHI_G, POSITION, VELOCITY, Field, columns
+from meanflock.federation.plan import Plan
+from meanflock.results.quantities import ACCELERATION, PHI_G, POSITION, VELOCITY, Field, check_columns, columns
 from meanflock.swarm import state
-from meanflock.swarm.declared import Declared
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, LinkColumn, Status, Telemetry
 
@@ -22,15 +22,15 @@ MOST_LINES = 60  # of the plot of a model's weights
 
 
 class Reported(NamedTuple):
-    """Reports of a controller. diagnostics: names of the numbers of every UAV and tick. weights: numbers of a model."""
+    """Reports of a flight. diagnostics: names of the numbers of every UAV and tick. weights: numbers of a model."""
 
     diagnostics: tuple[str, ...]
     weights: int
 
     @classmethod
-    def by(cls, declared: Declared) -> "Reported":
-        """The reports that a class declares."""
-        return cls(declared.diagnostics, declared.weights)
+    def by(cls, plan: Plan) -> "Reported":
+        """The reports that controller and vehicle declare."""
+        return cls(plan.columns, plan.declared.weights)
 
     @classmethod
     def within(cls, rows: pa.Table) -> "Reported":
@@ -51,8 +51,15 @@ class Reported(NamedTuple):
 
 @functools.cache
 def schema(diagnostics: tuple[str, ...], dimensions: int = state.PLANE) -> pa.Schema:
-    """Columns of `timeseries.parquet`: a row a tick; lists have an entry a UAV. `diagnostics`: of the controller."""
+    """Columns of `timeseries.parquet`: a row a tick; lists have an entry a UAV. `diagnostics`: of
+    controller and vehicle."""
     return pa.schema([_arrow(column) for column in columns(diagnostics, dimensions)])
+
+
+def check_reports(plan: Plan) -> None:
+    """Raises BadInput if a diagnostic of the controller or a column of the vehicle is called like another column."""
+    check_columns(f"controller {plan.scenario.method!r}: `diagnostics`", plan.declared.diagnostics)
+    check_columns(f"vehicle {plan.scenario.vehicle.model!r}: `columns`", plan.shown)
 
 
 def _arrow(column: Field) -> pa.Field:

@@ -136,15 +136,7 @@ def _checked(instance: Any, name: str) -> Declared:
     weights = parameters if instance.weights is None else _count(instance, name, "weights", 0, MAX_PARAMETERS)
     broadcast_numbers = _count(instance, name, "broadcast_numbers", 0, MAX_BROADCAST_NUMBERS)
     period = _count(instance, name, "period_ticks", 1, 2**31)
-    if isinstance(instance.diagnostics, str):
-        raise BadInput(f"controller {name!r}: `diagnostics` is a text; write ({instance.diagnostics!r},)")
-    diagnostics = tuple(instance.diagnostics)
-    distinct = len(set(diagnostics)) == len(diagnostics) <= MAX_DIAGNOSTICS
-    if not distinct or not all(isinstance(column, str) and column.isidentifier() for column in diagnostics):
-        raise BadInput(
-            f"controller {name!r}: `diagnostics` {diagnostics} must be at most {MAX_DIAGNOSTICS} different names of "
-            "letters, digits and underscores"
-        )
+    diagnostics = column_names(f"controller {name!r}: `diagnostics`", instance.diagnostics)
     return Declared(
         parameters=parameters,
         parts=parts,
@@ -160,6 +152,23 @@ def _checked(instance: Any, name: str) -> Declared:
         busy=instance.busy,
         recorded=dict(getattr(instance, "recorded", {})),
     )
+
+
+def column_names(label: str, given: Any) -> tuple[str, ...]:
+    """The names of columns that a class declares; the errors begin with `label`.
+
+    Raises:
+        BadInput: they are not different names, or too many.
+    """
+    if isinstance(given, str):
+        raise BadInput(f"{label} is a text; write ({given!r},)")
+    names = tuple(given)
+    distinct = len(set(names)) == len(names) <= MAX_DIAGNOSTICS
+    if not distinct or not all(isinstance(column, str) and column.isidentifier() for column in names):
+        raise BadInput(
+            f"{label} {names} must be at most {MAX_DIAGNOSTICS} different names of letters, digits and underscores"
+        )
+    return names
 
 
 def _count(instance: Any, name: str, declaration: str, least: int, most: int) -> int:

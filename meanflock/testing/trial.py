@@ -73,9 +73,9 @@ class PointSwarm:
             # Checks of a flight, of this instance.
             self.declared = declarations_of(instance, controller.name)
             with suppress(ModuleNotFoundError):  # where only agents are, there are no files with columns
-                from meanflock.results.quantities import check_diagnostics
+                from meanflock.results.quantities import check_columns
 
-                check_diagnostics(controller.name, self.declared.diagnostics)
+                check_columns(f"controller {controller.name!r}: `diagnostics`", self.declared.diagnostics)
         except BadInput as error:
             fail(controller, str(error), "fix the declaration")
         period = scenario.federation.period or self.declared.period_ticks

@@ -5,8 +5,11 @@ from typing import Any
 import numpy as np
 
 from meanflock.swarm import threads
+from meanflock.swarm.declared import column_names
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.plugins.registry import dimensions_of
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import BEYOND_SENSE
+from meanflock.swarm.state import BEYOND_SENSE, PLANE, SPACE
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
@@ -38,16 +41,18 @@ def check_vehicle(
 
     Args:
         vehicle: the class. options: those of the table [vehicle.options]. scenario: default: the paper's with five
-            UAVs. slow_ms: limit of the median time of a tick of all UAVs.
+            UAVs, in space for a vehicle that flies only there. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(vehicle, "vehicle")
-    flown = scenario or Scenario(uavs=UAVS)
+    flown = scenario or Scenario(uavs=UAVS, **({} if PLANE in dimensions_of(vehicle) else {"space.dimensions": SPACE}))
     draw = np.random.default_rng(3)
     start = draw.normal(0.0, 5.0, (UAVS, flown.state_numbers))
-    pushes, noises = draw.normal(0.0, 1.0, (2, TICKS, UAVS, flown.dimensions))
+    columns = _columns(vehicle)
+    # Commands, noises, and gusts for a vehicle that takes them apart.
+    forces = draw.normal(0.0, 1.0, (3 if getattr(vehicle, "push", False) else 2, TICKS, UAVS, flown.dimensions))
 
     def flown_by(seed: int, rows: slice = slice(None), afresh: bool = False, number: int = 1) -> list[np.ndarray]:
         remedy = GONE if afresh else "any number of UAVs must do"
@@ -58,19 +63,19 @@ def check_vehicle(
             trace = []
             hidden = _begun(instance, len(states))
             begun = hidden
-            for push, noise in zip(pushes[:, rows], noises[:, rows], strict=True):
+            for command, *others in forces[:, :, rows].swapaxes(0, 1):
                 if afresh:
                     instance = make(vehicle, options or {}, flown)
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
-                given = [states, push, noise, *hidden.values()]
+                given = [states, command, *others, *hidden.values()]
                 before = copies(given)
-                answer = asked(vehicle, instance.step, states, hidden, push, noise, remedy=remedy)
+                answer = asked(vehicle, instance.step, states, hidden, command, *others, remedy=remedy)
                 if not isinstance(answer, tuple) or len(answer) != 2:
                     came = f"`step` returns a {type(answer).__name__}"
                     fail(vehicle, came, "return the states and the hidden state")
                 states, hidden = answer
                 check_kept(vehicle, "hidden", hidden)
-                power = asked(vehicle, instance.power, states, hidden, push, remedy=remedy)
+                power = asked(vehicle, instance.power, states, hidden, command, remedy=remedy)
                 check_same_form(vehicle, "hidden", hidden, begun)
                 if not all(same(one, other) for one, other in zip(before, given, strict=True)):
                     fail(
@@ -78,8 +83,10 @@ def check_vehicle(
                         "`step` or `power` writes to an array it was given",
                         "return new arrays; copy before you write",
                     )
-                _check(vehicle, (len(push), flown.state_numbers), np.asarray(states), np.asarray(power))
+                _check(vehicle, (len(command), flown.state_numbers), np.asarray(states), np.asarray(power))
                 trace += [np.array(states), np.array(power)]
+                if columns:
+                    trace.append(_shown(instance, hidden, (len(command), columns)))
             return trace
 
         return with_surroundings(run, seed, number)
@@ -101,14 +108,14 @@ def check_vehicle(
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
-    _check_block(vehicle, make(vehicle, options or {}, flown), start, pushes, noises)
+    _check_block(vehicle, make(vehicle, options or {}, flown), start, forces)
     instance, states = make(vehicle, options or {}, flown), start
     hidden = _begun(instance, UAVS)
 
     def move(number: int) -> None:
         nonlocal states, hidden
-        states, hidden = instance.step(states, hidden, pushes[number], noises[number])
-        instance.power(states, hidden, pushes[number])
+        states, hidden = instance.step(states, hidden, *forces[:, number])
+        instance.power(states, hidden, forces[0, number])
 
     check_pace(vehicle, f"a tick of {UAVS} UAVs", slow_ms, move)
 
@@ -122,20 +129,37 @@ def _begun(instance: Any, uavs: int) -> dict[str, np.ndarray]:
     return hidden
 
 
-def _check_block(vehicle: type, instance: Any, states: np.ndarray, pushes: np.ndarray, noises: np.ndarray) -> None:
-    """Check that the power of the rows of all ticks at once is that of each tick."""
-    hidden = _begun(instance, len(states))
+def _columns(vehicle: type) -> int:
+    """The number of the columns that a vehicle declares."""
+    try:
+        return len(column_names("`columns`", getattr(vehicle, "columns", ())))
+    except BadInput as error:
+        fail(vehicle, str(error), "fix the declaration")
+
+
+def _shown(instance: Any, hidden: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:
+    """The numbers that a vehicle shows."""
+    shown = np.array(asked(type(instance), instance.shown, hidden, remedy="return a column for each of `columns`"))
+    if shown.shape != shape or shown.dtype != np.float64 or not (np.abs(shown) < BEYOND_SENSE).all():
+        fail(type(instance), f"`shown` returns {shown.dtype} {shown.shape}", f"return finite float64 {shape}")
+    return shown
+
+
+def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.ndarray) -> None:
+    """Check that the power of the rows of all ticks at once is that of each tick, and the form of what is at rest."""
+    hidden = begun = _begun(instance, len(states))
     flown, each = [], []
-    for push, noise in zip(pushes, noises, strict=True):
-        states, hidden = instance.step(states, hidden, push, noise)
+    for command, *others in forces.swapaxes(0, 1):
+        states, hidden = instance.step(states, hidden, command, *others)
         flown.append((states, hidden))
-        each.append(instance.power(states, hidden, push))
+        each.append(instance.power(states, hidden, command))
+    check_same_form(vehicle, "hidden state at rest", asked(vehicle, instance.rest, hidden, remedy=GONE), begun)
     rows = np.concatenate([states for states, _ in flown])
     kept = {name: np.concatenate([parts[name] for _, parts in flown]) for name in hidden}
     remedy = (
         "the world asks for several ticks at once: compute every row from that row alone, keep the rest in `hidden`"
     )
-    together = asked(vehicle, instance.power, rows, kept, pushes.reshape(-1, pushes.shape[-1]), remedy=remedy)
+    together = asked(vehicle, instance.power, rows, kept, np.concatenate(forces[0]), remedy=remedy)
     if not same(np.asarray(together), np.concatenate(each)):
         fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 

@@ -143,6 +143,20 @@ def test_a_flight_in_space_is_written_with_its_heights(run, tmp_path: Path) -> N
     ]
 
 
+def test_the_orientation_is_the_attitude_of_a_vehicle_that_shows_one(run, tmp_path: Path) -> None:
+    keys = {"space.dimensions": 3, "method": "cruise", "vehicle.model": "quadrotor"}
+    flown = mf.fly("paper", uavs=5, duration=3, out=tmp_path, **keys)
+    assert run("export", str(flown.folder), "--mcap", "turned.mcap", "--quiet")[0] == EXIT_DONE
+    poses = [message.poses for topic, _, message in read("turned.mcap") if topic == "/swarm/poses"]
+    turns = [[[getattr(pose.orientation, axis) for axis in "xyzw"] for pose in each] for each in poses]
+    x, y, z, w = np.moveaxis(np.array(turns), -1, 0)
+    roll, pitch, yaw = (np.array(flown.frame()[name].to_pylist()) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
+    np.testing.assert_allclose(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), roll, atol=1e-12)
+    np.testing.assert_allclose(np.arcsin(2 * (w * y - z * x)), pitch, atol=1e-12)
+    np.testing.assert_allclose(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)), yaw, atol=1e-12)
+    assert np.abs(roll).max() > 0.01
+
+
 @pytest.mark.parametrize("text", ["2026-11-21T10:15:00.5+01:00", "run"])
 def test_the_file_begins_at_the_time_of_take_off(run, flown, text: str) -> None:
     at = began(flown.folder) if text == "run" else datetime(2026, 11, 21, 9, 15, 0, 500_000, tzinfo=UTC)

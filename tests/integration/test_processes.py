@@ -35,6 +35,7 @@ CUTS = [
     ("short-mast", "2", ()),
     ("short-stations", "1", ()),
     ("short-space-braking", "2", ()),
+    ("short-space-quadrotor", "2", ()),
     ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
 

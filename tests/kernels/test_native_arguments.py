@@ -47,6 +47,16 @@ def arguments(name: str) -> dict[str, Any]:
         pushes = {"acceleration": np.ones((2, 2)), "noise": np.ones((2, 2)), "wind": np.zeros((2, 2))}
         constants = {"drag": 0.1, "shake": 0.2, "dt": 0.1}
         return {"states": np.ones((2, 4)), **pushes, **constants, "moved": np.full((2, 4), 7.0)}
+    if name == "fly":
+        read = {"states": np.ones((2, 6)), "body": np.eye(2, 12), "wanted": np.ones((2, 3)), "outside": np.ones((2, 3))}
+        read["body"][1, :2] = 1.0, 0.0
+        return {
+            "craft": np.ones(13),
+            **read,
+            "steps": 2,
+            "moved": np.full((2, 6), 7.0),
+            "turned": np.full((2, 12), 7.0),
+        }
     if name == "reached":
         return {"states": np.full((2, 4), 7.0), "goals": np.ones((2, 4)), "radius": 1.0, "within": np.ones(2, bool)}
     if name == "closest":
@@ -59,7 +69,20 @@ def arguments(name: str) -> dict[str, Any]:
     return {**states, "hazard": 9.0, "collision": 9.0, "nearest": np.inf, "found": np.full((2, 2), 7, np.intp)}
 
 
-ANY_BYTE = ("learn", "repel", "nearest", "fade", "send", "waves", "interpolate", "poisson", "move", "reached", "pairs")
+ANY_BYTE = (
+    "learn",
+    "repel",
+    "nearest",
+    "fade",
+    "send",
+    "waves",
+    "interpolate",
+    "poisson",
+    "move",
+    "fly",
+    "reached",
+    "pairs",
+)
 FUNCTIONS = ("closest", "solve", "multiply", *ANY_BYTE)
 FREE = {("fade", "busy"), ("send", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
 # Of the right size and type, but with numbers or a length that would lead astray.
@@ -86,6 +109,9 @@ WRONG: list[tuple[str, str, Any]] = [
     ("move", "states", np.ones((2, 6))),
     ("move", "states", np.ones(())),
     ("reached", "goals", np.ones((2, 6))),
+    ("fly", "states", np.ones((2, 4))),
+    ("fly", "steps", "2"),
+    ("fly", "body", np.zeros((2, 12))),
     ("closest", "distance", np.ones((3, 5))),
     ("closest", "distance", np.ones(10)),
     ("solve", "matrices", np.ones((2, 3, 2))),

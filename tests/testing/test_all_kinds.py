@@ -62,7 +62,7 @@ EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {  # kind of the last plug-in 
     "inverse_probability": ("aggregator", {}),
     "qsgd": ("coding", {}),
     "signsgd": ("coding", {}),
-    "quadrotor": ("vehicle", {"lag_s": 0.5}),
+    "copter": ("vehicle", {"lag_s": 0.5}),
 }
 DISCS = [{"centre": (140.0, 96.0), "radius": 4.0}, {"centre": (152.0, 90.0), "radius": 3.0}]
 POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02})
@@ -103,7 +103,7 @@ CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
     ),
     *(("controller", name, {}, {**SPACE, **SKY}) for name in SHARING),
     *(("filter", name, {}, {**SPACE, **SKY, "filter.kind": name}) for name in plugins.names("filter")),
-    ("vehicle", "point-mass", {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0}),
+    *(("vehicle", name, {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0}) for name in plugins.names("vehicle")),
     *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
     *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),
     ("channel", Bursts, {}, {}),

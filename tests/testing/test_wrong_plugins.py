@@ -216,6 +216,20 @@ VEHICLES: dict[str, tuple[Any, str]] = {
     "infinite power": (powered(lambda states: np.full(len(states), np.inf)), "not finite"),
     "power beyond all bounds": (powered(lambda states: np.full(len(states), 1e39)), r"a power of 1e\+39 W"),
     "power below zero": (powered(lambda states: -np.ones(len(states))), "below zero"),
+    "columns are a text": (having(GoodVehicle, columns="tilt"), r"`columns` is a text; write \('tilt',\)"),
+    "shows nothing": (having(GoodVehicle, columns=("tilt",)), "`shown` failed: NotImplementedError"),
+    "shows too much": (
+        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"]),
+        r"`shown` returns float64 \(5, 2\); return finite float64 \(5, 1\)",
+    ),
+    "shows another row": (
+        having(
+            GoodVehicle, columns=("x",), shown=lambda _, hidden: hidden["thrust"][:1, :1] + 0 * hidden["thrust"][:, :1]
+        ),
+        "than alone",
+    ),
+    "rests otherwise": (having(GoodVehicle, rest=lambda *_: {}), r"hidden state at rest has \[\]"),
+    "takes no push": (having(GoodVehicle, push=True), "`step` failed: TypeError"),
     "needs a UAV": (powered(lambda states: np.full(len(states), states[0, 0] ** 2)), "IndexError"),
 }
 TABLES = {"controller": CONTROLLERS, "filter": FILTERS, "aggregator": RULES, "channel": CHANNELS, "vehicle": VEHICLES}

@@ -30,6 +30,8 @@ class Vehicle:
     plugin_kind: ClassVar = "vehicle"
     name: ClassVar[str] = ""
     dimensions: ClassVar[tuple[int, ...]] = (2,)  # numbers of axes d in which it flies
+    push: ClassVar[bool] = False  # whether `step` gets gusts as an argument of their own
+    columns: ClassVar[tuple[str, ...]] = ()  # names, with units, of the C numbers that `shown` returns
 
     class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Keys of `[vehicle.options]`, with units and bounds."""
@@ -48,6 +50,21 @@ class Vehicle:
         """Returns the hidden state at take-off: finite arrays of numbers or booleans, (uavs, …). Empty by default."""
         return {}
 
+    def rest(self, hidden: Hidden) -> Hidden:
+        """Returns the hidden state of UAVs that are put back to their last position, at rest. By default `hidden`.
+
+        The rows are those of all UAVs, `hidden` as before the tick; only those of the UAVs that are put back are used.
+        """
+        return hidden
+
+    def shown(self, hidden: Hidden) -> state.Floats:
+        """Returns the numbers named by `columns`, (N, C), finite float64, of UAVs with this hidden state.
+
+        Time series, recordings, plots and exports contain them. With `roll_rad`, `pitch_rad` and `yaw_rad` exports
+        show the attitude.
+        """
+        raise NotImplementedError
+
     @abstractmethod
     def step(
         self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
@@ -57,6 +74,8 @@ class Vehicle:
         Args:
             states: (N, 2d). hidden: the result of `init` or of the last step.
             acceleration: (N, d), m/s², the command plus the gust. noise: (N, d), standard normal.
+            push: (N, d), m/s², the gust. Only a vehicle with `push = True` has this fifth argument; `acceleration` is
+                then the command alone. A vehicle that tracks commands needs it, or it would obey the gust.
 
         Returns:
             New states (N, 2d), finite float64, and the new hidden state, with the same names, shapes and dtypes. A UAV
@@ -68,7 +87,8 @@ class Vehicle:
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 2d) and `hidden`.
 
-        The R rows are those of all UAVs in one or several ticks, tick by tick.
+        The R rows are those of all UAVs in one or several ticks, tick by tick. States and hidden state are those at the
+        end of a tick. A vehicle with steps inside of a tick stores their mean power in `hidden`.
         """
         raise NotImplementedError
 
@@ -152,6 +172,8 @@ class Physics:
         self._name = chosen.model
         plugins.check_dimensions("vehicle", chosen.model, scenario.dimensions)
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
+        self.takes_push = bool(getattr(self._vehicle, "push", False))
+        self._calm = np.zeros((scenario.uavs, scenario.dimensions))
 
     def init(self) -> Hidden:
         """The hidden state of all UAVs at take-off; raises BadInput if `init` of the vehicle fails."""
@@ -171,14 +193,20 @@ class Physics:
         acceleration: state.Vectors,
         noise: state.Vectors,
         waiting: NDArray[np.bool_] | None,
+        gust: state.Vectors | None = None,
     ) -> Moved:
         """Move all UAVs for one tick, by `Vehicle.step`. UAVs that are `waiting`, (N,), stay at rest.
+
+        `gust` is for a vehicle that takes it apart from `acceleration`; None: there is none.
 
         Raises:
             RunFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
         """
+        arguments: tuple[state.Vectors, ...] = (acceleration, noise)
+        if self.takes_push:
+            arguments = (acceleration, noise, self._calm if gust is None else gust)
         try:
-            return self._moved(states, hidden, acceleration, noise, waiting)
+            return self._moved(states, hidden, arguments, waiting)
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
 
@@ -199,17 +227,31 @@ class Physics:
             raise RunFailed(f"vehicle {self._name!r}: {error}{rows}") from error
         return power
 
+    def shown(self, hidden: Hidden, columns: int) -> state.Floats:
+        """The numbers (N, columns) that the vehicle shows of all UAVs, by `Vehicle.shown`.
+
+        Raises:
+            RunFailed: see `step`.
+        """
+        try:
+            shown = self._asked("shown", hidden)
+            check_array("shown", shown, (self._uavs, columns), np.dtype(float))
+            _check_finite("shown", shown)
+            check_bounded("shown", shown)  # telemetry has it as float32
+        except (RunFailed, TypeError, ValueError) as error:
+            raise RunFailed(f"vehicle {self._name!r}: {error}") from error
+        return shown
+
     def _moved(
         self,
         states: state.States,
         hidden: Hidden,
-        acceleration: state.Vectors,
-        noise: state.Vectors,
+        arguments: tuple[state.Vectors, ...],
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         for array in (states, *hidden.values()):
             array.flags.writeable = False
-        answer = self._asked("step", states, dict(hidden), acceleration, noise)
+        answer = self._asked("step", states, dict(hidden), *arguments)
         moved, changed = check_values("step", answer, 2, "states and hidden state")
         check_array("states", moved, states.shape, states.dtype)
         check_same_form("hidden", changed, hidden)
@@ -218,12 +260,14 @@ class Physics:
         moved, diverged = np.ascontiguousarray(moved), _NOBODY
         if not np.maximum.reduce(np.abs(moved), axis=None) < BOUND:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
-            finite = np.isfinite(acceleration).all(axis=-1)
+            finite = np.isfinite(arguments[0]).all(axis=-1)
             _check_finite("states", moved[far & finite], np.flatnonzero(far & finite))
             moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
             state.velocity(moved)[far] = 0.0
-            changed = {name: _put_back(part, hidden[name], diverged) for name, part in changed.items()}
+            rest = self._asked("rest", dict(hidden))
+            check_same_form("hidden state at rest", rest, hidden)
+            changed = {name: _put_back(part, rest[name], diverged) for name, part in changed.items()}
         if waiting is not None:
             still = np.flatnonzero(waiting)
             moved = _put_back(moved, states, still)

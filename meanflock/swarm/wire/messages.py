@@ -156,7 +156,7 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     first_tick: int
     states: np.ndarray  # (T, N, 4) f8
     accelerations: np.ndarray  # (T, N, 2) f4, of the tick before the row
-    diagnostics: np.ndarray  # (T, N, K) f4, likewise
+    diagnostics: np.ndarray  # (T, N, K) f4, likewise; behind them the columns of the vehicle, at the end of the tick
     status: np.ndarray  # (T, N) u1, see `Status`
     energy: np.ndarray  # (T, N) f4, J since take-off
     swarm: np.ndarray  # (T, len(SWARM_COLUMNS)) f8
@@ -166,7 +166,7 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     spread: np.ndarray  # (R,) f8, root-mean-square distance of the models from their mean
     events: tuple[FlightEvent, ...] = ()
     checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
-    diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics
+    diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics and columns
 
 
 class Acknowledgement(_ControlMessage, frozen=True, tag="received"):

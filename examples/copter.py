@@ -1,9 +1,9 @@
-"""A vehicle in a file: a quadrotor, which tilts in order to accelerate, with a delay and a largest angle.
+"""A vehicle in a file: a copter in the plane, which tilts in order to accelerate, with a delay and a largest angle.
 
 Rotors that carry the mass m and accelerate it by a need the thrust m √(g² + ‖a‖²), and their induced power grows with
 the thrust to the power of 3/2 (momentum theory).
 
-    meanflock run --plugin examples/quadrotor.py --set vehicle.model=quadrotor --method plan
+    meanflock run --plugin examples/copter.py --set vehicle.model=copter --method plan
 """
 
 import math
@@ -18,10 +18,10 @@ from meanflock.worldsim.vehicles.base import MeanWind
 GRAVITY = 9.81  # m/s²
 
 
-class Quadrotor(mf.Vehicle):
-    """A quadrotor in the wind of the scenario."""
+class Copter(mf.Vehicle):
+    """A copter in the wind of the scenario."""
 
-    name = "quadrotor"
+    name = "copter"
 
     class Options(mf.Options, frozen=True):
         """Keys of the table [vehicle.options] of a scenario."""
