@@ -201,11 +201,11 @@ def cells(columns: dict[str, Floats]) -> dict[str, BoardCell]:
 
 
 def joined(boards: Sequence[Board]) -> Board:
-    """One board of several. A row of a later board replaces the row of the same name; rows have the order of rows.toml,
-    others follow.
+    """One board of several: the missions of all, the first board's first. A row of a later board replaces the row of the
+    same name in the same mission; rows have the order of rows.toml, others follow.
 
     Raises:
-        BadInput: missions, seeds, policies or schema differ.
+        BadInput: seeds, policies, schema or the conditions of a mission differ.
     """
     first, *others = boards
     for other in others:
@@ -214,15 +214,16 @@ def joined(boards: Sequence[Board]) -> Board:
                 raise BadInput(
                     f"boards of different {part} cannot be joined: {getattr(first, part)} and {getattr(other, part)}"
                 )
-        flown, theirs = ([_conditions(course) for course in each.courses] for each in (first, other))
-        if flown != theirs:
-            raise BadInput(f"boards of different missions cannot be joined: {flown} and {theirs}")
     last = boards[-1]
-    courses = [
-        _united([_coded(course, each.code, last.code) for each, course in zip(boards, parts, strict=True)])
-        for parts in zip(*(each.courses for each in boards), strict=True)
-    ]
-    return remarked(msgspec.structs.replace(last, courses=courses))
+    parts: dict[str, list[Course]] = {}
+    for board in boards:
+        for course in board.courses:
+            same = parts.setdefault(course.name, [])
+            if same and _conditions(course) != _conditions(same[0]):
+                flown = f"{_conditions(same[0])} and {_conditions(course)}"
+                raise BadInput(f"boards of different missions cannot be joined: {flown}")
+            same.append(_coded(course, board.code, last.code))
+    return remarked(msgspec.structs.replace(last, courses=list(map(_united, parts.values()))))
 
 
 def _conditions(course: Course) -> tuple[str, int, float, float | None]:
