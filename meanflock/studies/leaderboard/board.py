@@ -201,7 +201,7 @@ def cells(columns: dict[str, Floats]) -> dict[str, BoardCell]:
 
 
 def joined(boards: Sequence[Board]) -> Board:
-    """One board of several: the missions of all, the first board's first. A row of a later board replaces the row of the
+    """One board of several: the missions of all, the first board's first. A row of a later board replaces that of the
     same name in the same mission; rows have the order of rows.toml, others follow.
 
     Raises:
