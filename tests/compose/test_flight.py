@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from meanflock.launch import certs
 from tests.commands import printed
 from tests.compose.containers import ENDLESS, MARKS, REPOSITORY, SHORT, UAVS, USER, Compose, docker, docker_fails
@@ -36,10 +38,11 @@ def test_containers_fly_the_trajectory_of_one_process_and_leave_the_run_folder(c
     assert {path.name for path in compose.folder.iterdir()} == files
 
 
-def test_containers_fly_with_a_mast_and_go_on_when_it_is_lost(compose, tmp_path) -> None:
-    mast = REPOSITORY / "scenarios" / "radio-mast.toml"
-    ways = ("federation.period=20", 'faults=[{kind="kill",tick=50,stations=[0]}]')
-    compose.up(" ".join([*SHORT, *ways]), MEANFLOCK_SCENARIO="scenarios/radio-mast.toml")
+@pytest.mark.parametrize(("mission", "way"), [("radio-mast", "seed=8"), ("mast", "vehicle.model=quadrotor")])
+def test_containers_fly_with_a_mast_and_go_on_when_it_is_lost(mission: str, way: str, compose, tmp_path) -> None:
+    mast = REPOSITORY / "scenarios" / f"{mission}.toml"
+    ways = ("federation.period=20", 'faults=[{kind="kill",tick=50,stations=[0]}]', way)
+    compose.up(" ".join([*SHORT, *ways]), MEANFLOCK_SCENARIO=f"scenarios/{mission}.toml")
     summary = compose.finished()
     expected = flown_alone(tmp_path / "alone", ways, mast)
     assert [summary[name] for name in HASHES] == [expected[name] for name in HASHES]
