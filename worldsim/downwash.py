@@ -20,8 +20,8 @@ _GRAVITY_M_S2 = 9.81
 _REACH_M = 10.0  # aside
 
 
-class Craft(NamedTuple):
-    """A craft for which the force has been fitted."""
+class Wake(NamedTuple):
+    """The constants of the wake of a craft for which the force has been fitted."""
 
     mass_kg: float
     radius_m: float  # r, of a propeller
@@ -30,21 +30,21 @@ class Craft(NamedTuple):
     c3_m: float
 
 
-CRAFTS = {"crazyflie": Craft(mass_kg=0.027, radius_m=0.0231348, c1_N=2267.18, c2=0.16, c3_m=-0.11)}
+WAKES = {"crazyflie": Wake(mass_kg=0.027, radius_m=0.0231348, c1_N=2267.18, c2=0.16, c3_m=-0.11)}
 
 
 class Downwash:
     """The accelerations of UAVs by the wakes of others; all pairs are compared, so time and memory grow with N²."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._craft = CRAFTS.get(scenario.wind.downwash)
+        self._wake = WAKES.get(scenario.wind.downwash)
 
     def added(self, gust: Vectors | None, states: States, waiting: Mask | None) -> Vectors | None:
         """A gust (N, d) m/s² with the wakes of the UAVs at `states` (N, 2d); the gust itself without downwash.
 
         UAVs that are `waiting`, (N,), have no wake. Wakes are added in the order of the UAVs.
         """
-        if self._craft is None:
+        if self._wake is None:
             return gust
         flown = np.zeros((len(states), state.axes(states))) if gust is None else gust.copy()
         place = state.position(states)
@@ -55,15 +55,15 @@ class Downwash:
         if waiting is not None:
             feels &= ~waiting[:, None]
         above, uav = np.nonzero(feels)
-        pushes = acceleration(self._craft, below[above, uav], aside_squared[above, uav])
+        pushes = acceleration(self._wake, below[above, uav], aside_squared[above, uav])
         flown[:, 2] -= np.bincount(uav, pushes, len(states))
         return flown
 
 
-def acceleration(craft: Craft, below_m: state.Rows, aside_squared_m2: state.Rows) -> state.Rows:
+def acceleration(wake: Wake, below_m: state.Rows, aside_squared_m2: state.Rows) -> state.Rows:
     """Downward acceleration of UAVs so far below another and so far aside, (P,) m/s²."""
-    share = craft.radius_m / (4.0 * np.maximum(below_m, craft.radius_m))  # nearer, the bound holds
-    width = craft.c2 * below_m + craft.c3_m
+    share = wake.radius_m / (4.0 * np.maximum(below_m, wake.radius_m))  # nearer, the bound holds
+    width = wake.c2 * below_m + wake.c3_m
     narrow = np.maximum(width * width, 1e-12)  # as printed, the wake has no width at one distance
-    force = craft.c1_N * share * share * np.exp(-0.5 * aside_squared_m2 / narrow)
-    return np.minimum(force / craft.mass_kg, _GRAVITY_M_S2)
+    force = wake.c1_N * share * share * np.exp(-0.5 * aside_squared_m2 / narrow)
+    return np.minimum(force / wake.mass_kg, _GRAVITY_M_S2)

@@ -8,10 +8,10 @@ import pytest
 import meanflock as mf
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.downwash import CRAFTS, Downwash, acceleration
+from meanflock.worldsim.downwash import WAKES, Downwash, acceleration
 from meanflock.worldsim.vehicles.base import MeanWind
 
-CRAFT = CRAFTS["crazyflie"]
+WAKE = WAKES["crazyflie"]
 CALM = {"wind.sigma": 0.0, "space.dimensions": 3}
 
 
@@ -26,13 +26,13 @@ def by_hand(below_m: float, aside_m: float) -> float:
 
 def test_the_wake_of_a_crazyflie_is_the_published_formula() -> None:
     for below, aside in ((1.0, 0.0), (2.0, 0.1), (3.0, 0.5), (0.6, 0.01), (0.4, 0.05)):
-        found = acceleration(CRAFT, np.array([below]), np.array([aside * aside]))[0]
+        found = acceleration(WAKE, np.array([below]), np.array([aside * aside]))[0]
         assert found == pytest.approx(min(by_hand(below, aside), 9.81))
     assert by_hand(1.0, 0.0) == pytest.approx(2.81, abs=0.01)
 
 
 def test_a_wake_is_bounded_next_to_the_rotor_and_where_it_has_no_width() -> None:
-    near = acceleration(CRAFT, np.array([1e-9, 1e-300, 0.6875]), np.array([0.0, 0.0, 0.01]))
+    near = acceleration(WAKE, np.array([1e-9, 1e-300, 0.6875]), np.array([0.0, 0.0, 0.01]))
     assert near.tolist() == [9.81, 9.81, 0.0]
 
 
