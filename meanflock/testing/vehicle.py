@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.results.quantities import check_columns
 from meanflock.swarm import threads
 from meanflock.swarm.declared import column_names
 from meanflock.swarm.errors import BadInput
@@ -132,17 +133,47 @@ def _begun(instance: Any, uavs: int) -> dict[str, np.ndarray]:
 def _columns(vehicle: type) -> int:
     """The number of the columns that a vehicle declares."""
     try:
-        return len(column_names("`columns`", getattr(vehicle, "columns", ())))
+        names = column_names("`columns`", getattr(vehicle, "columns", ()))
+        check_columns("`columns`", names)
+        return len(names)
     except BadInput as error:
         fail(vehicle, str(error), "fix the declaration")
 
 
 def _shown(instance: Any, hidden: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:
     """The numbers that a vehicle shows."""
-    shown = np.array(asked(type(instance), instance.shown, hidden, remedy="return a column for each of `columns`"))
-    if shown.shape != shape or shown.dtype != np.float64 or not (np.abs(shown) < BEYOND_SENSE).all():
+    remedy = "return a column for each of `columns`"
+    shown = np.array(_reading(instance, "shown", hidden, remedy))
+    if shown.shape != shape or shown.dtype != np.float64:
         fail(type(instance), f"`shown` returns {shown.dtype} {shown.shape}", f"return finite float64 {shape}")
+    if not (np.abs(shown) < BEYOND_SENSE).all():
+        fail(type(instance), "`shown` returns a number that is not finite, or too large", "guard divisions and roots")
     return shown
+
+
+def _check_rest(instance: Any, hidden: dict[str, np.ndarray], begun: dict[str, np.ndarray]) -> None:
+    """Check the hidden state at rest of all UAVs, and that of each UAV by itself."""
+    vehicle, label = type(instance), "hidden state at rest"
+    rest = _reading(instance, "rest", hidden, GONE)
+    check_same_form(vehicle, label, rest, begun)
+    for name, part in rest.items():
+        if not np.isfinite(part).all():
+            fail(vehicle, f"{label}[{name!r}] is not finite", "guard divisions and roots")
+        for row in range(len(part)):
+            alone = asked(
+                vehicle, instance.rest, {key: each[row : row + 1] for key, each in hidden.items()}, remedy=GONE
+            )
+            if not same(part[row : row + 1], np.asarray(alone[name])):
+                fail(vehicle, f"the {label} of a UAV depends on others", "compute every row from that row alone")
+
+
+def _reading(instance: Any, method: str, hidden: dict[str, np.ndarray], remedy: str) -> Any:
+    """The result of a method that may only read the hidden state."""
+    before = copies(list(hidden.values()))
+    answer = asked(type(instance), getattr(instance, method), hidden, remedy=remedy)
+    if not all(same(one, other) for one, other in zip(before, hidden.values(), strict=True)):
+        fail(type(instance), f"`{method}` writes to the hidden state", "return new arrays; copy before you write")
+    return answer
 
 
 def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.ndarray) -> None:
@@ -153,7 +184,7 @@ def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.nd
         states, hidden = instance.step(states, hidden, command, *others)
         flown.append((states, hidden))
         each.append(instance.power(states, hidden, command))
-    check_same_form(vehicle, "hidden state at rest", asked(vehicle, instance.rest, hidden, remedy=GONE), begun)
+    _check_rest(instance, hidden, begun)
     rows = np.concatenate([states for states, _ in flown])
     kept = {name: np.concatenate([parts[name] for _, parts in flown]) for name in hidden}
     remedy = (
