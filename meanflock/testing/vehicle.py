@@ -8,9 +8,8 @@ from meanflock.results.quantities import check_columns
 from meanflock.swarm import threads
 from meanflock.swarm.declared import column_names
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins.registry import dimensions_of
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import BEYOND_SENSE, PLANE, SPACE
+from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
@@ -24,6 +23,7 @@ from meanflock.testing.error import (
     fail,
     make,
     same,
+    scenarios,
     with_surroundings,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
@@ -42,13 +42,17 @@ def check_vehicle(
 
     Args:
         vehicle: the class. options: those of the table [vehicle.options]. scenario: default: the paper's with five
-            UAVs, in space for a vehicle that flies only there. slow_ms: limit of the median time of a tick of all UAVs.
+            UAVs, in each of the declared dimensions. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(vehicle, "vehicle")
-    flown = scenario or Scenario(uavs=UAVS, **({} if PLANE in dimensions_of(vehicle) else {"space.dimensions": SPACE}))
+    for flown in scenarios(vehicle, scenario, UAVS):
+        _check(vehicle, options or {}, flown, slow_ms)
+
+
+def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
     draw = np.random.default_rng(3)
     start = draw.normal(0.0, 5.0, (UAVS, flown.state_numbers))
     columns = _columns(vehicle)
@@ -59,14 +63,14 @@ def check_vehicle(
         remedy = GONE if afresh else "any number of UAVs must do"
 
         def run() -> list[np.ndarray]:
-            instance = make(vehicle, options or {}, flown)
+            instance = make(vehicle, options, flown)
             states = start[rows].copy()
             trace = []
             hidden = _begun(instance, len(states))
             begun = hidden
             for command, *others in forces[:, :, rows].swapaxes(0, 1):
                 if afresh:
-                    instance = make(vehicle, options or {}, flown)
+                    instance = make(vehicle, options, flown)
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, command, *others, *hidden.values()]
                 before = copies(given)
@@ -84,7 +88,7 @@ def check_vehicle(
                         "`step` or `power` writes to an array it was given",
                         "return new arrays; copy before you write",
                     )
-                _check(vehicle, (len(command), flown.state_numbers), np.asarray(states), np.asarray(power))
+                _check_numbers(vehicle, (len(command), flown.state_numbers), np.asarray(states), np.asarray(power))
                 trace += [np.array(states), np.array(power)]
                 if columns:
                     trace.append(_shown(instance, hidden, (len(command), columns)))
@@ -109,8 +113,8 @@ def check_vehicle(
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
-    _check_block(vehicle, make(vehicle, options or {}, flown), start, forces)
-    instance, states = make(vehicle, options or {}, flown), start
+    _check_block(vehicle, make(vehicle, options, flown), start, forces)
+    instance, states = make(vehicle, options, flown), start
     hidden = _begun(instance, UAVS)
 
     def move(number: int) -> None:
@@ -195,7 +199,7 @@ def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.nd
         fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 
 
-def _check(vehicle: type, shape: tuple[int, int], states: np.ndarray, power: np.ndarray) -> None:
+def _check_numbers(vehicle: type, shape: tuple[int, int], states: np.ndarray, power: np.ndarray) -> None:
     if states.shape != shape or power.shape != shape[:1]:
         came = f"states {states.shape} and power {power.shape}"
         fail(vehicle, f"{came} of {shape[0]} UAVs", f"return states {shape} and power {shape[:1]}")
