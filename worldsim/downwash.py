@@ -21,7 +21,7 @@ _REACH_M = 10.0  # aside
 
 
 class Wake(NamedTuple):
-    """The constants of the wake of a craft for which the force has been fitted."""
+    """The wake of a craft for which the force has been fitted."""
 
     mass_kg: float
     radius_m: float  # r, of a propeller

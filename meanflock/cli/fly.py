@@ -85,7 +85,7 @@ def run(
     SCENARIO is a TOML file, or the name of one that comes with meanflock:
 
     \b
-    crowd, faults, gusts, hierarchical, lossy, obstacles, paper,
+    crowd, faults, gusts, hierarchical, lossy, massive, obstacles, paper,
     paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
     radio-street, radio-thin, streams, swap, unknown, windmap, windy.
 

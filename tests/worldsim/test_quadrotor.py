@@ -133,11 +133,7 @@ def test_steps_that_are_too_long_are_refused_with_the_rate_that_is_needed() -> N
     states, _, _ = flown((0.5, 0.0, 0.0), 100, options={"rate_hz": enough})
     np.testing.assert_allclose((states[-1, 3] - states[-2, 3]) / 0.1, 0.5, atol=0.05)
     bad("is unstable", {"rate_hz": enough - 10})
-
-
-@pytest.mark.parametrize("k_d", [1e6, 1e9, 1e29])
-def test_gains_for_which_no_rate_is_enough_are_refused_without_naming_one(k_d: float) -> None:
-    bad(r"unstable; no `rate_hz` up to 100000 is enough for `k_d` = .*; lower it", {"k_d": k_d})
+    bad("no `rate_hz` up to 100000 is enough for its gains: lower `k_d`", {"k_d": 1e12})
 
 
 def test_a_craft_that_does_not_lift_its_weight_and_options_out_of_bounds_are_refused() -> None:

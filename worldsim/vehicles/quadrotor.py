@@ -16,8 +16,8 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind, Vehicle
 
+_FASTEST_HZ = 100_000
 _Positive = Annotated[float, Meta(gt=0)]
-_RATE_MAX_HZ = 100_000
 
 
 class Quadrotor(Vehicle):
@@ -46,7 +46,7 @@ class Quadrotor(Vehicle):
         speed_max_rad_s: Annotated[float, Meta(gt=0, description="largest speed of a rotor, rad/s")] = 1500.0
         k_p: Annotated[float, Meta(gt=0, description="gain of the attitude, 1/s²")] = 544.0
         k_d: Annotated[float, Meta(gt=0, description="gain of the body rates, 1/s")] = 46.64
-        rate_hz: Annotated[float, Meta(gt=0, le=_RATE_MAX_HZ, description="rate of the attitude controller, 1/s")] = (
+        rate_hz: Annotated[float, Meta(gt=0, le=_FASTEST_HZ, description="rate of the attitude controller, 1/s")] = (
             500.0
         )
 
@@ -150,24 +150,18 @@ def _check_stable(options: Quadrotor.Options, dt: float, steps: int) -> None:
             f"k_d > tau_s · k_p = {bound:.4g} 1/s; raise `k_d`, or lower `k_p` or `tau_s`"
         )
     if not _decays(options, dt / steps):
+        enough, most = steps, int(_FASTEST_HZ * dt)
+        while enough <= most and not _decays(options, dt / enough):
+            enough += -(-enough // 50)  # two per cent more
         raise BadInput(
             f"vehicle 'quadrotor': the attitude controller with steps of {1e3 * dt / steps:.3g} ms is unstable; "
-            + _mended(options, dt, steps)
+            + (
+                f"its gains need steps of at most {1e3 * dt / enough:.3g} ms: raise `rate_hz` to "
+                f"{math.ceil(enough / dt)} or more, or lower `k_d`"
+                if enough <= most
+                else f"no `rate_hz` up to {_FASTEST_HZ} is enough for its gains: lower `k_d` and `k_p`"
+            )
         )
-
-
-def _mended(options: Quadrotor.Options, dt: float, steps: int) -> str:
-    """The longest step of the controller that is stable, and the rate that has it, found by bisection."""
-    enough = math.floor(dt * _RATE_MAX_HZ)
-    if enough <= steps or not _decays(options, dt / enough):
-        return f"no `rate_hz` up to {_RATE_MAX_HZ} is enough for `k_d` = {options.k_d:g}; lower it, and `k_p` with it"
-    while enough - steps > 1:
-        middle = (steps + enough) // 2
-        steps, enough = (steps, middle) if _decays(options, dt / middle) else (middle, enough)
-    return (
-        f"its gains need steps of at most {1e3 * dt / enough:.3g} ms: raise `rate_hz` to {math.ceil(enough / dt)} "
-        "or more, or lower `k_d`"
-    )
 
 
 def _decays(options: Quadrotor.Options, h: float) -> bool:
