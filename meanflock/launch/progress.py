@@ -118,6 +118,10 @@ def summary_table(summary: dict[str, object]) -> Table:
     quantity("phi_A", "", 3)
     quantity("phi_C_distinct", "", 5)
     quantity("collisions", "", 0)
+    if summary["obstacle_hits"]:
+        add("obstacle hits", summary["obstacle_hits"], "of a UAV, each obstacle once")
+    if summary.get("grounded"):
+        add("grounded", summary["grounded"], "UAVs, before they arrived")
     if (violations := summary.get("altitude_violations")) is not None:
         add("altitude violations", violations, "beyond floor or ceiling")
     quantity("speed_max_m_s", "highest", 1)

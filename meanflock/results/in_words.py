@@ -54,6 +54,13 @@ def flown(run: StoredFolder) -> str:
     return f"{where}, seed {seed}, on {run.when.astimezone():%Y-%m-%d at %H:%M}"
 
 
+_HARMS = {  # named only if there are any
+    "obstacle_hits": "UAVs flew into obstacles {} time{}.",
+    "grounded": "{} UAV{} came down to the ground on the way.",
+    "altitude_violations": "UAVs left the limits of altitude {} time{}.",
+}
+
+
 def outcome(run: StoredFolder) -> str:
     """The result of the flight, in sentences."""
     time = f"{number(run.figure('sim_time_s'))} s"
@@ -62,6 +69,11 @@ def outcome(run: StoredFolder) -> str:
     if run.summary:
         sentences.append(_arrived(run, time))
         sentences.append(_collided(run.figure("collisions")))
+        sentences += [
+            text.format(count, "" if count == 1 else "s")
+            for field, text in _HARMS.items()
+            if (count := run.figure(field))
+        ]
         sent, lost = run.figure("payload_bits.total"), run.figure("radio.outage_rate")
         share = "" if lost is None else f", and {100 * lost:.3g} % of all messages on links were lost"
         sentences.append(f"The UAVs sent {bits(sent)}{share}." if sent else "The UAVs sent nothing.")

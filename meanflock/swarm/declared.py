@@ -162,6 +162,8 @@ def column_names(label: str, given: Any) -> tuple[str, ...]:
     """
     if isinstance(given, str):
         raise BadInput(f"{label} is a text; write ({given!r},)")
+    if not isinstance(given, tuple | list):
+        raise BadInput(f"{label} is {given!r}; write a tuple of names, () for none")
     names = tuple(given)
     distinct = len(set(names)) == len(names) <= MAX_DIAGNOSTICS
     if not distinct or not all(isinstance(column, str) and column.isidentifier() for column in names):

@@ -12,7 +12,19 @@ from meanflock.federation.plan import Plan
 from meanflock.swarm import declared, threads
 from meanflock.swarm.plugins.guard import check_bounded
 from meanflock.swarm.scenario import Scenario
-from meanflock.testing.error import GONE, OTHER_THREADS, THREADS, alike, asked, check_class, copies, fail, make, same
+from meanflock.testing.error import (
+    GONE,
+    OTHER_THREADS,
+    THREADS,
+    alike,
+    asked,
+    check_class,
+    copies,
+    fail,
+    make,
+    same,
+    scenarios,
+)
 from meanflock.testing.pace import SLOW_MS, check_pace
 from meanflock.testing.trial import PURE, PointSwarm, Trial
 
@@ -35,19 +47,23 @@ def check_controller(
     find a controller that draws an unseeded number late.
 
     Args:
-        controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs.
-            slow_ms: limit of the median time of a tick of all UAVs.
+        controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs,
+            in each of the declared dimensions. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(controller, "controller")
-    flown = scenario or Scenario(uavs=UAVS)
-    flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options or {}))
+    for flown in scenarios(controller, scenario, UAVS):
+        _check(controller, options or {}, flown, slow_ms)
+
+
+def _check(controller: type[Controller], options: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
+    flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options))
 
     def instance() -> Controller:
         """Make the controller as a flight does, behind the scenario's filter."""
-        alone: Controller = make(controller, options or {}, flown)
+        alone: Controller = make(controller, options, flown)
         behind: Controller = declared.filtered(alone, flown)
         return behind
 

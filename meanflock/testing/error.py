@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins import guard
-from meanflock.swarm.plugins.registry import PluginKind, checked
-from meanflock.swarm.scenario import as_builtins
+from meanflock.swarm.plugins.registry import PluginKind, checked, dimensions_of
+from meanflock.swarm.scenario import Scenario, as_builtins
 
 T = TypeVar("T")
 GONE = (
@@ -34,6 +34,17 @@ class ConformanceError(AssertionError):
 def fail(plugin: Any, problem: str, remedy: str) -> NoReturn:
     """Raises ConformanceError."""
     raise ConformanceError(f"{getattr(plugin, '__name__', repr(plugin))}: {problem}; {remedy}")
+
+
+def scenarios(plugin: Any, given: Scenario | None, uavs: int) -> list[Scenario]:
+    """The scenarios in which to check a plug-in: the given one, or the paper's in each of its dimensions."""
+    flies = dimensions_of(plugin)
+    if given is None:
+        return [Scenario(uavs=uavs, **{"space.dimensions": axes}) for axes in flies]
+    if given.dimensions not in flies:
+        came = f"it flies in {' and '.join(map(str, flies))} dimensions, and the scenario has {given.dimensions}"
+        fail(plugin, came, "declare `dimensions`, or set `space.dimensions`")
+    return [given]
 
 
 def check_class(plugin: Any, kind: PluginKind) -> None:

@@ -13,7 +13,7 @@ from meanflock.swarm import state, threads
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.testing.controller import UAVS, check_swarm
-from meanflock.testing.error import asked, check_class, copies, fail, make, same
+from meanflock.testing.error import asked, check_class, copies, fail, make, same, scenarios
 from meanflock.testing.pace import SLOW_MS
 from meanflock.testing.trial import PointSwarm
 
@@ -62,14 +62,19 @@ def check_filter(
     """Flies a small swarm of points behind a filter and checks everything that a flight relies on.
 
     Args:
-        filter_: the class. options: those of the table [filter.options]. scenario: default: the paper's with six UAVs.
-            Its [filter] decides when states are broadcast. slow_ms: limit of the median time of a tick of all UAVs.
+        filter_: the class. options: those of the table [filter.options]. scenario: default: the paper's with six UAVs,
+            in each of the declared dimensions. Its [filter] decides when states are broadcast. slow_ms: limit of the
+            median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(filter_, "filter")
-    flown, given = scenario or Scenario(uavs=UAVS), options or {}
+    for flown in scenarios(filter_, scenario, UAVS):
+        _check(filter_, options or {}, flown, slow_ms)
+
+
+def _check(filter_: type[Filter], given: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
     table = msgspec.structs.replace(flown.filter, kind=filter_.name, options=dict(given))
     flown = msgspec.structs.replace(flown, method=Hasty.name, controller={}, filter=table)
 

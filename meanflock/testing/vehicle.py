@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.results.quantities import check_columns
 from meanflock.swarm import threads
 from meanflock.swarm.declared import column_names
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.plugins.registry import dimensions_of
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import BEYOND_SENSE, PLANE, SPACE
+from meanflock.swarm.state import BEYOND_SENSE
 from meanflock.swarm.wire.control import decode_record, encode_record
 from meanflock.testing.error import (
     GONE,
@@ -23,6 +23,7 @@ from meanflock.testing.error import (
     fail,
     make,
     same,
+    scenarios,
     with_surroundings,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
@@ -41,13 +42,17 @@ def check_vehicle(
 
     Args:
         vehicle: the class. options: those of the table [vehicle.options]. scenario: default: the paper's with five
-            UAVs, in space for a vehicle that flies only there. slow_ms: limit of the median time of a tick of all UAVs.
+            UAVs, in each of the declared dimensions. slow_ms: limit of the median time of a tick of all UAVs.
 
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(vehicle, "vehicle")
-    flown = scenario or Scenario(uavs=UAVS, **({} if PLANE in dimensions_of(vehicle) else {"space.dimensions": SPACE}))
+    for flown in scenarios(vehicle, scenario, UAVS):
+        _check(vehicle, options or {}, flown, slow_ms)
+
+
+def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
     draw = np.random.default_rng(3)
     start = draw.normal(0.0, 5.0, (UAVS, flown.state_numbers))
     columns = _columns(vehicle)
@@ -58,14 +63,14 @@ def check_vehicle(
         remedy = GONE if afresh else "any number of UAVs must do"
 
         def run() -> list[np.ndarray]:
-            instance = make(vehicle, options or {}, flown)
+            instance = make(vehicle, options, flown)
             states = start[rows].copy()
             trace = []
             hidden = _begun(instance, len(states))
             begun = hidden
             for command, *others in forces[:, :, rows].swapaxes(0, 1):
                 if afresh:
-                    instance = make(vehicle, options or {}, flown)
+                    instance = make(vehicle, options, flown)
                     hidden = {name: np.array(array) for name, array in decode_record(encode_record(hidden)).items()}
                 given = [states, command, *others, *hidden.values()]
                 before = copies(given)
@@ -83,7 +88,7 @@ def check_vehicle(
                         "`step` or `power` writes to an array it was given",
                         "return new arrays; copy before you write",
                     )
-                _check(vehicle, (len(command), flown.state_numbers), np.asarray(states), np.asarray(power))
+                _check_numbers(vehicle, (len(command), flown.state_numbers), np.asarray(states), np.asarray(power))
                 trace += [np.array(states), np.array(power)]
                 if columns:
                     trace.append(_shown(instance, hidden, (len(command), columns)))
@@ -108,8 +113,8 @@ def check_vehicle(
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
-    _check_block(vehicle, make(vehicle, options or {}, flown), start, forces)
-    instance, states = make(vehicle, options or {}, flown), start
+    _check_block(vehicle, make(vehicle, options, flown), start, forces)
+    instance, states = make(vehicle, options, flown), start
     hidden = _begun(instance, UAVS)
 
     def move(number: int) -> None:
@@ -132,17 +137,47 @@ def _begun(instance: Any, uavs: int) -> dict[str, np.ndarray]:
 def _columns(vehicle: type) -> int:
     """The number of the columns that a vehicle declares."""
     try:
-        return len(column_names("`columns`", getattr(vehicle, "columns", ())))
+        names = column_names("`columns`", getattr(vehicle, "columns", ()))
+        check_columns("`columns`", names)
+        return len(names)
     except BadInput as error:
         fail(vehicle, str(error), "fix the declaration")
 
 
 def _shown(instance: Any, hidden: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:
     """The numbers that a vehicle shows."""
-    shown = np.array(asked(type(instance), instance.shown, hidden, remedy="return a column for each of `columns`"))
-    if shown.shape != shape or shown.dtype != np.float64 or not (np.abs(shown) < BEYOND_SENSE).all():
+    remedy = "return a column for each of `columns`"
+    shown = np.array(_reading(instance, "shown", hidden, remedy))
+    if shown.shape != shape or shown.dtype != np.float64:
         fail(type(instance), f"`shown` returns {shown.dtype} {shown.shape}", f"return finite float64 {shape}")
+    if not (np.abs(shown) < BEYOND_SENSE).all():
+        fail(type(instance), "`shown` returns a number that is not finite, or too large", "guard divisions and roots")
     return shown
+
+
+def _check_rest(instance: Any, hidden: dict[str, np.ndarray], begun: dict[str, np.ndarray]) -> None:
+    """Check the hidden state at rest of all UAVs, and that of each UAV by itself."""
+    vehicle, label = type(instance), "hidden state at rest"
+    rest = _reading(instance, "rest", hidden, GONE)
+    check_same_form(vehicle, label, rest, begun)
+    for name, part in rest.items():
+        if not np.isfinite(part).all():
+            fail(vehicle, f"{label}[{name!r}] is not finite", "guard divisions and roots")
+        for row in range(len(part)):
+            alone = asked(
+                vehicle, instance.rest, {key: each[row : row + 1] for key, each in hidden.items()}, remedy=GONE
+            )
+            if not same(part[row : row + 1], np.asarray(alone[name])):
+                fail(vehicle, f"the {label} of a UAV depends on others", "compute every row from that row alone")
+
+
+def _reading(instance: Any, method: str, hidden: dict[str, np.ndarray], remedy: str) -> Any:
+    """The result of a method that may only read the hidden state."""
+    before = copies(list(hidden.values()))
+    answer = asked(type(instance), getattr(instance, method), hidden, remedy=remedy)
+    if not all(same(one, other) for one, other in zip(before, hidden.values(), strict=True)):
+        fail(type(instance), f"`{method}` writes to the hidden state", "return new arrays; copy before you write")
+    return answer
 
 
 def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.ndarray) -> None:
@@ -153,7 +188,7 @@ def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.nd
         states, hidden = instance.step(states, hidden, command, *others)
         flown.append((states, hidden))
         each.append(instance.power(states, hidden, command))
-    check_same_form(vehicle, "hidden state at rest", asked(vehicle, instance.rest, hidden, remedy=GONE), begun)
+    _check_rest(instance, hidden, begun)
     rows = np.concatenate([states for states, _ in flown])
     kept = {name: np.concatenate([parts[name] for _, parts in flown]) for name in hidden}
     remedy = (
@@ -164,7 +199,7 @@ def _check_block(vehicle: type, instance: Any, states: np.ndarray, forces: np.nd
         fail(vehicle, "`power` of the rows of several ticks differs from that of each tick", remedy)
 
 
-def _check(vehicle: type, shape: tuple[int, int], states: np.ndarray, power: np.ndarray) -> None:
+def _check_numbers(vehicle: type, shape: tuple[int, int], states: np.ndarray, power: np.ndarray) -> None:
     if states.shape != shape or power.shape != shape[:1]:
         came = f"states {states.shape} and power {power.shape}"
         fail(vehicle, f"{came} of {shape[0]} UAVs", f"return states {shape} and power {shape[:1]}")

@@ -67,6 +67,31 @@ def test_a_list_has_what_was_flown_and_what_came_of_it(run, runs, monkeypatch) -
     assert run("list", "empty", "--json")[:2] == (EXIT_DONE, "[]\n")
 
 
+def test_hits_of_obstacles_the_ground_and_limits_are_told_after_a_flight_and_by_show(run) -> None:
+    Path("down.toml").write_text(
+        """duration = 10
+uavs = 2
+method = "cruise"
+start = { positions = [[40, 0, 9], [0, 40, 9]] }
+space = { dimensions = 3, floor = 3 }
+obstacles = [{ centre = [30, 0], radius = 3, height = 20 }]
+faults = [{ kind = "gust", tick = 5, duration_s = 3.0, uavs = [1], acceleration = [0, 0, -30] }]
+"""
+    )
+    code, told, _ = run("run", "down.toml", "--in-process", "--no-record", "--quiet")
+    assert code == EXIT_DONE
+    rows = " ".join(re.sub("[│ ]+", " ", told).split())
+    assert (
+        "obstacle hits 1 of a UAV, each obstacle once grounded 1 UAVs, before they arrived altitude violations 1"
+        in rows
+    )
+    words = " ".join(run("show", "latest")[1].split())
+    assert (
+        "UAVs flew into obstacles 1 time. 1 UAV came down to the ground on the way. "
+        "UAVs left the limits of altitude 1 time."
+    ) in words
+
+
 def test_show_has_the_changed_keys_the_summary_and_the_files(run, runs) -> None:
     folder = one(runs, "s2")
     shown = json.loads(run("show", str(folder), "--json")[1])

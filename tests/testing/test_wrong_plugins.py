@@ -199,6 +199,11 @@ def powered(power: Any) -> Any:
     return having(GoodVehicle, power=lambda _self, states, *_: power(states))
 
 
+def blown_up(hidden: Any) -> Any:
+    hidden["thrust"] += 1.0
+    return hidden
+
+
 VEHICLES: dict[str, tuple[Any, str]] = {
     "another row": (part(GoodVehicle, 0, lambda states, *_: states - 1e-3 * states.sum(axis=0)), "than alone"),
     "writes to states": (writing(GoodVehicle, "step", 0), COPY),
@@ -227,6 +232,28 @@ VEHICLES: dict[str, tuple[Any, str]] = {
             GoodVehicle, columns=("x",), shown=lambda _, hidden: hidden["thrust"][:1, :1] + 0 * hidden["thrust"][:, :1]
         ),
         "than alone",
+    ),
+    "columns are no tuple": (having(GoodVehicle, columns=4), r"`columns` is 4; write a tuple of names"),
+    "a column of another": (
+        having(GoodVehicle, columns=("x_m",)),
+        "`columns` x_m: the time series has columns of that",
+    ),
+    "shows a NaN": (
+        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: np.nan * hidden["thrust"][:, :1]),
+        "`shown` returns a number that is not finite",
+    ),
+    "writes when it shows": (
+        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),
+        "`shown` writes to the hidden state",
+    ),
+    "writes at rest": (having(GoodVehicle, rest=lambda _, hidden: blown_up(hidden)), "`rest` writes to the hidden"),
+    "rests at NaN": (
+        having(GoodVehicle, rest=lambda _, hidden: {"thrust": np.nan * hidden["thrust"]}),
+        r"at rest\['thrust'\] is not finite",
+    ),
+    "rests as another row": (
+        having(GoodVehicle, rest=lambda _, hidden: {"thrust": 0 * hidden["thrust"] + hidden["thrust"].mean(axis=0)}),
+        "at rest of a UAV depends on others",
     ),
     "rests otherwise": (having(GoodVehicle, rest=lambda *_: {}), r"hidden state at rest has \[\]"),
     "takes no push": (having(GoodVehicle, push=True), "`step` failed: TypeError"),
@@ -279,6 +306,18 @@ GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
     (powered(lambda states: np.full(len(states), 1e39)), r"power has 1e\+39; expected numbers within ±1e\+30"),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
+    (
+        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),
+        "`shown` failed: ValueError: .*read-only",
+    ),
+    (
+        changed(
+            having(GoodVehicle, rest=lambda _, hidden: {"thrust": np.nan * hidden["thrust"]}),
+            "step",
+            lambda _, answer, *__: (answer[0] * 1e9, answer[1]),
+        ),
+        r"hidden\['thrust'\] at rest of UAV 0: .* not finite",
+    ),
     (changed(GoodVehicle, "power", lambda _, power, *__: power[:, None]), r"\(150, 1\).*of the rows of 30 ticks of 5"),
 ]
 

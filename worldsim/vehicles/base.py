@@ -233,6 +233,8 @@ class Physics:
         Raises:
             RunFailed: see `step`.
         """
+        for part in hidden.values():
+            part.flags.writeable = False
         try:
             shown = self._asked("shown", hidden)
             check_array("shown", shown, (self._uavs, columns), np.dtype(float))
@@ -267,6 +269,8 @@ class Physics:
             state.velocity(moved)[far] = 0.0
             rest = self._asked("rest", dict(hidden))
             check_same_form("hidden state at rest", rest, hidden)
+            for name, part in rest.items():
+                _check_finite(f"hidden[{name!r}] at rest", part[diverged], diverged)
             changed = {name: _put_back(part, rest[name], diverged) for name, part in changed.items()}
         if waiting is not None:
             still = np.flatnonzero(waiting)
