@@ -97,9 +97,13 @@ PyObject *OF_AXES(learner_step)(PyObject *module, PyObject *args) {
     const Py_buffer *of = arrays.view;
     const Rows rows = {of[0].buf, of[1].buf, of[2].buf, of[3].buf, around == Py_None};
     if (around != Py_None && !interaction(&arrays, around, t, &rows, count)) return done(&arrays, NULL);
-    Py_BEGIN_ALLOW_THREADS /* other agents step their rows meanwhile */
-    step_rows(t, &rows, count);
-    Py_END_ALLOW_THREADS
+    if (count < WIDE) {
+        step_rows(t, &rows, count);
+    } else {
+        Py_BEGIN_ALLOW_THREADS /* other agents step their rows meanwhile */
+        step_rows(t, &rows, count);
+        Py_END_ALLOW_THREADS
+    }
     return done(&arrays, Py_NewRef(Py_None));
 }
 
