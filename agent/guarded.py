@@ -28,7 +28,7 @@ from meanflock.swarm.wire.messages import NOBODY
 Answer = TypeVar("Answer")
 
 
-class Check(NamedTuple):
+class TableCheck(NamedTuple):
     """Check of a table with a row for each UAV.
 
     refuse: raises ValueError if a number is invalid; the text names the table. valid: mask (M,) of the valid rows.
@@ -38,7 +38,7 @@ class Check(NamedTuple):
     valid: Callable[[Floats], Mask]
 
 
-BOUNDED, WEIGHTS = Check(check_bounded, bounded_rows), Check(check_weights, carried_weights)
+BOUNDED, WEIGHTS = TableCheck(check_bounded, bounded_rows), TableCheck(check_weights, carried_weights)
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that a broadcast may have
 
@@ -72,7 +72,7 @@ class Guarded:
         self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
         most = bound_of_models(scenario)
-        self._models = Check(partial(check_bounded, most=most), partial(bounded_rows, most=most))
+        self._models = TableCheck(partial(check_bounded, most=most), partial(bounded_rows, most=most))
 
     def begin(self, asleep: Mask | None) -> None:
         """Begin a tick. `asleep`: mask (M,) of rows whose results are dropped, so that they cannot fail."""
@@ -233,7 +233,7 @@ class Guarded:
         return after
 
     def _table(
-        self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: Check = BOUNDED
+        self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: TableCheck = BOUNDED
     ) -> Floats:
         call, rows, label = getattr(self.controller, name), len(self._uavs), f"result of `{name}`"
 
