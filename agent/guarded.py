@@ -8,26 +8,41 @@ import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TypeAlias, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Memory, Received, Rows, Step
-from meanflock.federation.codec import check_weights
+from meanflock.federation.codec import carried_weights, check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.federation.plan import Plan
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
-from meanflock.swarm.plugins.guard import as_floats, check_bounded, check_memory, check_same_form
+from meanflock.swarm.events.base import listed
+from meanflock.swarm.plugins.guard import as_floats, bounded_rows, check_bounded, check_memory, check_same_form
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
 Answer = TypeVar("Answer")
-Check: TypeAlias = Callable[[str, Floats], None]  # of a result; the text names it in an error
+
+
+class TableCheck(NamedTuple):
+    """Check of a table with a row for each UAV.
+
+    refuse: raises ValueError if a number is invalid; the text names the table. valid: mask (M,) of the valid rows.
+    """
+
+    refuse: Callable[[str, Floats], None]
+    valid: Callable[[Floats], Mask]
+
+
+BOUNDED, WEIGHTS = TableCheck(check_bounded, bounded_rows), TableCheck(check_weights, carried_weights)
 
 SENT = (np.dtype("i1"), np.dtype("u1"), np.dtype("<i2"), np.dtype("<i4"))  # integers that a broadcast may have
+
+_TRIED = 64  # rows with invalid numbers that are asked alone; if each is invalid again, the others are not asked
 
 log = logging.getLogger("meanflock.agent")
 
@@ -56,7 +71,8 @@ class Guarded:
         self.controller: Controller = controller(scenario)
         self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
         self.asleep: Mask | None = None
-        self._check_models = partial(check_bounded, most=bound_of_models(scenario))
+        most = bound_of_models(scenario)
+        self._models = TableCheck(partial(check_bounded, most=most), partial(bounded_rows, most=most))
 
     def begin(self, asleep: Mask | None) -> None:
         """Begin a tick. `asleep`: mask (M,) of rows whose results are dropped, so that they cannot fail."""
@@ -106,11 +122,11 @@ class Guarded:
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
         """The models (M, parameters). Only `rows` are needed, so only they can fail."""
-        return self._table("get", memory, (self._declared.parameters,), rows.tolist(), self._check_models)
+        return self._table("get", memory, (self._declared.parameters,), rows.tolist(), self._models)
 
     def samples(self, memory: Memory, rows: Rows) -> Floats:
         """The weights of the models (M,); a radio can carry those of `rows` that are not broken."""
-        return self._table("samples", memory, (), rows.tolist(), check_weights)
+        return self._table("samples", memory, (), rows.tolist(), WEIGHTS)
 
     def ready(self, memory: Memory, rows: Rows) -> Mask:
         """Mask (M,) of the rows that have a model to upload."""
@@ -217,21 +233,36 @@ class Guarded:
         return after
 
     def _table(
-        self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: Check = check_bounded
+        self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: TableCheck = BOUNDED
     ) -> Floats:
-        call, rows = getattr(self.controller, name), len(self._uavs)
+        call, rows, label = getattr(self.controller, name), len(self._uavs), f"result of `{name}`"
 
-        def checked(memory: Memory, rows: int) -> Floats:
-            table = np.ascontiguousarray(as_floats(f"result of `{name}`", call(memory), (rows, *width)))
-            check(f"result of `{name}`", table)
+        def called(memory: Memory, rows: int) -> Floats:
+            return np.ascontiguousarray(as_floats(label, call(memory), (rows, *width)))
+
+        def alone(row: int) -> Floats:
+            table = called(_row(memory, row), 1)
+            check.refuse(label, table)
             return table
 
+        table: Floats | None = None
         try:
-            return checked(memory, rows)
+            table = called(memory, rows)
+            check.refuse(label, table)
+            return table
         except FAILURES as error:
-            by_row = _each_row(range(rows), lambda row: checked(_row(memory, row), 1))
-            self._break([row for row in asked if row not in by_row], error)
-            return np.concatenate([by_row.get(row, np.zeros((1, *width))) for row in range(rows)])
+            failed = np.ones(rows, dtype=bool) if table is None else ~check.valid(table)
+            doubted, tried = np.flatnonzero(failed).tolist(), rows if table is None else _TRIED
+            by_row = _each_row(doubted[:tried], alone)
+            if by_row:  # a bad row has spoiled others
+                by_row |= _each_row(doubted[tried:], alone)
+            answer = np.zeros((rows, *width))
+            if table is not None:
+                np.copyto(answer, table, where=~failed.reshape(-1, *(1,) * len(width)))
+            for row, single in by_row.items():
+                answer[row], failed[row] = single[0], False
+            self._break([row for row in asked if failed[row]], error)
+            return answer
 
     def _break(self, rows: Rows | list[int], error: BaseException) -> None:
         """Mark rows as broken, and complain of those that had no complaint."""
@@ -248,8 +279,8 @@ class Guarded:
     def _report_problems(self, rows: Mask, reason: str) -> None:
         """Add one text for rows that had no complaint."""
         self._reported = self._reported | rows
-        names = ", ".join(map(str, self._uavs[rows]))
-        self._problems.append(f"controller {self._method!r} failed with UAV {names}: {reason}")
+        names = listed(tuple(self._uavs[rows].tolist()))
+        self._problems.append(f"controller {self._method!r} failed with {names}: {reason}")
 
 
 def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, uavs: int) -> tuple[Floats, float]:

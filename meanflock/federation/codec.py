@@ -414,11 +414,16 @@ def check_weights(label: str, weights: Floats) -> None:
     Raises:
         ValueError: it cannot carry one; the text has it.
     """
-    with np.errstate(over="ignore", under="ignore"):
-        carried = _are_weights(weights.astype(_FLOAT32).astype(np.float64), 1.0)
+    carried = carried_weights(weights)
     if not carried.all():
         expected = "a weight is sent as float32, so expected numbers greater than 0, from 1e-45 to 1e30"
         raise ValueError(f"{label} has {weights[~carried][0]:g}; {expected}")
+
+
+def carried_weights(weights: Floats) -> Mask:
+    """Mask of the weights that pass `check_weights`, each alone."""
+    with np.errstate(over="ignore", under="ignore"):
+        return _are_weights(weights.astype(_FLOAT32).astype(np.float64), 1.0)
 
 
 def starts_of(parts: tuple[int, ...], size: int) -> NDArray[np.intp]:

@@ -21,7 +21,8 @@ MEGABYTE = 2**20
 AGENT_MB = 17 if forks.SAFE else 28  # forked from a loaded process, or started separately
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
-UAV_KB = 50
+UAV_KB = 4  # a UAV without what it learns
+_WEIGHT_BYTES = 70  # of a number that a UAV learns: weights, models of rounds and checkpoints
 PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick; or models: the mail
 FAR_PAIR_BYTES = 60  # if the UAVs do not reach all others
 
@@ -30,6 +31,7 @@ _COPIED = 0.2  # share of a learner's libraries that a fork writes to, so that i
 _FLOAT_BYTES = 130  # of a learner's model, for each UAV: the model itself, of rounds and of trainings
 
 _SMALL_MB = 500  # a flight in this process that is never refused
+_LARGE_MB = 10240  # from which on a text has GiB
 _ROWS = 25  # UAVs in a process, as advice for too many processes
 
 _V1_NO_LIMIT = 2**60  # cgroup v1 means no limit by a huge number
@@ -49,16 +51,17 @@ def pair_bytes(scenario: Scenario) -> int:
 
 
 class LearnerMemory(NamedTuple):
-    """Memory of a learner. imported_mb: of its libraries. uav_bytes: of the model of a UAV."""
+    """Memory of what UAVs learn. imported_mb: of the libraries of a learner. uav_bytes: of the model of a UAV."""
 
     imported_mb: int = 0
     uav_bytes: int = 0
 
 
 def learner_memory(scenario: Scenario) -> LearnerMemory:
-    """Memory of the learner of a scenario, measured in this process, which has imported its libraries."""
+    """Memory of what the UAVs of a scenario learn. The libraries of a learner are measured in this process, which has
+    imported them."""
     if scenario.training.learner == NO_LEARNER:
-        return LearnerMemory()
+        return LearnerMemory(0, _WEIGHT_BYTES * plan_of(scenario).declared.weights)
     imported_mb = max(0, psutil.Process().memory_info().rss // MEGABYTE - _BARE_MB)
     return LearnerMemory(imported_mb, _FLOAT_BYTES * plan_of(scenario).declared.parameters)
 
@@ -82,7 +85,9 @@ def shortage(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMem
     """Needed and available memory in words, and what to do if it is too little; empty if it is enough."""
     needed, (available, limit) = needed_mb(uavs, processes, pair_bytes, learner), available_mb()
     where = f"{processes} processes" if processes else "one process"
-    found = f"{needed} MB for {uavs} UAVs in {where}, {available} MB {limit}"
+    large = needed >= _LARGE_MB
+    needs, left = (f"{mb / 1024:,.1f} GiB" if large else f"{mb} MB" for mb in (needed, available))
+    found = f"{needs} for {uavs} UAVs in {where}, {left} {limit}"
     if needed <= available:
         return found, ""
     crowded = processes and needed_mb(uavs, -(-uavs // _ROWS), pair_bytes, learner) <= available

@@ -31,6 +31,7 @@ log = logging.getLogger("meanflock.world")
 
 STALL_S = 0.5  # longest step of the wait that counts: in a longer one this machine stood still, perhaps the nodes too
 ASK_AGAIN_S = 1.0  # a request without a reply is repeated: the first one after a declaration can get lost
+SLOW_BYTES_S = 10e6  # of a long reply of many UAVs, which is computed, sent and read meanwhile
 
 
 class RemoteCrew:
@@ -89,6 +90,7 @@ class RemoteCrew:
         self._barrier_s = barrier_s
         self._schedule = schedule
         self._cancelled = cancelled
+        self._limits = limits
         self._clock = clock
         self._is_resumed = resume is not None
         self._news: list[FlightEvent] = []
@@ -229,6 +231,10 @@ class RemoteCrew:
         waited_before = 0.0  # by nodes that are lost since
         repeated = 0.0  # value of `waited` when the requests were last repeated
         training = self._training()
+        reply_s = (
+            self._limits.act(max((member.rows for member in self._barrier.asked.values()), default=0)) / SLOW_BYTES_S
+        )
+        end_s = self._barrier_s + reply_s
         self._pace.begin(senses.tick, training)
         self._ask_leader(senses)  # another one, where the one that was asked is lost
         while self._barrier.silent:
@@ -238,15 +244,15 @@ class RemoteCrew:
             waited += min(now - before, STALL_S)
             self._ask_leader(senses)
             self._pace.look(waited, self._barrier)
-            missing = self._barrier.missing if waited > self._barrier_s else []
-            patience_s = {name: self._barrier_s + (FIT_S if name in training else 0.0) for name in missing}
+            missing = self._barrier.missing if waited > end_s else []
+            patience_s = {name: end_s + (FIT_S if name in training else 0.0) for name in missing}
             if overdue := [name for name in missing if waited > patience_s[name]]:
                 for name in overdue:
                     self._admission.lose(self._barrier.asked[name], f"no answer for {patience_s[name]:.0f} s")
                 self._ask_leader(senses)
                 waited_before += waited
                 waited = repeated = 0.0  # a leader that takes over has as much time
-            elif waited - repeated > ASK_AGAIN_S:
+            elif waited - repeated > ASK_AGAIN_S + reply_s:
                 repeated = waited
                 self._barrier.ask_again()
         self._pace.charge(waited_before + waited, now, self._barrier)

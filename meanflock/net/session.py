@@ -190,7 +190,7 @@ class ZenohBus:
             "mode": "router",
             "listen/endpoints": [endpoint],
             # Each link stores up to two incomplete messages.
-            "transport/link/rx/max_message_size": min(max(2 * _BATCH_BYTES, largest + _KEY_BYTES), MAX_BYTES),
+            "transport/link/rx/max_message_size": max(2 * _BATCH_BYTES, largest + _KEY_BYTES),
             "transport/unicast/max_sessions": 2 * nodes + 64,
         }
         if identity is not None:

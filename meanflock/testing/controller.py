@@ -89,6 +89,7 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     _models(swarm, together)
     _deterministic(swarm, together)
     _rows_alone(swarm, together)
+    _side_by_side(swarm, together)
     _checkpointed(swarm, together)
     _quick(swarm, slow_ms)
 
@@ -141,6 +142,17 @@ def _rows_alone(swarm: PointSwarm, together: Trial) -> None:
             swarm.controller,
             f"a UAV flies differently with others in one process than alone, from tick {difference} on",
             _ROWS,
+        )
+
+
+def _side_by_side(swarm: PointSwarm, together: Trial) -> None:
+    """Check that two flights in two threads at once are equal, as agents of a large swarm fly in one process."""
+    differences = [together.differs(trial) for trial in swarm.side_by_side()]
+    if (found := [tick for tick in differences if tick is not None]) != []:
+        fail(
+            swarm.controller,
+            f"two instances that fly in two threads at once differ from one alone, from tick {min(found)} on",
+            "keep what changes in the memory or in the instance, or guard it by a lock",
         )
 
 

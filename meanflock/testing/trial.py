@@ -19,6 +19,7 @@ from meanflock.swarm.plugins import guard
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
+from meanflock.swarm.workers import each
 from meanflock.testing.error import GONE, alike, asked, check_kept, copies, fail, same, with_surroundings
 
 TICKS = 40  # of a controller without rounds
@@ -195,6 +196,10 @@ class PointSwarm:
         """
         groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
         return with_surroundings(lambda: self._fly(groups, afresh, ticks or self._ticks), seed, number)
+
+    def side_by_side(self) -> list[Trial]:
+        """Fly all UAVs twice, at once in two threads."""
+        return with_surroundings(lambda: each(lambda _: self._fly([self.uavs], False, self._ticks), range(2)), 1, 1)
 
     def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
         """Broadcasts of UAVs (M,) as all others receive them; arrives: (N, N), from source to target."""

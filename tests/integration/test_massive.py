@@ -3,11 +3,12 @@
 import math
 import tracemalloc
 
+import numpy as np
 import pytest
 
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
-from meanflock.swarm import plugins
+from meanflock.swarm import declared, mission, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 
@@ -46,6 +47,29 @@ def test_memory_grows_with_the_number_of_uavs(name: str) -> None:
 
 def test_what_claims_to_be_massive() -> None:
     assert {"mfgfl-hf", "mfgfl-h", "mfgfl-f", "mfg", "offline", "cruise", "lqr", "plan"} <= {*massive()}
+
+
+def test_a_pairwise_method_of_a_large_swarm_is_refused_in_gib() -> None:
+    with pytest.raises(BadInput, match=r"memory: [\d,]+\.\d GiB for 100000 UAVs in one process, .* GiB .*N²"):
+        memory.check([Scenario(uavs=100_000, method="hjb")])
+
+
+def test_a_swarm_whose_learners_all_diverge_is_lost_in_words() -> None:
+    """The grid of the paper is far wider than its features bear."""
+    engine = Engine(Scenario(uavs=FEW, duration=1.1, start={"spacing": 1e4}), "diverging", threads=2)
+    summary = engine.complete()
+    assert summary["lost"] > 0
+    assert summary["ticks"] == 11
+
+
+def test_goals_of_a_large_swarm_share_fits() -> None:
+    scenario = Scenario(uavs=FEW, destination={"goals": "parallel"}, start={"spacing": 2.0})
+    flyer = declared.controller(scenario)
+    plan = mission.starts(scenario)
+    weights = flyer.init(np.arange(FEW), plan)["weights"]
+    kinds = np.unique(weights, axis=0)
+    assert 1 < len(kinds) <= 64
+    np.testing.assert_array_equal(flyer.init(np.arange(7, 9), plan)["weights"], weights[7:9])
 
 
 @pytest.mark.parametrize(("uavs", "says"), [(10**9, r"needs \d+ GiB at least, and this machine has"), (2**31, "uavs")])

@@ -206,6 +206,7 @@ def _expansion(terms: Indices) -> tuple[Indices, Indices, Indices]:
 _ONLY_IN_A_LIST = 2  # references to an object that only a list has, while `sys.getrefcount` counts them
 _BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 _MANY = 4096  # centres of a mixture above which each point meets those near it, and as many centres show the peak
+_CENTRES, _CELLS = 1024, 64  # initial states of a fit, and cells of goals with a fit each, of as many UAVs
 _FAR = 9.0  # bandwidths: a Gaussian is less than a rounding error of its peak beyond
 
 
@@ -229,6 +230,22 @@ class MeanFieldLearner:
         if self._learns_density:
             plan = np.ascontiguousarray(initial_states, dtype=np.float64)
             weights[:, self._layout.density] = _fit_of_plan(keys(self._scenario), self._scenario.seed, plan.tobytes())
+        return weights
+
+    def init_to(self, goals: Floats, uavs: NDArray[np.intp], initial_states: Floats) -> Floats:
+        """Weights at take-off of some UAVs (M,) that fly to goals of their own, of all `goals` (N, 2d); `(M, 246)`.
+
+        A fit is to the initial states relative to a goal. UAVs of the same goal share it. Of more than 4,096 UAVs,
+        those whose goals are near share a fit to some of the initial states, relative to the mean of these goals.
+        """
+        if len(goals) <= _MANY:
+            places, place = np.unique(goals, axis=0, return_inverse=True)
+        else:
+            places, place = _cells(goals)
+            initial_states = initial_states[np.linspace(0, len(goals) - 1, _CENTRES).astype(np.intp)]
+        found, row = np.unique(place.reshape(-1)[uavs], return_inverse=True)
+        fitted = [self.init(1, initial_states - goal) for goal in places[found]]
+        weights: Floats = np.concatenate([np.zeros((0, self._layout.floats)), *fitted])[row]
         return weights
 
     def refit(self, weights: Floats, rows: NDArray[np.intp], known_states: Floats) -> Floats:
@@ -265,6 +282,18 @@ class MeanFieldLearner:
                 return self._written[place]
         self._written = [*self._written[-1:], np.empty(shape)]
         return self._written[-1]
+
+
+def _cells(goals: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Mean goals (K, 2d) of the cells of a grid over goals (N, 2d), and the number of the cell of each goal, (N,)."""
+    places = state.position(goals)
+    side = round(_CELLS ** (1 / places.shape[1]))
+    low, width = places.min(axis=0), np.ptp(places, axis=0)
+    index = np.minimum(side * (places - low) / np.where(width > 0.0, width, 1.0), side - 1).astype(np.intp)
+    number = np.ravel_multi_index(tuple(index.T), (side,) * places.shape[1])
+    _, cell, count = np.unique(number, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(cell, weights=column) / count for column in places.T], axis=-1)
+    return state.at_rest(means), cell
 
 
 def mixture(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
@@ -309,7 +338,7 @@ def _kernel_sums(points: Floats, centres: Floats, bandwidth: Floats) -> Floats:
     return sums
 
 
-@lru_cache(maxsize=4)  # processes that are forked from one have the fit of their flight already
+@lru_cache(maxsize=_CELLS)  # processes that are forked from one have the fits of their flight already
 def _fit_of_plan(given: Keys, seed: int, plan: bytes) -> Floats:
     """`fit` to the initial states whose bytes are `plan`."""
     states = np.frombuffer(plan).reshape(-1, 2 * given.space.dimensions)

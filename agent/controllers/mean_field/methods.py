@@ -120,8 +120,7 @@ class MeanField(Controller):
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         goals = mission.goal_states(self.scenario)
         if goals.any():
-            fitted = [self.learner.init(1, plan - goal) for goal in goals[uavs]]
-            memory: Memory = {"weights": np.concatenate([np.zeros((0, self.weights)), *fitted]), "goal": goals[uavs]}
+            memory: Memory = {"weights": self.learner.init_to(goals, uavs, plan), "goal": goals[uavs]}
         else:
             memory = {"weights": self.learner.init(len(uavs), plan)}
         if self.state_period:  # states of the mission plan, later replaced by received ones

@@ -35,6 +35,7 @@ Floats = NDArray[np.float64]
 
 MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
+_MAX_PATHS = 2000  # UAVs whose paths are drawn, evenly chosen by number
 _PANEL_IN = 4.5  # width of the paths in space
 _SIDES = (0.4, 0.3), (1.1, 0.8)  # height of its panels from above and from the side, as shares of it: least and most
 
@@ -75,8 +76,9 @@ def plot_paths(run: RunPicture) -> Figure:
         _draw_paths(ax, run, position, up)
     end = _line(table, "sim_time_s")[-1]
     arrived = int(_line(table, "arrived")[-1])
-    name = f"{flown.method}, seed {flown.seed}: " if flown.method else ""
-    plotstyle.titled(panels[0], "", f"{name}{arrived} of {position.shape[1]} arrived in {end:.0f} s")
+    name, uavs = f"{flown.method}, seed {flown.seed}: " if flown.method else "", position.shape[1]
+    some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
+    plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
     marks = panels[0].get_legend_handles_labels()
     figure.legend(*marks, loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
     if PHI_G in diagnostics_in(table.schema):
@@ -102,11 +104,14 @@ def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
     table, flown = run.table, run.scenario
     seen = position[..., [0, up]]
     ticks, uavs, _ = seen.shape
-    step = max(1, ticks // MAX_POINTS, ticks * uavs // _MAX_SEGMENTS)
+    shown = np.linspace(0, uavs - 1, min(uavs, _MAX_PATHS)).astype(np.intp)
+    step = max(1, ticks // MAX_POINTS, ticks * len(shown) // _MAX_SEGMENTS)
+    drawn = seen[:, shown]
     shaded = PHI_G in diagnostics_in(table.schema)
-    plotstyle.paths(ax, seen[::step], _grid(table, PHI_G)[::step] if shaded else plotstyle.colour(flown.method))
-    ax.plot(*seen[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
-    ax.plot(*seen[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
+    shades = _grid(table, PHI_G)[::step, shown] if shaded else plotstyle.colour(flown.method)
+    plotstyle.paths(ax, drawn[::step], shades)
+    ax.plot(*drawn[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
+    ax.plot(*drawn[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     collisions = places_of(run.events, "collision", seen)
     if up == 1 and (counted := int(_line(table, "collisions")[-1])) != len(collisions):
         log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)

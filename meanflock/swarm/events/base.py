@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta
 
 _NAMED = 10  # UAVs that a text names, at most
+_LISTED = 1000  # UAVs in a list
 
 Count: TypeAlias = Annotated[int, Meta(ge=0)]
 Uavs: TypeAlias = tuple[Count, ...]
@@ -53,8 +54,9 @@ class BaseEvent(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
 
 
 def listed(uavs: Uavs) -> str:
-    """All UAVs in words, as `UAV 3, 5`."""
-    return f"UAV {', '.join(map(str, uavs))}"
+    """UAVs in words, as `UAV 3, 5`. Of very many the first, and how many others."""
+    shown = f"UAV {', '.join(map(str, uavs[:_LISTED]))}"
+    return shown if len(uavs) <= _LISTED else f"{shown} and {len(uavs) - _LISTED:,} others"
 
 
 def named(uavs: Uavs) -> str:

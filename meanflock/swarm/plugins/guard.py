@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from meanflock.swarm.state import BEYOND_SENSE, Floats
+from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.wire.control import MAX_AXES, TRAVELS
 
 _KINDS = ", ".join(sorted(map(str, TRAVELS)))
@@ -69,6 +69,13 @@ def check_bounded(label: str, array: NDArray[Any], most: float = BEYOND_SENSE) -
         check_finite(label, array)
         number = array[np.abs(array) >= most][0]
         raise ValueError(f"{label} has {number:g}; expected numbers within ±{most:g}")
+
+
+def bounded_rows(array: NDArray[Any], most: float = BEYOND_SENSE) -> Mask:
+    """Mask of the rows that pass `check_bounded`, each alone."""
+    table = array.reshape(len(array), -1)
+    largest = np.maximum(table.max(axis=1, initial=0.0), -table.min(axis=1, initial=0.0))
+    return np.asarray(largest < most)
 
 
 def check_memory(label: str, memory: Any, rows: int | None = None) -> None:
