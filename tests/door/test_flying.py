@@ -128,8 +128,8 @@ OUT = {"out": "runs"}
         (lambda: env.vector_env("paper", message=99), "message: 99"),
         (lambda: env.vector_env("paper", acceleration=-1.0), "acceleration: -1.0"),
         (lambda: env.vector_env("paper", **{"wind.sgima": 1}), "sgima"),
-        (lambda: mf.fly(method="hjb", uavs=90_000, **OUT), "MB for 90000 UAVs in one process"),
-        (lambda: mf.compare(["mfg", "hjb"], seeds=1, uavs=90_000, **OUT), "MB for 90000 UAVs in one process"),
+        (lambda: mf.fly(method="hjb", uavs=90_000, **OUT), "GiB for 90000 UAVs in one process"),
+        (lambda: mf.compare(["mfg", "hjb"], seeds=1, uavs=90_000, **OUT), "GiB for 90000 UAVs in one process"),
         (lambda: mf.open("."), "no run"),
     ],
 )

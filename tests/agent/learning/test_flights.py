@@ -170,7 +170,7 @@ def test_a_first_model_that_cannot_be_sent_is_refused(initial: Any, message: str
 def test_models_beyond_memory_are_refused() -> None:
     large = {"w": np.zeros(1_000_000, np.float32)}
     big = type("Big", (Line,), {"name": "big", "initial": classmethod(lambda *_: large)})
-    with pytest.raises(mf.BadInput, match=r"memory: \d+ MB for 2000 UAVs.*fewer UAVs"):
+    with pytest.raises(mf.BadInput, match=r"memory: [\d.]+ GiB for 2000 UAVs.*fewer UAVs"):
         fly(big, uavs=2000, **{"federation.fragment": 0, "radio.model": "ideal"})
 
 
