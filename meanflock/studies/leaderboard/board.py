@@ -138,12 +138,19 @@ class Board(msgspec.Struct, frozen=True):
     policies: list[str] = []  # msgspec copies it
 
     def codes(self) -> dict[str, list[str]]:
-        """Names of the rows by the code that flew them, the code of most rows first."""
-        found: dict[str, dict[str, None]] = {}
+        """Names of the rows by the code that flew them, the code of most first; those of missions, if a code flew all
+        rows of some missions and none of others.
+        """
+        flown: dict[str, list[tuple[Course, str]]] = {}
         for course in self.courses:
             for row in course.standings:
-                found.setdefault(row.code or self.code, {})[row.name] = None
-        return {code: list(names) for code, names in sorted(found.items(), key=lambda each: -len(each[1]))}
+                flown.setdefault(row.code or self.code, []).append((course, row.name))
+        found = {}
+        for code, each in sorted(flown.items(), key=lambda entry: -len(entry[1])):
+            missions = {course.name: len(course.standings) for course, _ in each}
+            whole = len(self.courses) > 1 and sum(missions.values()) == len(each)
+            found[code] = list(missions if whole else dict.fromkeys(name for _, name in each))
+        return found
 
     def encode(self) -> bytes:
         """JSON, a line a row."""

@@ -96,10 +96,12 @@ def test_joined_boards_have_the_later_rows_and_name_the_code_of_each() -> None:
     assert "Code 1+a; code 1+b: `orca`, `straight`." in markdown.how_flown(both)
     assert names["mine"].cells["energy_J"].best  # marked anew
     assert board.joined([both]) == both
-    far, longer = (msgspec.structs.replace(course, **part) for part in ({"name": "far"}, {"duration_s": 9.0}))
+    far = msgspec.structs.replace(second.courses[0], name="far")
+    longer = msgspec.structs.replace(course, duration_s=9.0)
     more = board.joined([first, flown("1+b", courses=[far])])
     assert [each.name for each in more.courses] == ["near", "far"]
     assert [each.name for each in more.courses[0].standings] == ["lqr", "plan", "orca", "mine"]
+    assert more.codes() == {"1+a": ["near"], "1+b": ["far"]}
     for part in ({"seeds": [1]}, {"policies": ["tick"]}, {"courses": [longer]}):
         with pytest.raises(board.BadInput, match="cannot be joined"):
             board.joined([first, flown("1+b", row("orca", 4.0), **part)])
