@@ -105,11 +105,11 @@ def of(flights: Sequence[Flight], mission: str, method: str, policy: str, where:
     return [one for one in flights if (one["mission"], one["method"], one["policy"], one["where"]) == case]
 
 
-def verdict(change: Estimate, words: tuple[str, str] = ("less", "more")) -> str:
-    """The change in one of two words; undecided if its 95 % interval contains 0."""
+def verdict(change: Estimate) -> str:
+    """The change in a word: less, more, or undecided if its 95 % interval contains 0."""
     if change.low <= 0.0 <= change.high:
         return "undecided"
-    return words[change.value > 0.0]
+    return "more" if change.value > 0.0 else "less"
 
 
 def _methods(flights: Sequence[Flight], mission: str) -> list[str]:

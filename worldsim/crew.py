@@ -227,10 +227,12 @@ class LocalCrew:
     def _replies(self) -> list[tuple[int, Act]]:
         """The replies of the agents that have heard, with their numbers."""
 
-        heard = [(*sense, received) for sense, received in zip(self._senses, self.received, strict=True)]
-        if self._threads > 1 and len(heard) > 1:
-            return each(lambda one: (one[0], self.agents[one[0]].reply(*one[1:])), heard)
-        return [(number, self.agents[number].reply(sense, received)) for number, sense, received in heard]
+        def reply(heard: tuple[tuple[int, Sense], tuple[Received, ...]]) -> tuple[int, Act]:
+            (number, sense), received = heard
+            return number, self.agents[number].reply(sense, received)
+
+        in_turn = zip(self._senses, self.received, strict=True)
+        return each(reply, in_turn) if self._threads > 1 else list(map(reply, in_turn))
 
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""

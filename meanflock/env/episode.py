@@ -52,7 +52,7 @@ class Form:
         self.inputs = width(self.neighbours, self.message, flown.dimensions)
         self.outputs = flown.dimensions + self.message
         numbers = Perception(flown, self.neighbours, self.message).broadcast_numbers
-        self.scenario = flown.replace(controller={"broadcast_numbers": numbers, "shares": True})
+        self.scenario = scenario_of(flown, {"controller": {"broadcast_numbers": numbers, "shares": True}})
 
     def bounds(self) -> Rows:
         """Largest numbers of an action."""

@@ -44,8 +44,7 @@ def pairs(
     few = len(order) <= FEW
     if len(order) > MANY:
         i, j = order[:-1], order[1:]  # some distances: strips are as wide as the least of them
-        gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
-        some = np.maximum(state.approach(first[j] - first[i], last[j] - last[i]), state.squared(state.parts(gap)))
+        some = np.maximum(state.approach(first[j] - first[i], last[j] - last[i]), _boxes_apart(low, high, i, j))
         nearest = float(np.fmin.reduce(some, initial=nearest))
         within = math.sqrt(max(hazard, collision, nearest))
         order, left, right, ends = _by_strips(order, low, high, within)
@@ -55,8 +54,7 @@ def pairs(
     near, touching = 0, [np.zeros((0, 2), dtype=np.intp)]
     while len(left):  # places in the order; next, each left one with the one after its right one
         i, j = order[left], order[right]
-        gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
-        box, reach = state.squared(state.parts(gap)), max(hazard, collision, nearest)
+        box, reach = _boxes_apart(low, high, i, j), max(hazard, collision, nearest)
         along = np.maximum(low[j, 0] - high[i, 0], 0.0)
         close = ~(box > reach)
         ahead = ~(along * along > reach) & (right + 1 < ends)
@@ -72,6 +70,12 @@ def pairs(
     all_touching = all_touching[np.lexsort(all_touching.T[::-1])]
     found[: len(all_touching)] = all_touching[: len(found)]
     return near, len(all_touching), math.sqrt(nearest)
+
+
+def _boxes_apart(low: Floats, high: Floats, i: NDArray[np.intp], j: NDArray[np.intp]) -> Floats:
+    """Squared distances of the boxes from `low` to `high`, (N, d), of pairs of UAVs."""
+    gap = np.maximum(np.maximum(low[j] - high[i], low[i] - high[j]), 0.0)
+    return state.squared(state.parts(gap))
 
 
 def _by_strips(
