@@ -129,18 +129,22 @@ def test_a_file_that_is_no_recording_is_refused_and_left_alone(run, tmp_path: Pa
 NO_GRAPHICS = ("No graphics adapter", "Failed to get render context")  # with and without drivers installed
 
 
+def drawn(run, recording: str, png: Path, *flags: str) -> np.ndarray:
+    """The picture of a recording, 640 × 480; skips the test where no driver can draw it."""
+    code, out, err = run("picture", recording, *flags, "-o", str(png), "--size", "640x480")
+    if any(reason in err for reason in NO_GRAPHICS) and MISSING_GRAPHICS in err:
+        pytest.skip(err)
+    assert (code, out) == (EXIT_DONE, f"{png}\n")
+    return imread(png)
+
+
 @pytest.mark.processes
 def test_a_picture_shows_the_given_second_or_the_last_without_a_display(run, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     record(tmp_path / "recording.rrd", flight(ticks=200))
     pictures = {}
     for name, flags in {"middle": ("--at", "10"), "last": ("--at", "19.9"), "default": ()}.items():
-        png = tmp_path / "out" / f"{name}.png"
-        code, out, err = run("picture", "recording.rrd", *flags, "-o", str(png), "--size", "640x480")
-        if any(reason in err for reason in NO_GRAPHICS) and MISSING_GRAPHICS in err:
-            pytest.skip(err)
-        assert (code, out) == (EXIT_DONE, f"{png}\n")
-        pictures[name] = imread(png)
+        pictures[name] = drawn(run, "recording.rrd", tmp_path / "out" / f"{name}.png", *flags)
         assert pictures[name].shape[:2] == (480, 640)
     apart = {name: float(np.abs(pictures[name] - pictures["default"]).mean()) for name in ("last", "middle")}
     assert 10 * apart["last"] < apart["middle"]
@@ -157,13 +161,8 @@ def test_a_picture_shows_one_view_alone_and_none_in_space_of_a_flight_in_the_pla
     record(tmp_path / "plane.rrd", flight(ticks=200))
     canvas = {}
     for name, view in (("space", "all"), ("space", "space"), ("space", "map"), ("plane", "map")):
-        png = tmp_path / "out" / f"{name}-{view}.png"
-        flags = ("--view", view, "-o", str(png), "--size", "640x480")
-        code, out, err = run("picture", f"{name}.rrd", *flags)
-        if any(reason in err for reason in NO_GRAPHICS) and MISSING_GRAPHICS in err:
-            pytest.skip(err)
-        assert (code, out) == (EXIT_DONE, f"{png}\n")
-        seen = np.round(imread(png)[..., :3] * 255)
+        picture = drawn(run, f"{name}.rrd", tmp_path / "out" / f"{name}-{view}.png", "--view", view)
+        seen = np.round(picture[..., :3] * 255)
         canvas[name, view] = float((seen == CANVAS).all(axis=-1).mean())
     assert canvas["space", "all"] < 0.4
     assert min(share for (_, view), share in canvas.items() if view != "all") > 0.6
