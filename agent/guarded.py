@@ -17,11 +17,11 @@ from meanflock import kernels
 from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.federation.codec import carried_weights, check_weights
 from meanflock.federation.cut import bound_of_models
-from meanflock.federation.plan import Plan
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.base import listed
 from meanflock.swarm.plugins.guard import as_floats, bounded_rows, check_bounded, check_memory, check_same_form
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, distinct
 from meanflock.swarm.wire.messages import NOBODY
 
@@ -55,15 +55,17 @@ class Guarded:
     controller: the controller, behind its filter.
     """
 
-    def __init__(self, plan: Plan, uavs: Rows, problems: list[str]) -> None:
-        """`problems`: a list that gets one text for each row in which the controller failed.
+    def __init__(self, scenario: Scenario, declared: Declared, uavs: Rows, problems: list[str]) -> None:
+        """
+        Args:
+            scenario: as the controller gets it. declared: its declarations.
+            problems: a list that gets one text for each row in which the controller failed.
 
         Raises:
             BadInput: the controller is not installed, or its options do not fit.
         """
         self.broken: Mask | None = None
-        scenario = plan.scenario
-        self._method, self._declared = scenario.method, plan.declared
+        self._method, self._declared = scenario.method, declared
         self._blank = np.zeros((len(uavs), scenario.dimensions + len(self._declared.diagnostics)))  # commands
         self._uavs = uavs
         self._everyone = scenario.uavs

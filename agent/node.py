@@ -28,7 +28,12 @@ class Agent:
         self._names = self.uavs.astype(np.int32)  # as frames have them
         plan = plan_of(decode(welcome.scenario))
         self._scenario = plan.scenario
-        self._declared = plan.declared
+        group = plan.group_of(self.uavs)
+        self._declared = group.declared
+        self._hears = group.hears
+        self._reports = group.declared.weights == plan.declared.weights > 0 and (group.takes_part or not plan.hops)
+        self._columns = len(plan.declared.diagnostics) if len(plan.groups) > 1 else None
+        self._places = [self._scenario.dimensions + place for place in plan.places(group)]
         self._float = FLOAT_OF_BITS[self._scenario.radio.bits_per_float]
         self._rounds = Rounds(plan, "agent", self.uavs, self.problems, self)
         self._row = np.full(self._scenario.nodes, -1)  # (N + B,) of each UAV that is here
@@ -39,7 +44,7 @@ class Agent:
         starts = expect(
             "initial_states", welcome.initial_states, (self._scenario.uavs, self._scenario.state_numbers), self._float
         )
-        self._controller = Guarded(plan, self.uavs, self.problems)
+        self._controller = Guarded(group.scenario, group.declared, self.uavs, self.problems)
         self._memory = self._controller.init(starts.astype(np.float64))
         if welcome.memory:
             self._resume(welcome.memory)
@@ -52,7 +57,7 @@ class Agent:
     @property
     def models(self) -> Floats:
         """The learned weights of each row, `(M, W)`."""
-        return self._controller.report(self._memory) if self._declared.weights else np.zeros((len(self.uavs), 0))
+        return self._controller.report(self._memory) if self._reports else np.zeros((len(self.uavs), 0))
 
     def act(self, sense: Sense) -> Act:
         """Compute one tick. The reader of the Sense has checked that it has the states of this node's UAVs.
@@ -90,13 +95,15 @@ class Agent:
         # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
         if sense.checkpoint:
             controller.break_not_finite(self._memory)
-        learned = controller.report(self._memory) if sense.report and self._declared.weights else None
+        learned = controller.report(self._memory) if sense.report and self._reports else None
         if controller.broken is not None:
             commands[controller.broken] = np.nan
         if self._any_failed or controller.broken is not None or not largest < BEYOND_SENSE:  # NaN is below nothing
             self._silence(commands)
             if learned is not None:
                 learned = np.where(self._failed[:, None], 0.0, learned)
+        if self._columns is not None:
+            commands = self._widened(commands)
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
         if not (sense.report or sense.checkpoint or refused or self._any_failed or len(step.refused)):
@@ -117,6 +124,14 @@ class Agent:
         """Refused UAVs, each once. A node of one UAV does not refuse itself; a node of several may refuse its own."""
         found = distinct(refused).astype(np.int32)
         return found if len(self.uavs) > 1 else found[found != self._names[0]]
+
+    def _widened(self, commands: Floats) -> Floats:
+        """Commands (M, 2 + K) with the diagnostics of all groups, 0 in those of others."""
+        axes = self._scenario.dimensions
+        wide = np.zeros((len(commands), axes + (self._columns or 0)))
+        wide[:, :axes] = commands[:, :axes]
+        wide[:, self._places] = commands[:, axes:]
+        return wide
 
     # -- what goes out ------------------------------------------------------------------------------------------
 
@@ -165,6 +180,10 @@ class Agent:
             if frames.kind != FrameKind.STATE:
                 self._rounds.receive(frames, sense.tick)
                 continue
+            if self._hears is not None:
+                pairs = pairs[self._hears[frames.source[pairs[:, 0]]]]
+                if not len(pairs):
+                    continue
             payload = frames.payload.astype(np.float64) if frames.payload.dtype.kind == "f" else frames.payload
             received.append(Received(frames.round, frames.source.astype(np.intp), payload, pairs))
         return tuple(received)

@@ -236,7 +236,7 @@ class Channel:
     def _slots_of_link(self, scenario: Scenario, bits: int, source: int | None) -> Floats:
         """Distribution of the slots of a message, (D_M + 1,), over the links of `queue_slots`."""
         averages, most = seat(scenario), scenario.radio.latency_threshold_slots
-        others = np.setdiff1d(np.arange(scenario.uavs), [averages])
+        others = np.setdiff1d(scenario.members, [averages])
         if source is not None and source >= scenario.uavs:
             needed = self.least_slots_from(source, bits)
             found = self.at_start(scenario, np.full_like(others, source), others, bits, "global")

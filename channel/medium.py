@@ -37,7 +37,7 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_array, check_memory
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
@@ -75,6 +75,10 @@ class Medium(Stateful):
         self._reach = {hop.label: hop.range_m for hop in hops if hop.range_m is not None}
         self._reach[FrameKind.STATE] = radio.range_m  # m; a broadcast addresses the UAVs within it
         self._models_reach = math.inf if scenario.federation.range_m is None else scenario.federation.range_m
+        self._hears = {  # (N,), where not all UAVs take part in rounds
+            hop.label: contains(hop.receivers, np.arange(scenario.uavs)) for hop in hops if hop.receivers is not None
+        }
+        self._groups = len(plan.groups)
         # By kind and number of a batch: its last senders, the UAVs that they reached or their targets (None: all), and
         # the links. The next tick mostly uses the same ones; fragments, those of the last round, which has two turns.
         self._used: dict[tuple[FrameKind, int], deque[tuple[bytes, bytes | None, Links]]] = {}
@@ -301,6 +305,9 @@ class Medium(Stateful):
         senders, mask = sources.tobytes(), None
         is_broadcast = kind in self._reach
         reached = self._in_range(sources, states, self._reach[kind]) if is_broadcast else None
+        hears = self._hears.get(kind)
+        if is_broadcast and hears is not None:
+            reached = (np.arange(uavs) != sources[:, None] if reached is None else reached) & hears
         if reached is not None:
             mask = reached.tobytes()
         hop, targets = self._hops.get(kind), None
@@ -310,7 +317,7 @@ class Medium(Stateful):
             targets = self.serving.node[sources][:, None] if kind == FrameKind.UPLOAD else None
         elif hop is not None and (targets := hop.targets_of(sources, self._seat(batch.round))) is not None:
             mask = targets.tobytes()
-        number, turns = (batch.round, 1) if kind == FrameKind.STATE else (0, 2)
+        number, turns = (batch.round, self._groups) if kind == FrameKind.STATE else (0, 2)
         used = self._used.setdefault((kind, number), deque(maxlen=turns))
         for earlier in used:
             if earlier[:2] == (senders, mask):
@@ -326,10 +333,13 @@ class Medium(Stateful):
             target = np.arange(uavs - 1) + (np.arange(uavs - 1) >= sources[:, None])  # all but the source
             links = Links.between(kind, sources, rows.repeat(uavs - 1), target.ravel(), nodes)
         elif serves:
-            row, target = (self.serving.node == sources[:, None]).nonzero()
+            served = self.serving.node == sources[:, None]
+            row, target = (served if hears is None else served & hears).nonzero()
             links = Links.between(kind, sources, row, target, nodes)
         else:
-            links = Links.between(kind, sources, rows.repeat(uavs), np.tile(np.arange(uavs), len(sources)), nodes)
+            everyone = np.arange(uavs) if hears is None else np.flatnonzero(hears)
+            targets = np.tile(everyone, len(sources))
+            links = Links.between(kind, sources, rows.repeat(len(everyone)), targets, nodes)
         used.append((senders, mask, links))
         return links
 

@@ -161,7 +161,7 @@ def _links(scenario: Scenario, hop: Hop) -> Iterator[tuple[Indices, Indices]]:
     Of a large swarm they are the links of some senders.
     """
     places = state.position(starts(scenario))
-    targets = np.arange(scenario.uavs)[None] if hop.targets is None else hop.targets
+    targets = scenario.members[None] if hop.targets is None else hop.targets
     width = targets.shape[1]
     some = max(1, _LINKS_AT_ONCE // width)
     every = _senders(scenario, hop)

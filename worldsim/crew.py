@@ -108,7 +108,7 @@ class LocalCrew:
     """Agents and a leader in this process. A node of many UAVs is cut into agents that compute side by side in threads.
 
     Attributes:
-        agents: they hold all UAVs, in order.
+        agents: they hold all UAVs, in the order of their first ones.
         received: the frames that the agents with a UAV awake heard in this tick.
     """
 
@@ -143,8 +143,7 @@ class LocalCrew:
         self._plan = plan
         self._encoded = scenarios.encode(plan.node_scenario)
         self._starts = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
-        self.agents: list[Agent] = []
-        self._nodes: list[str] = []  # name of the node of each agent
+        agents: list[tuple[int, str, Agent]] = []  # first UAV, name of the node, agent
         for group in plan.groups:
             for first in range(0, len(group.uavs), size):
                 node = group.uavs[first : first + size]
@@ -154,8 +153,11 @@ class LocalCrew:
                     if memory is not None and tick == 0:
                         record = encode_record({name: array[rows] for name, array in memory.items()})
                     name, names = f"agent-{node[0]}", tuple(rows.tolist())
-                    self.agents.append(Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record)))
-                    self._nodes.append(name)
+                    agent = Agent(Welcome(0, name, names, tick, self._encoded, self._starts, record))
+                    agents.append((names[0], name, agent))
+        agents.sort(key=lambda each: each[0])
+        self.agents: list[Agent] = [agent for *_, agent in agents]
+        self._nodes = [name for _, name, _ in agents]  # of each agent
         self._places = [place_of(agent.uavs) for agent in self.agents]
         self._nothing = np.zeros((uavs, plan.scenario.dimensions + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
@@ -221,8 +223,14 @@ class LocalCrew:
 
     @property
     def models(self) -> Floats:
-        """Learned weights of every UAV, (N, W); the last ones of a lost UAV."""
-        return np.concatenate([agent.models for agent in self.agents])
+        """Learned weights of every UAV, (N, W); the last ones of a lost UAV, NaN of those that report none."""
+        if len(self.agents) == 1:
+            return self.agents[0].models
+        models = no_models(self._plan)
+        for agent, place in zip(self.agents, self._places, strict=True):
+            if (own := agent.models).shape[1] == models.shape[1]:
+                models[place] = own
+        return models
 
     def _replies(self) -> list[tuple[int, Act]]:
         """The replies of the agents that have heard, with their numbers."""

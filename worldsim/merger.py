@@ -82,4 +82,8 @@ def _join(batches: list[Frames]) -> Frames:
     if len(batches) == 1:
         return batches[0]
     source = np.concatenate([batch.source for batch in batches])
-    return Frames(batches[0].kind, batches[0].round, source, np.concatenate([batch.payload for batch in batches]))
+    payload = np.concatenate([batch.payload for batch in batches])
+    if (source[1:] < source[:-1]).any():  # a node has UAVs of several groups, with others between them
+        order = np.argsort(source, kind="stable")
+        source, payload = source[order], payload[order]
+    return Frames(batches[0].kind, batches[0].round, source, payload)

@@ -36,7 +36,7 @@ def duties(plan: Any) -> NDArray[np.float64]:
         targets = hop.targets_of(sends, first)
         if targets is not None:
             sends = sends[(targets != sends[:, None]).any(axis=1)]
-        receivers = scenario.uavs - 1 if targets is None else targets.shape[1]
+        receivers = len(scenario.members) - 1 if targets is None else targets.shape[1]
         try:
             lasts = channel.mean_slots(scenario, hop.codec.bits, receivers, source)
         except FAILURES as error:

@@ -20,10 +20,10 @@ class Byzantine:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        others = np.arange(scenario.uavs)
+        others = scenario.members
         if scenario.federation.station is None:
-            others = np.delete(others, scenario.federation.leader)  # who averages has no need to lie
-        count = min(len(others), round(scenario.federation.byzantine_fraction * scenario.uavs))
+            others = others[others != scenario.federation.leader]  # who averages has no need to lie
+        count = min(len(others), round(scenario.federation.byzantine_fraction * len(scenario.members)))
         draw = generator(scenario.seed, "byzantine")
         self.uavs = np.sort(draw.choice(others, count, replace=False)) if count else others[:0]
 

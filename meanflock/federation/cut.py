@@ -156,7 +156,7 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
 
 def _uploaders(scenario: Scenario) -> int:
     """Number of UAVs whose uploads go by radio."""
-    return scenario.uavs - (seat(scenario) < scenario.uavs)
+    return len(scenario.members) - (seat(scenario) < scenario.uavs)
 
 
 def _expected_losses(channel: Any, scenario: Scenario, bits: int) -> float | None:
@@ -166,7 +166,7 @@ def _expected_losses(channel: Any, scenario: Scenario, bits: int) -> float | Non
     Raises ValueError if the channel fails.
     """
     target = seat(scenario)
-    source = np.setdiff1d(np.arange(scenario.uavs), [target])
+    source = np.setdiff1d(scenario.members, [target])
     try:
         expected = channel.at_start(scenario, source, np.full_like(source, target), bits)
     except FAILURES as error:

@@ -71,6 +71,7 @@ class Ledger(Stateful):
         self._reception = Reception(scenario.nodes)
         self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
+        self._members = scenario.members
         self._boxes = [(hop, Mailbox(hop, scenario.nodes)) for hop in self._hops if hop.mail is not None]
         self._mailboxes = [box for _, box in self._boxes]
         self._open: list[Mailbox] = []  # those that mail was sent to
@@ -320,8 +321,8 @@ class Ledger(Stateful):
 
     def _other(self, awake: Mask, number: int) -> Mask:
         """The UAVs among the nodes that are awake (N + B,), without the one that averages a round for all."""
-        others = awake.copy()
-        others[self._scenario.uavs :] = False
+        others = np.zeros_like(awake)
+        others[self._members] = awake[self._members]
         others[self._plan.senders(self._hops[-1], number)] = False
         return others
 

@@ -5,7 +5,7 @@ A scenario is data and loads no plug-in. Whatever flies needs its plan, which is
 
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -13,27 +13,19 @@ from numpy.typing import NDArray
 
 from meanflock.federation.band import duties
 from meanflock.federation.cut import WHOLE, coding_of
+from meanflock.federation.groups import Group, grouped
 from meanflock.federation.seat import name_of, seat
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import plugins
-from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names, controller, declarations_of
+from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
-from meanflock.swarm.scenario import Scenario, Sharing, Until, with_payloads
+from meanflock.swarm.scenario import Scenario, Sharing, Until
+from meanflock.swarm.state import contains
 
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
-
-
-class Group(NamedTuple):
-    """UAVs that one controller flies, behind one filter.
-
-    uavs: (M,) ascending. declared: the declarations of the controller.
-    """
-
-    uavs: NDArray[np.intp]
-    declared: Declared
 
 
 class Plan:
@@ -42,7 +34,9 @@ class Plan:
     Attributes:
         given: the scenario as it was given.
         scenario: the same, resolved: keys that were left out and depend on a plug-in have its values.
-        groups: the UAVs by controller. There is one group today.
+        groups: the UAVs by controller, in the order of their first UAVs.
+        declared: the declarations of all groups in one: of the model and the rounds, those of the groups that take
+            part; the diagnostics of all; else the largest.
         hops: the hops of every round; none for methods without rounds.
     """
 
@@ -56,14 +50,11 @@ class Plan:
             BadInput: a plug-in is not installed here, its options do not fit, or keys and plug-ins contradict
                 each other.
         """
-        if declared is None:
-            declared = declarations_of(controller(scenario), scenario.method)
         self.given = scenario
-        self.scenario = _resolved(scenario, declared)
-        self.groups = (Group(np.arange(scenario.uavs), declared),)
-        if scenario.sharing != Sharing() and not declared.shares:
+        self.scenario, self.declared, self.groups = grouped(scenario, declared)
+        if scenario.sharing != Sharing() and not self.declared.shares:
             raise BadInput(
-                f"`[sharing]` is set, but controller {scenario.method!r} shares no states; remove that table, or set a "
+                f"`[sharing]` is set, but controller {self.method!r} shares no states; remove that table, or set a "
                 "filter, which shares them: filter.kind=ecbf"
             )
         self._check_codings()
@@ -78,9 +69,36 @@ class Plan:
             vars(one)[_PLAN] = self
 
     @property
-    def declared(self) -> Declared:
-        """Declarations of the controller."""
-        return self.groups[0].declared
+    def method(self) -> str:
+        """Names of the controllers, joined by "+"."""
+        return "+".join(dict.fromkeys(group.scenario.method for group in self.groups))
+
+    def group_of(self, uavs: NDArray[np.intp]) -> Group:
+        """The group that has all of some UAVs.
+
+        Raises:
+            BadInput: there is none.
+        """
+        for group in self.groups:
+            if contains(group.uavs, uavs).all():
+                return group
+        raise BadInput(
+            f"UAVs {', '.join(map(str, uavs))} have controllers of several groups; give each a node of its own"
+        )
+
+    @functools.cached_property
+    def has_column(self) -> NDArray[np.bool_] | None:
+        """Mask (N, K) of the diagnostics that each UAV has; None: every UAV has all."""
+        if len(self.groups) == 1:
+            return None
+        has = np.zeros((self.scenario.uavs, len(self.declared.diagnostics)), dtype=bool)
+        for group in self.groups:
+            has[np.ix_(group.uavs, self.places(group))] = True
+        return None if has.all() else has
+
+    def places(self, group: Group) -> list[int]:
+        """The columns of the diagnostics of a group among those of all."""
+        return [self.declared.diagnostics.index(name) for name in group.declared.diagnostics]
 
     @functools.cached_property
     def shown(self) -> tuple[str, ...]:
@@ -89,14 +107,18 @@ class Plan:
         Raises:
             BadInput: they cannot be names of columns.
         """
-        model = self.scenario.vehicle.model
-        shown = column_names(f"vehicle {model!r}: `columns`", getattr(plugins.load("vehicle", model), "columns", ()))
-        if shared := sorted({*shown} & {*self.declared.diagnostics}):
-            raise BadInput(
-                f"vehicle {model!r}: `columns` {', '.join(shared)}: controller {self.scenario.method!r} has "
-                "diagnostics of that name; give it another"
-            )
-        return shown
+        models = [self.scenario.vehicle.model, *(group.scenario.vehicle.model for group in self.groups)]
+        found: dict[str, None] = {}
+        for model in dict.fromkeys(models if len(self.groups) == 1 else models[1:]):
+            own = getattr(plugins.load("vehicle", model), "columns", ())
+            shown = column_names(f"vehicle {model!r}: `columns`", own)
+            if shared := sorted({*shown} & {*self.declared.diagnostics}):
+                raise BadInput(
+                    f"vehicle {model!r}: `columns` {', '.join(shared)}: controller {self.method!r} has diagnostics of "
+                    "that name; give it another"
+                )
+            found |= dict.fromkeys(shown)
+        return tuple(found)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -175,7 +197,7 @@ class Plan:
         ):
             names = ", ".join(self.declared.diagnostics) if self.declared.is_federated else ""
             raise BadInput(
-                f"scenario: `until` names {metric}, which {self.scenario.method} does not report at the end of a round"
+                f"scenario: `until` names {metric}, which {self.method} does not report at the end of a round"
                 + (f"; it reports {names}" if names else "; take a method or a learner that shares a model")
             )
 
@@ -264,7 +286,13 @@ class Plan:
         if name == LEADER and not self.declared.is_federated:
             return ()
         try:
-            hops = plugins.create("topology", name, {}, self.scenario, self.declared).hops()
+            topology = plugins.create("topology", name, {}, self.scenario, self.declared)
+            if len(self.scenario.members) < self.scenario.uavs and not getattr(topology, "bears_groups", False):
+                raise BadInput(
+                    f"`federation.topology` {name} needs all UAVs, and only some `[[groups]]` take part in rounds; "
+                    "take the topology leader or neighbours"
+                )
+            hops = topology.hops()
             return linked(tuple(hops), self.scenario)
         except BadInput:
             raise
@@ -303,24 +331,23 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
     Raises:
         BadInput: a plug-in is not installed here.
     """
-    wanted: tuple[tuple[PluginKind, str], ...] = (
+    wanted: list[tuple[PluginKind, str]] = [
         ("controller", scenario.method),
         ("aggregator", scenario.federation.aggregation),
         ("channel", scenario.radio.model),
         ("vehicle", scenario.vehicle.model),
         ("topology", topology_of(scenario)),
         *(("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))),
-    )
+    ]
     if scenario.training.learner != NO_LEARNER:
-        wanted += (("learner", scenario.training.learner),)
+        wanted.append(("learner", scenario.training.learner))
     if scenario.filter.kind != NO_FILTER:
-        wanted += (("filter", scenario.filter.kind),)
-    return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in wanted)
-
-
-def _resolved(scenario: Scenario, declared: Declared) -> Scenario:
-    """The scenario with the period of the controller, its recorded options and the payloads of the radio."""
-    whole = with_payloads(scenario)
-    federation = msgspec.structs.replace(whole.federation, period=scenario.federation.period or declared.period_ticks)
-    options: dict[str, Any] = scenario.controller | dict(declared.recorded)
-    return msgspec.structs.replace(whole, federation=federation, controller=options)
+        wanted.append(("filter", scenario.filter.kind))
+    for group in scenario.groups:
+        if group.method is not None:
+            wanted.append(("controller", group.method))
+        if group.vehicle is not None:
+            wanted.append(("vehicle", group.vehicle.model))
+        if group.training is not None and group.training.learner != NO_LEARNER:
+            wanted.append(("learner", group.training.learner))
+    return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in dict.fromkeys(wanted))

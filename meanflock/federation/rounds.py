@@ -49,7 +49,9 @@ class Rounds:
         self.rule_record = b""
         self._schedule = schedule = Schedule(plan, uavs)
         schedule.draw_ahead()
-        self._own = [hop for hop in schedule.hops if hop.role == role]
+        takes_part = role == "leader" or bool(contains(plan.scenario.members, uavs).all())
+        hops = schedule.hops if takes_part else ()
+        self._own = [hop for hop in hops if hop.role == role]
         self._averagers = [
             Averager(hop, schedule, plan, here, uavs)
             for hop in self._own
@@ -69,7 +71,7 @@ class Rounds:
                 self._sent = Sent(codec, len(uavs), federation.upload_threshold, federation.share)
             if any(hop.is_local for hop in self._own):
                 self._copies = _Copies(codec, len(uavs))
-        self._last = next((hop for hop in schedule.hops if hop.is_last), None) if role == "agent" else None
+        self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._globals: GlobalModels | None = None
         if self._last is not None and not self._last.is_local:
             self._globals = GlobalModels(self._last.codec, len(uavs), gathers=schedule.gathers)

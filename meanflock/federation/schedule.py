@@ -111,7 +111,9 @@ class Schedule:
 
 def drawn(scenario: Scenario, number: int) -> NDArray[np.intp]:
     """The participants of a round of a scenario, ascending; not to be written to."""
-    return _drawn(scenario.seed, scenario.uavs, scenario.participants, number)
+    members = scenario.members
+    found = _drawn(scenario.seed, len(members), scenario.participants, number)
+    return found if len(members) == scenario.uavs else members[found]
 
 
 @lru_cache(maxsize=_DRAWN_AHEAD)  # processes that are forked from one have those of their flight already

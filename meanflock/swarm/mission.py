@@ -1,6 +1,7 @@
 """The mission of a scenario: start, launch time and goal of each UAV, and the obstacles. Pure functions."""
 
 import math
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -48,13 +49,33 @@ class Mission(Protocol):
     def stations(self) -> Any:
         """`[[stations]]`."""
 
+    @property
+    def groups(self) -> Any:
+        """`[[groups]]`."""
+
+
+def parts(mission: Mission) -> Iterator[tuple[Any, slice]]:
+    """The groups of a mission, each with the rows of its UAVs."""
+    first = 0
+    for group in mission.groups:
+        yield group, slice(first, first + group.count)
+        first += group.count
+
 
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
-    start = mission.start
+    places = _places(mission.space, mission.start, mission.uavs)
+    for group, rows in parts(mission):
+        if group.start is not None:
+            places[rows] = _places(mission.space, group.start, group.count)
+    return state.at_rest(places)
+
+
+def _places(space: Any, start: Any, uavs: int) -> state.Vectors:
+    """Where so many UAVs start by a `[start]`, (n, d) in m."""
     if start.positions:
-        return state.at_rest(mission.space.vectors(start.positions, start.height))
-    return state.at_rest(_positions(mission)[:, : mission.space.dimensions])
+        return np.array(space.vectors(start.positions, start.height))
+    return _positions(start, uavs)[:, : space.dimensions]
 
 
 def formation(start: Any) -> str:
@@ -63,8 +84,8 @@ def formation(start: Any) -> str:
     return name or "grid"
 
 
-def _positions(mission: Mission) -> Floats:
-    """Positions of the UAVs of a formation, (N, 3) in m.
+def _positions(start: Any, uavs: int) -> Floats:
+    """Positions of so many UAVs of a formation, (n, 3) in m.
 
     grid: a centred square in each layer, ⌈√n⌉ = w wide: UAV k of the layer's n stands in column k mod w and row
     k div w, so the last row may be short. UAVs fill the lowest layer first.
@@ -74,7 +95,6 @@ def _positions(mission: Mission) -> Floats:
     streams: two streams, each four UAVs abreast in each layer, that cross in the centre. The first ⌈N/2⌉ UAVs fly along
     x, the others along y; each stream begins around a point `start.radius` before the centre.
     """
-    start, uavs = mission.start, mission.uavs
     kind, centre = formation(start), np.array((*start.centre, start.height)[:3])
     if kind == "circle":
         angle = 2.0 * math.pi * np.arange(uavs) / uavs
@@ -125,21 +145,46 @@ def goals(mission: Mission) -> state.Vectors:
     of the crossing, in the formation of the stream. `parallel`: the whole formation moved from `start.centre` to the
     origin.
     """
-    destination, start, space = mission.destination, mission.start, mission.space
+    from_there = state.position(starts(mission))
+    places = _goals(mission.space, mission.start, mission.destination, from_there)
+    for group, rows in parts(mission):
+        destination = group.destination or mission.destination
+        if group.destination is None and (group.start is None or destination.positions):
+            continue  # they have the goals of the flight
+        if group.start is not None:
+            places[rows] = _goals(mission.space, group.start, destination, from_there[rows])
+        elif destination.positions:
+            places[rows] = mission.space.vectors(destination.positions, mission.start.height)
+        else:
+            places[rows] = _goals(mission.space, mission.start, destination, from_there)[rows]
+    return places
+
+
+def _goals(space: Any, start: Any, destination: Any, from_there: state.Vectors) -> state.Vectors:
+    """Goals by a `[destination]` of UAVs that start by a `[start]`, at the places `from_there` (n, d); likewise."""
     if destination.positions:
-        return space.vectors(destination.positions, start.height)
-    from_there, centre = state.position(starts(mission)), space.vector(start.centre, start.height)
+        return np.array(space.vectors(destination.positions, start.height))
+    centre = space.vector(start.centre, start.height)
     if destination.goals == "opposite":
         return 2.0 * centre - from_there
     if destination.goals == "vertical":
         above, below = np.split(from_there, [state.PLANE], axis=-1)
         return np.concatenate([above, 2.0 * centre[state.PLANE :] - below], axis=-1)
     if destination.goals == "across":
-        return from_there + 2.0 * start.radius * _headings(mission.uavs)[:, : space.dimensions]
+        return from_there + 2.0 * start.radius * _headings(len(from_there))[:, : space.dimensions]
     origin = space.vector((0.0, 0.0), start.height)
     if destination.goals == "parallel":
         return from_there - (centre - origin)
-    return np.tile(origin, (mission.uavs, 1))
+    return np.tile(origin, (len(from_there), 1))
+
+
+def radii(mission: Mission) -> Floats:
+    """Distance from its goal at which each UAV has arrived, (N,): `destination.radius`, or that of its group."""
+    radius = np.full(mission.uavs, mission.destination.radius)
+    for group, rows in parts(mission):
+        if group.destination is not None:
+            radius[rows] = group.destination.radius
+    return radius
 
 
 def in_space(mission: Mission, positions: state.Vectors) -> Floats:
@@ -158,9 +203,37 @@ def goal_states(mission: Mission) -> state.States:
 
 
 def launches(mission: Mission) -> NDArray[np.intp]:
-    """Tick in which each UAV leaves the ground, (N,). Wave w of `start.group` UAVs leaves w·`start.interval` later."""
-    wave = np.arange(mission.uavs) // mission.start.group
-    return np.rint(wave * mission.start.interval / mission.dt).astype(np.intp)
+    """Tick in which each UAV leaves the ground, (N,). Wave w of `start.group` UAVs leaves w·`start.interval` later, and
+    no UAV leaves before its group joins."""
+    ticks = _launches(mission.start, mission.uavs, mission.dt)
+    for group, rows in parts(mission):
+        if group.start is not None:
+            ticks[rows] = _launches(group.start, group.count, mission.dt)
+    return np.maximum(ticks, joins(mission))
+
+
+def _launches(start: Any, uavs: int, dt: float) -> NDArray[np.intp]:
+    return np.rint(np.arange(uavs) // start.group * start.interval / dt).astype(np.intp)
+
+
+NEVER = np.iinfo(np.intp).max
+
+
+def joins(mission: Mission) -> NDArray[np.intp]:
+    """Tick in which the group of each UAV joins the flight, (N,)."""
+    ticks = np.zeros(mission.uavs, dtype=np.intp)
+    for group, rows in parts(mission):
+        ticks[rows] = round(group.joins_at_s / mission.dt)
+    return ticks
+
+
+def leaves(mission: Mission) -> NDArray[np.intp]:
+    """Tick in which the group of each UAV leaves the flight, (N,); `NEVER` for a group that stays."""
+    ticks = np.full(mission.uavs, NEVER)
+    for group, rows in parts(mission):
+        if group.leaves_at_s is not None:
+            ticks[rows] = round(group.leaves_at_s / mission.dt)
+    return ticks
 
 
 def obstacles(mission: Mission) -> Floats:
@@ -212,7 +285,8 @@ def check(mission: Mission) -> None:
                 inside = np.flatnonzero(_inside(solid, places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
-    if mission.start.positions or formation(mission.start) not in GRIDS:
+    own = any(group.start is not None for group in mission.groups)
+    if own or mission.start.positions or formation(mission.start) not in GRIDS:
         _check_apart(mission)
 
 
@@ -232,27 +306,48 @@ def _check_tables(mission: Mission) -> None:
     floor, ceiling = mission.space.floor, mission.space.ceiling
     if floor is not None and ceiling is not None and floor >= ceiling:
         raise ValueError(f"`space.floor` {floor:g} m is not below `space.ceiling` {ceiling:g} m; lower it")
-    start = mission.start
-    destination = mission.destination
-    uavs = mission.uavs
-    for name, table, other in (("start", start, "formation"), ("destination", destination, "goals")):
-        if table.positions and getattr(table, other) is not None:
-            raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")
-        if table.positions and len(table.positions) != uavs:
-            raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
-    if formation(start) == "sphere" and mission.space.dimensions != state.SPACE:
+    is_space = mission.space.dimensions == state.SPACE
+    _check_start(mission.start, mission.uavs, is_space)
+    _check_goals(mission.destination, mission.start, mission.uavs, is_space)
+    for number, group in enumerate(mission.groups):
+        try:
+            if group.start is not None:
+                _check_start(group.start, group.count, is_space)
+            if group.destination is not None:
+                _check_goals(group.destination, group.start or mission.start, group.count, is_space)
+        except ValueError as error:
+            raise ValueError(f"`groups[{number}]`: {error}") from None
+
+
+def _check_start(start: Any, uavs: int, is_space: bool) -> None:
+    """Raises ValueError if a `[start]` of so many UAVs contradicts itself."""
+    _check_positions("start", start, "formation", uavs)
+    if formation(start) == "sphere" and not is_space:
         raise ValueError('`start.formation` "sphere" needs space; set `space.dimensions` to 3, or take circle')
     if start.layers > 1:
-        if mission.space.dimensions != state.SPACE:
+        if not is_space:
             raise ValueError("`start.layers` has no effect in the plane; set `space.dimensions` to 3, or leave it out")
         if start.positions or formation(start) not in (*GRIDS, "streams"):
             raise ValueError("`start.layers` has no effect here; leave it out, or take grid, waves or streams")
         if start.layers > uavs:
             raise ValueError(f"`start.layers` is {start.layers}, but `uavs` is {uavs}; take {uavs} layers at most")
-    if destination.goals == "vertical" and mission.space.dimensions != state.SPACE:
+
+
+def _check_goals(destination: Any, start: Any, uavs: int, is_space: bool) -> None:
+    """Raises ValueError if a `[destination]` of so many UAVs contradicts itself, or their `[start]`."""
+    _check_positions("destination", destination, "goals", uavs)
+    if destination.goals == "vertical" and not is_space:
         raise ValueError('`destination.goals` "vertical" needs space; set `space.dimensions` to 3, or take other goals')
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
+
+
+def _check_positions(name: str, table: Any, other: str, uavs: int) -> None:
+    """Raises ValueError if the places in a table are not one for each UAV, or the key that they replace is set."""
+    if table.positions and getattr(table, other) is not None:
+        raise ValueError(f"`{name}.positions` and `{name}.{other}` are both given; leave one of them out")
+    if table.positions and len(table.positions) != uavs:
+        raise ValueError(f"`{name}.positions` has {len(table.positions)} places for {uavs} UAVs; list one for each")
 
 
 def _check_apart(mission: Mission) -> None:

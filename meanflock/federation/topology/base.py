@@ -34,6 +34,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
         targets: (N, T) the nodes that each UAV transmits to, ascending; itself needs no radio. None: all UAVs.
         seats: (A,) nodes, ascending, to one of which all transmit: that where the leader averages the round. `targets`
             has the one before any fault. None: it is always the same.
+        receivers: (R,) ascending, the UAVs to which a broadcast is of use; None: all. The plan sets it.
         by_station: every UAV transmits to the station that serves it, and hears that one; `targets` does not count.
         codec: how the models are written.
         averages: what arrives by the hop before, and is averaged: `nothing`, so that the participants send their own
@@ -62,6 +63,7 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
     attempt_ticks: int = 0
     seats: Indices | None = None
     by_station: bool = False
+    receivers: Indices | None = None
 
     def targets_of(self, sources: Indices, seat: int) -> Indices | None:
         """The nodes (S, T) that UAVs (S,) transmit to while the leader averages at the node `seat`; None: all UAVs."""
@@ -85,11 +87,14 @@ class Hop(msgspec.Struct, frozen=True, eq=False):
 def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
     """The hops of a round, each with the one before it, and with the ticks that it takes."""
     chain: list[Hop] = []
+    members = scenario.members if len(scenario.members) < scenario.uavs else None
     for number, hop in enumerate(hops, start=1):
         mail = chain[-1] if chain and hop.averages != "nothing" else None
         source = seat(scenario) if hop.role == "leader" else None
         ticks = attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario), source)
-        chain.append(msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops), attempt_ticks=ticks))
+        chain.append(
+            msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops), attempt_ticks=ticks, receivers=members)
+        )
     return tuple(chain)
 
 
@@ -97,7 +102,7 @@ def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
     """Number of UAVs that transmit at once in a hop by radio in the busiest band, and to how many others each."""
     if hop.is_local:
         return 0, 0
-    receivers = scenario.uavs - 1 if hop.targets is None else hop.targets.shape[1]
+    receivers = len(scenario.members) - 1 if hop.targets is None else hop.targets.shape[1]
     if hop.role == "leader" and scenario.federation.station is not None:  # of its senders one, or all stations
         return len(scenario.stations) if hop.by_station else 1, receivers
     transmits = hop.senders
@@ -122,6 +127,7 @@ class Topology:
 
     plugin_kind: ClassVar[Literal["topology"]] = "topology"
     name: ClassVar[str] = ""  # value of `federation.topology`
+    bears_groups: ClassVar[bool] = False  # whether it uses `scenario.members`, which may be some of the UAVs
     bears_clusters: ClassVar[bool] = True  # false: with `federation.clusters` > 1 it is refused
     bears_station: ClassVar[bool] = False  # whether its leader averages at `federation.station`, or it has no leader
     Options: ClassVar[type[msgspec.Struct]] = Options

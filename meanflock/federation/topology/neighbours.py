@@ -1,6 +1,5 @@
 """Every UAV averages what it receives: no leader, one transmission for each upload."""
 
-import numpy as np
 
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
@@ -13,14 +12,15 @@ class Neighbours(Topology):
     """
 
     name = "neighbours"
+    bears_groups = True
     bears_clusters = False
     bears_station = True
 
     def hops(self) -> tuple[Hop, ...]:
         scenario = self.scenario
         self.check_rounds()
-        everyone, codec = np.arange(scenario.uavs), self.codecs.upload
-        ticks = self.upload_ticks(codec, scenario.uavs - 1)
+        everyone, codec = scenario.members, self.codecs.upload
+        ticks = self.upload_ticks(codec, len(scenario.members) - 1)
         if scenario.period_ticks <= ticks:
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "

@@ -15,6 +15,7 @@ from meanflock.swarm.scenario.tables import (  # noqa: F401
     Energy,
     Federation,
     FilterTable,
+    GroupTable,
     Metrics,
     Obstacle,
     Radio,

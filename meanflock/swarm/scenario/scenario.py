@@ -136,6 +136,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             max_length=tables.MOST_STATIONS,
         ),
     ] = ()
+    groups: Annotated[
+        tuple[tables.GroupTable, ...],
+        key("groups of UAVs that differ from the others", OURS, "all UAVs are alike", later=True, max_length=100),
+    ] = ()
     radios: Annotated[
         tuple[tables.UnequalRadio, ...],
         key("radios of single UAVs, where they differ from `[radio]`", OURS, "all UAVs are alike", later=True),
@@ -199,6 +203,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_memory()
+        self._check_groups()
         if self.federation.leader >= self.uavs:
             raise ValueError(
                 f"`federation.leader` is {self.federation.leader}, but the UAVs are 0…{self.uavs - 1}; name one of them"
@@ -261,6 +266,34 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                         f"`faults[{number}].stations` names station {station}, and there are {len(self.stations)} "
                         "`[[stations]]`, numbered from 0"
                     )
+
+    def _check_groups(self) -> None:
+        """Raises ValueError where `[[groups]]` do not have all UAVs, share a name, or join after the end."""
+        if not self.groups:
+            if self.federation.group is not None:
+                raise ValueError("`federation.group` is set, and there are no `[[groups]]`; add them, or leave it out")
+            return
+        names = [group.name for group in self.groups]
+        if (total := sum(group.count for group in self.groups)) != self.uavs:
+            raise ValueError(f"`groups` have {total} UAVs in all, and `uavs` is {self.uavs}; set `uavs` to {total}")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"two `groups` have the name {twice[0]!r}; give each a name of its own")
+        for name in self.federation.groups:
+            if name not in names:
+                raise ValueError(
+                    f"`federation.group` names {name!r}, and the groups are {', '.join(names)}; name one of these"
+                )
+        for number, group in enumerate(self.groups):
+            if group.joins_at_s >= self.duration:
+                raise ValueError(
+                    f"`groups[{number}].joins_at_s` is {group.joins_at_s:g} s, and the flight ends at `duration`, "
+                    f"{self.duration:g} s; let it join earlier, or fly longer"
+                )
+            if group.start is not None and self.dimensions == state.PLANE and group.start.height != self.start.height:
+                raise ValueError(
+                    f"`groups[{number}].start.height` is {group.start.height:g} m, and in the plane all fly at "
+                    f"`start.height`, {self.start.height:g} m; make them equal, or set `space.dimensions` to 3"
+                )
 
     def _check_memory(self) -> None:
         """Raises ValueError where the memory of this machine could not even hold the states of the UAVs.
@@ -359,9 +392,34 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return self.federation.period or int(_plan_of(self).period_ticks)
 
     @property
+    def members(self) -> NDArray[np.intp]:
+        """The UAVs that take part in rounds, ascending: of the groups of `federation.group`, else all."""
+        taking_part = np.ones(self.uavs, dtype=bool)
+        if self.federation.groups:
+            for group, rows in mission.parts(self):
+                taking_part[rows] = group.name in self.federation.groups
+        return np.flatnonzero(taking_part)
+
+    @property
     def participants(self) -> int:
         """Number of UAVs that upload in a round, N_h, at least one."""
-        return max(1, round(self.federation.fraction * self.uavs))
+        return max(1, round(self.federation.fraction * len(self.members)))
+
+    def of_group(self, group: tables.GroupTable) -> "Scenario":
+        """The scenario as the controller of a group gets it: method, learner, vehicle and radius of arrival of the
+        group, and the mission of all."""
+        own: dict[str, Any] = {}
+        if group.method is not None:
+            own["method"] = group.method
+        if group.controller is not None or group.method not in (None, self.method):
+            own["controller"] = group.controller or {}
+        if group.training is not None:
+            own["training"] = group.training
+        if group.vehicle is not None:
+            own["vehicle"] = group.vehicle
+        if group.destination is not None:
+            own["destination"] = msgspec.structs.replace(self.destination, radius=group.destination.radius)
+        return msgspec.structs.replace(self, **own)
 
     @property
     def upload_payload(self) -> str:

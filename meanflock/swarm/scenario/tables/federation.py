@@ -25,6 +25,19 @@ class Federation(_Table, frozen=True):
         | None
     ) = None
     fraction: Annotated[float, key("N_h / N, share of the UAVs that upload in a round", PRINTED, "", gt=0, le=1)] = 0.8
+    group: (
+        Annotated[
+            str | tuple[str, ...],
+            key(
+                "the group, or a list of groups, whose UAVs take part in rounds; unset: all whose controller or "
+                "learner shares a model",
+                OURS,
+                "all UAVs take part",
+                later=True,
+            ),
+        ]
+        | None
+    ) = None
     leader: Annotated[int, key("h, the UAV that carries the leader", SILENT, "any UAV will do", ge=0)] = 0
     station: (
         Annotated[
@@ -207,3 +220,8 @@ class Federation(_Table, frozen=True):
             ge=1,
         ),
     ] = 1
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups that take part in rounds; none: all UAVs do."""
+        return (self.group,) if isinstance(self.group, str) else self.group or ()

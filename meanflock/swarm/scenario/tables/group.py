@@ -1,0 +1,59 @@
+"""Tables of groups of UAVs, whose controller, learner, vehicle and mission differ from those of the flight."""
+
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from meanflock.swarm.scenario.tables.mission import Destination, Start
+from meanflock.swarm.scenario.tables.training import Training
+from meanflock.swarm.scenario.tables.vehicle import VehicleTable
+from meanflock.swarm.toml import Table as _Table
+
+_TIME = Meta(ge=0, le=1000000.0)
+
+
+class GroupTable(_Table, frozen=True, omit_defaults=True, kw_only=True):
+    """UAVs that differ from the others. Groups stand in the order of their UAVs. A key that is unset is as in the
+    flight; a table that is set replaces that of the flight as a whole.
+    """
+
+    name: Annotated[
+        str,
+        Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,31}$", description="its name, by which columns and other keys call it"),
+    ]
+    count: Annotated[int, Meta(ge=1, description="number of its UAVs")]
+    method: Annotated[str, Meta(description="name of their controller; unset: `method`")] | None = None
+    controller: (
+        Annotated[
+            dict[str, Any],
+            Meta(description="options of that controller; unset: `controller`, or none of another method"),
+        ]
+        | None
+    ) = None
+    training: Annotated[Training, Meta(description="as `[training]`")] | None = None
+    vehicle: Annotated[VehicleTable, Meta(description="as `[vehicle]`")] | None = None
+    start: (
+        Annotated[
+            Start,
+            Meta(description="as `[start]`, of this group alone; unset: their places in the formation of the flight"),
+        ]
+        | None
+    ) = None
+    destination: Annotated[Destination, Meta(description="as `[destination]`, of this group alone")] | None = None
+    joins_at_s: Annotated[
+        float, _TIME, Meta(description="time at which they take off; before it they wait, without radio or learning, s")
+    ] = 0.0
+    leaves_at_s: (
+        Annotated[
+            float, _TIME, Meta(description="time at which they land where they are, for good; unset: they stay, s")
+        ]
+        | None
+    ) = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.leaves_at_s is not None and self.leaves_at_s <= self.joins_at_s:
+            raise ValueError(
+                f"group {self.name!r} leaves at {self.leaves_at_s:g} s, and joins at {self.joins_at_s:g} s; let it "
+                "leave later, or leave `leaves_at_s` out"
+            )
