@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Broadcast, Controller, Received
 from meanflock.agent.guarded import Guarded, choose
+from meanflock.federation.groups import group_number
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults
@@ -28,7 +29,7 @@ class Agent:
         self._names = self.uavs.astype(np.int32)  # as frames have them
         plan = plan_of(decode(welcome.scenario))
         self._scenario = plan.scenario
-        group = plan.group_of(self.uavs)
+        group = plan.groups[group_number(plan.groups, self.uavs)]
         self._declared = group.declared
         self._hears = group.hears
         self._reports = group.declared.weights == plan.declared.weights > 0 and (group.takes_part or not plan.hops)

@@ -6,7 +6,7 @@ middle, so resuming a run also takes the states of all ticks flown, which the ru
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.groups import Group, group_number
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
 from meanflock.swarm.declared import MAX_MEMORY_BYTES
@@ -22,7 +23,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 
-SCHEMA = 14
+SCHEMA = 15
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 MAX_BYTES = 512 * 2**20
@@ -74,38 +75,43 @@ class Memories:
     """The memories of the controllers of all UAVs, as their nodes replied.
 
     Attributes:
-        arrays: by name, (N, …) each; zeros for a UAV without an agent.
+        arrays: of each group by name, (M, …) each; zeros for a UAV without an agent.
         present: (N,), UAVs whose memory is in `arrays`.
     """
 
-    def __init__(self, uavs: int) -> None:
-        self.arrays: dict[str, NDArray[Any]] = {}
-        self.present: NDArray[np.bool_] = np.zeros(uavs, dtype=bool)
+    def __init__(self, groups: Sequence[Group]) -> None:
+        self._groups = groups
+        self.arrays: list[dict[str, NDArray[Any]]] = [{} for _ in groups]
+        self.present: NDArray[np.bool_] = np.zeros(sum(len(group.uavs) for group in groups), dtype=bool)
 
-    def take(self, place: slice | NDArray[np.intp], rows: int, record: Mapping[str, Any]) -> None:
-        """Add the memory in the reply of one node, whose `rows` UAVs stand in `place`.
+    def take(self, uavs: NDArray[np.intp], record: Mapping[str, Any]) -> None:
+        """Add the memory in the reply of one node with some UAVs of a group, ascending.
 
         Raises:
             MessageRejected: the arrays do not have the node's rows, differ in form from those of other nodes, or would
                 be too large for all UAVs.
         """
-        uavs = len(self.present)
         for name, array in record.items():
-            if not isinstance(array, np.ndarray) or not array.ndim or len(array) != rows:
-                raise MessageRejected("wrong-shape", f"memory {name!r}: expected {rows} rows")
-        if not self.present.any():  # the first node decides the form
-            row_bytes = sum(array.nbytes for array in record.values()) // rows
-            if row_bytes * uavs > MAX_MEMORY_BYTES:
-                raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {uavs} UAVs")
+            if not isinstance(array, np.ndarray) or not array.ndim or len(array) != len(uavs):
+                raise MessageRejected("wrong-shape", f"memory {name!r}: expected {len(uavs)} rows")
+        number = group_number(self._groups, uavs)
+        group = self._groups[number].uavs
+        if not self.present[group].any():  # the first node decides the form
+            row_bytes = sum(array.nbytes for array in record.values()) // len(uavs)
+            if row_bytes * len(self.present) > MAX_MEMORY_BYTES:
+                raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {len(self.present)} UAVs")
             try:
-                self.arrays = {name: np.zeros((uavs, *array.shape[1:]), array.dtype) for name, array in record.items()}
+                self.arrays[number] = {
+                    name: np.zeros((len(group), *array.shape[1:]), array.dtype) for name, array in record.items()
+                }
             except ValueError as error:  # rows of no bytes, but more numbers than NumPy can address
                 raise MessageRejected("wrong-shape", f"a memory of {_form(record)}: {error}") from error
-        if (form := _form(record)) != (wanted := _form(self.arrays)):
+        if (form := _form(record)) != (wanted := _form(self.arrays[number])):
             raise MessageRejected("wrong-shape", f"a memory of {form}, expected {wanted} as of the others")
+        place = group.searchsorted(uavs)
         for name, array in record.items():
-            self.arrays[name][place] = array
-        self.present[place] = True
+            self.arrays[number][name][place] = array
+        self.present[uavs] = True
 
 
 def _form(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
@@ -130,12 +136,15 @@ class Resumption:
         """Number of the block of telemetry that carried the checkpoint."""
         return int(self.checkpoint["block"])
 
-    def memory(self, uavs: NDArray[np.intp]) -> bytes:
-        """The memory of a node with these UAVs, as a record; empty where every UAV was lost, so that none was asked."""
-        memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"]
+    def memory(self, groups: Sequence[Group], uavs: NDArray[np.intp]) -> bytes:
+        """The memory of a node with these UAVs of one of the groups of a plan, as a record; empty where every UAV was
+        lost, so that none was asked."""
+        number = group_number(groups, uavs)
+        memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"][number]
         if not memory:
             return b""
-        return control.encode_record({name: np.ascontiguousarray(array[uavs]) for name, array in memory.items()})
+        place = groups[number].uavs.searchsorted(uavs)
+        return control.encode_record({name: np.ascontiguousarray(array[place]) for name, array in memory.items()})
 
     def check(self, scenario: Scenario) -> None:
         """Check that the checkpoint is of this scenario.

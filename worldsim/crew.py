@@ -149,7 +149,7 @@ class LocalCrew:
                 node = group.uavs[first : first + size]
                 for begin in range(0, len(node), part):
                     rows = node[begin : begin + part]
-                    record = b"" if resume is None else resume.memory(rows)
+                    record = b"" if resume is None else resume.memory(plan.groups, rows)
                     if memory is not None and tick == 0:
                         record = encode_record({name: array[rows] for name, array in memory.items()})
                     name, names = f"agent-{node[0]}", tuple(rows.tolist())
@@ -214,11 +214,10 @@ class LocalCrew:
         else:
             absent = self._join(replies, senses, acts)
         if senses.checkpoint:
-            acts.memories = Memories(len(self._nobody))
+            acts.memories = Memories(self._plan.groups)
             for number, reply in replies:
                 if reply.memory:
-                    rows = len(self.agents[number].uavs)
-                    acts.memories.take(self._places[number], rows, decode_record(reply.memory))
+                    acts.memories.take(self.agents[number].uavs, decode_record(reply.memory))
         return acts, absent
 
     @property

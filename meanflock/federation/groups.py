@@ -11,6 +11,7 @@ from meanflock.swarm import mission
 from meanflock.swarm.declared import Declared, controller, declarations_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, with_payloads
+from meanflock.swarm.state import contains
 
 
 class Group(NamedTuple):
@@ -26,6 +27,18 @@ class Group(NamedTuple):
     declared: Declared
     takes_part: bool
     hears: NDArray[np.bool_] | None = None
+
+
+def group_number(groups: Sequence[Group], uavs: NDArray[np.intp]) -> int:
+    """Number of the group that has all of some UAVs, ascending.
+
+    Raises:
+        BadInput: there is none.
+    """
+    for number, group in enumerate(groups):
+        if contains(group.uavs, uavs).all():
+            return number
+    raise BadInput(f"UAVs {', '.join(map(str, uavs))} are of several groups, and a node has UAVs of one")
 
 
 def grouped(scenario: Scenario, declared: Declared | None) -> tuple[Scenario, Declared, tuple[Group, ...]]:

@@ -22,7 +22,6 @@ from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
 from meanflock.swarm.scenario import Scenario, Sharing, Until
-from meanflock.swarm.state import contains
 
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
@@ -73,19 +72,6 @@ class Plan:
         """Names of the controllers, joined by "+"."""
         return "+".join(dict.fromkeys(group.scenario.method for group in self.groups))
 
-    def group_of(self, uavs: NDArray[np.intp]) -> Group:
-        """The group that has all of some UAVs.
-
-        Raises:
-            BadInput: there is none.
-        """
-        for group in self.groups:
-            if contains(group.uavs, uavs).all():
-                return group
-        raise BadInput(
-            f"UAVs {', '.join(map(str, uavs))} have controllers of several groups; give each a node of its own"
-        )
-
     @functools.cached_property
     def has_column(self) -> NDArray[np.bool_] | None:
         """Mask (N, K) of the diagnostics that each UAV has; None: every UAV has all."""
@@ -93,8 +79,12 @@ class Plan:
             return None
         has = np.zeros((self.scenario.uavs, len(self.declared.diagnostics)), dtype=bool)
         for group in self.groups:
-            has[np.ix_(group.uavs, self.places(group))] = True
+            has[group.uavs[:, None], np.array(self.places(group), dtype=np.intp)] = True
         return None if has.all() else has
+
+    def node_firsts(self, rows: int) -> list[int]:
+        """The first UAV of each node, ascending, if a node has up to so many UAVs, all of one group."""
+        return sorted(uav for group in self.groups for uav in group.uavs[::rows].tolist())
 
     def places(self, group: Group) -> list[int]:
         """The columns of the diagnostics of a group among those of all."""

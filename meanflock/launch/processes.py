@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 from meanflock.launch.children import Child, Family, Log, environment, kill_all, sweep
@@ -104,10 +105,10 @@ class Swarm(Family):
         for number in range(count):
             self._start("leader", f"standby leader {number}" if number else "leader", ["--wait", str(wait_s)])
 
-    def start_agents(self, uavs: int, rows: int, wait_s: float) -> None:
-        """Start agents with `rows` UAVs each."""
-        for number in range(-(-uavs // rows)):
-            who = ["--uav", str(number * rows)] if self._tls is not None else []
+    def start_agents(self, firsts: Iterable[int], rows: int, wait_s: float) -> None:
+        """Start agents with up to `rows` UAVs each, for which these are the first ones."""
+        for number, first in enumerate(firsts):
+            who = ["--uav", str(first)] if self._tls is not None else []
             flags = ["--rows", str(rows), "--wait", str(wait_s), *who]
             self._start("agent", f"agent process {number}", flags, log="agents")
 

@@ -76,6 +76,11 @@ def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None",
             from meanflock.launch import certs
 
         certs.check(options.tls, scenario.uavs, options.uavs_per_process)
+        if any(uav % options.uavs_per_process for uav in plan_of(scenario).node_firsts(options.uavs_per_process)):
+            raise BadInput(
+                f"--uavs-per-process {options.uavs_per_process}: with --tls every process has the certificate of its "
+                "first UAV, a multiple of that number, and the `[[groups]]` begin at others; take 1"
+            )
     if options.endpoint is not None:
         identity = None if options.tls is None else Identity(options.tls, STATION)
         options = replace(options, endpoint=_told(options.endpoint, free(secured(options.endpoint, identity))))
@@ -209,7 +214,7 @@ def _processes(
         _await_world(swarm, interrupted, outputs)
     if plan_of(scenario).declared.is_federated or scenario.faults:  # otherwise the station may come after the flight
         swarm.start_leaders(plan_of(scenario).leaders(0 if start is None else start.tick), _JOIN_S)
-    swarm.start_agents(scenario.uavs, options.uavs_per_process, _JOIN_S)
+    swarm.start_agents(plan_of(scenario).node_firsts(options.uavs_per_process), options.uavs_per_process, _JOIN_S)
     _await_world(swarm, interrupted, outputs)
     bus = _connect(swarm, interrupted, outputs)
     try:

@@ -310,7 +310,7 @@ class Admission:
                     tick=self._world.tick,
                     scenario=scenario.encode(self._scenario if listens else self._known),
                     initial_states=self._starts,
-                    memory=b"" if past is None else past.memory(uavs),
+                    memory=b"" if past is None else past.memory(self._world.plan.groups, uavs),
                     plugins=self._plugins,
                     stations=len(self._scenario.stations),
                 )

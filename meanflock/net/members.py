@@ -66,18 +66,23 @@ class Members:
         standbys: bool = True,
         leaderless: bool = False,
         rows_at_most: int | None = None,
+        groups: Sequence[NDArray[np.intp]] = (),
     ) -> None:
         """
         Args:
             leaders: how many must be there before take-off. standbys: whether further leaders are admitted.
             leaderless: whether no leader is ever admitted.
             rows_at_most: most UAVs of one agent; None for as many as it offers.
+            groups: the UAVs, ascending, of each group of which an agent has UAVs of one only; none: there is one.
         """
         self._by_name: dict[str, Member] = {}
         self.present: list[Member] = []  # replaced, never changed, because other threads read it
         self._uavs = uavs
         self._rows_at_most = rows_at_most
         self._free = np.arange(uavs)
+        self._group = np.zeros(uavs, dtype=np.intp)  # number of the group of each UAV
+        for number, group in enumerate(groups):
+            self._group[group] = number
         self._leaders = leaders
         self._standbys = standbys
         self._leaderless = leaderless
@@ -201,8 +206,9 @@ class Members:
             usable = [uav for uav in self._free.tolist() if self._closed.get(uav, (0.0, ""))[0] <= now_s]
             if not usable:
                 self._check_open(self._free.tolist(), now_s)
-            return np.array(usable[:rows], dtype=np.intp)
-        wanted = np.arange(join.uav, min(join.uav + rows, self._uavs))
+            alike = np.array(usable, dtype=np.intp)
+            return alike[self._group[alike] == self._group[alike[0]]][:rows]
+        wanted = (join.uav + np.flatnonzero(self._group[join.uav :] == self._group[join.uav]))[:rows]
         if (taken := np.setdiff1d(wanted, self._free)).size:
             raise JoinRefused(f"UAV {taken[0]} has its agent already", for_now=True)
         self._check_open(wanted.tolist(), now_s)

@@ -80,7 +80,12 @@ class RemoteCrew:
         leaders = plan.leaders(world.tick) if federated else 0
         leaderless = federated and not any(hop.role == LEADER for hop in plan.hops)
         self.members = Members(
-            scenario.uavs, leaders, standbys=federated, leaderless=leaderless, rows_at_most=rows_at_most
+            scenario.uavs,
+            leaders,
+            standbys=federated,
+            leaderless=leaderless,
+            rows_at_most=rows_at_most,
+            groups=[group.uavs for group in plan.groups],
         )
         self.waits = Durations()
         self._world = world
@@ -324,11 +329,11 @@ class RemoteCrew:
         return models
 
     def _memories(self, found: list[tuple[Member, Act]]) -> Memories:
-        memories = Memories(self._world.scenario.uavs)
+        memories = Memories(self._world.plan.groups)
         for member, reply in found:
             if member.rows and reply.memory:
                 try:
-                    memories.take(member.place, member.rows, decode_record(reply.memory))
+                    memories.take(member.uavs, decode_record(reply.memory))
                 except MessageRejected as error:
                     self._admission.drop(error, f"the memory of {member.name}")
         return memories

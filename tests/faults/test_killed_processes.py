@@ -248,7 +248,7 @@ def test_a_forker_that_is_killed_before_take_off_ends_the_run(forked: int) -> No
         assert len(family) == forked
         forker.process.kill()  # while it loads what the others need, or when the world waits for them
         with pytest.raises(ProcessDied, match=f"^{FORKER} was killed by SIGKILL"):  # noqa: PT012
-            swarm.start_agents(2, 1, wait_s=60.0)
+            swarm.start_agents([0, 1], 1, wait_s=60.0)
             until(swarm.check, "a look that fails")
     assert not any(map(alive, family))
 

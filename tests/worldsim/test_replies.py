@@ -125,17 +125,17 @@ WRONG_MEMORIES: list[tuple[dict[str, Any], str]] = [
 
 
 def test_memories_are_joined_by_row_and_a_wrong_one_is_refused_and_changes_nothing() -> None:
-    memories = Memories(ROWS)
+    memories = Memories(plan_of(STATES).groups)
     for record, reason in WRONG_MEMORIES[:3]:
         with pytest.raises(MessageRejected, match=f"^{reason}"):
-            memories.take(slice(3, 4), 1, record)
-    memories.take(slice(2, 3), 1, memory(1, 9.0))
-    memories.take(np.arange(2), 2, memory(2))
+            memories.take(np.array([3]), record)
+    memories.take(np.array([2]), memory(1, 9.0))
+    memories.take(np.arange(2), memory(2))
     for record, reason in WRONG_MEMORIES[3:]:
         with pytest.raises(MessageRejected, match=f"^{reason}"):
-            memories.take(slice(3, 4), 1, record)
-    assert memories.arrays["model"][:3].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [9.0, 10.0, 11.0]]
-    assert memories.arrays["tick"].tolist() == [7, 7, 7, *[0] * (ROWS - 3)]
+            memories.take(np.array([3]), record)
+    assert memories.arrays[0]["model"][:3].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [9.0, 10.0, 11.0]]
+    assert memories.arrays[0]["tick"].tolist() == [7, 7, 7, *[0] * (ROWS - 3)]
     assert memories.present.tolist() == [True] * 3 + [False] * (ROWS - 3)
 
 

@@ -1,6 +1,5 @@
 """One leader averages the uploads of all participants, as the paper has it."""
 
-
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
 

@@ -1,6 +1,5 @@
 """Every UAV averages what it receives: no leader, one transmission for each upload."""
 
-
 from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm.wire.messages import FrameKind
 

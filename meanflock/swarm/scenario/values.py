@@ -148,4 +148,7 @@ def _without_unset(table: dict[str, Any]) -> dict[str, Any]:
     """A table, and the tables in it, without keys that are None; options of plug-ins stay as they are."""
     present = {key: value for key, value in table.items() if value is not None}
     nested = {key for key, value in present.items() if isinstance(value, dict)} - {"controller", "options"}
-    return {key: _without_unset(value) if key in nested else value for key, value in present.items()}
+    present |= {key: _without_unset(present[key]) for key in nested}
+    if "groups" in present:
+        present["groups"] = [_without_unset(group) for group in present["groups"]]
+    return present
