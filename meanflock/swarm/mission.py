@@ -49,12 +49,25 @@ class Mission(Protocol):
         """`[[stations]]`."""
 
 
+class FlownMission(Mission, Protocol):
+    """A mission with its vehicle, which may read the starts from a file."""
+
+    @property
+    def vehicle(self) -> Any:
+        """`[vehicle]`."""
+
+
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
     start = mission.start
     if start.positions:
         return state.at_rest(mission.space.vectors(start.positions, start.height))
     return state.at_rest(_positions(mission)[:, : mission.space.dimensions])
+
+
+def has_starts(mission: FlownMission) -> bool:
+    """Returns whether the starts are known. A vehicle reads those in its file when the flight is planned."""
+    return bool(mission.start.positions) or mission.vehicle.file is None
 
 
 def formation(start: Any) -> str:
@@ -194,9 +207,11 @@ def stations(mission: Mission) -> Floats:
     return np.array([station.place for station in mission.stations], dtype=np.float64).reshape(-1, 3)
 
 
-def check(mission: Mission) -> None:
+def check(mission: FlownMission) -> None:
     """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
+    if not has_starts(mission):
+        return
     each = solids(mission)
     is_space = mission.space.dimensions == state.SPACE
     if is_space or len(each):
@@ -212,7 +227,7 @@ def check(mission: Mission) -> None:
                 inside = np.flatnonzero(_inside(solid, places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
-    if mission.start.positions or formation(mission.start) not in GRIDS:
+    if mission.vehicle.file is None and (mission.start.positions or formation(mission.start) not in GRIDS):
         _check_apart(mission)
 
 
@@ -258,7 +273,8 @@ def _check_tables(mission: Mission) -> None:
 def _check_apart(mission: Mission) -> None:
     """Raises ValueError if two UAVs that leave at the same time start within the collision radius.
 
-    Grids are not checked: their spacing is a key of its own, and their collisions are counted.
+    Grids are not checked: their spacing is a key of its own, and their collisions are counted. So are those of recorded
+    UAVs, which may stand at one place before they leave.
     """
     places, least = state.position(starts(mission)), mission.metrics.collision_radius
     when = launches(mission)
