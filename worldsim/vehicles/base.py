@@ -50,7 +50,7 @@ class Vehicle:
         self.options, self.scenario = options, scenario
 
     @classmethod
-    def resolve(cls, options: "Vehicle.Options", scenario: Scenario) -> Scenario:
+    def resolve(cls, options: Options, scenario: Scenario) -> Scenario:
         """Returns the scenario with `start.positions` and the option `sha256`, read from a file. By default `scenario`.
 
         It is called where a flight is planned, if the option `file` is set and one of the two is not. The run folder
