@@ -87,7 +87,7 @@ def outlooks(scenario: Scenario) -> list[Outlook]:
     if not plan.hops:
         return []
     channel: Channel = plugins.create("channel", scenario.radio.model, scenario.radio.options, plan.scenario)
-    found = (_outlook(scenario, channel, hop) for hop in plan.hops if not hop.is_local)
+    found = (_outlook(plan.given, channel, hop) for hop in plan.hops if not hop.is_local)
     return [one for one in found if one is not None]
 
 

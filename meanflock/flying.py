@@ -106,6 +106,7 @@ def prepared(
     """
     if record and out is None:
         raise BadInput("record=True: name the folder for it, out=…")
+    flown = plan_of(flown).given
     check_reports(plan_of(flown))
     memory.check([flown])
     warn_of_lost_models([flown])

@@ -37,6 +37,7 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
 from meanflock.worldsim.target import MetricTarget
 from meanflock.worldsim.tick import Acts, Row, Senses
+from meanflock.worldsim.vehicles.base import ignored
 
 REPORT_EVERY_TICKS = 10
 
@@ -96,6 +97,7 @@ class World(Stateful):
             self._resume(resume)
         else:
             self.air.meter.initial(scenario.state_numbers * scenario.radio.bits_per_float)  # the mission plan
+            self.flight.events += ignored(scenario)
 
     @property
     def tick(self) -> int:

@@ -235,12 +235,14 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
 
 
 def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
-    """Warn of faults that begin after the end of a flight, and of models that the radio will mostly lose."""
+    """Warn of faults that begin after the end of a flight, of commands without effect, and of models that the radio
+    will mostly lose."""
     from meanflock.channel.outlook import warn_of_lost_models
     from meanflock.worldsim.faults import never
+    from meanflock.worldsim.vehicles.base import ignored
 
     flights = list(flights)
-    for text in dict.fromkeys(event.text for flown in flights for event in never(flown)):
+    for text in dict.fromkeys(event.text for flown in flights for event in (*ignored(flown), *never(flown))):
         logs.show(f"warning: {text}", logging.WARNING)
     warn_of_lost_models(flights)
 

@@ -31,7 +31,7 @@ class Plan:
     """All that is known of a flight before it begins.
 
     Attributes:
-        given: the scenario as it was given.
+        given: the scenario as it was given, with the starts of the UAVs if its vehicle reads them from a file.
         scenario: the same, resolved: keys that were left out and depend on a plug-in have its values.
         groups: the UAVs by controller, in the order of their first UAVs.
         declared: the declarations of all groups in one: of the model and the rounds, those of the groups that take
@@ -49,6 +49,7 @@ class Plan:
             BadInput: a plug-in is not installed here, its options do not fit, or keys and plug-ins contradict
                 each other.
         """
+        asked, scenario = scenario, _with_starts(scenario)
         self.given = scenario
         self.scenario, self.declared, self.groups = grouped(scenario, declared)
         if scenario.sharing != Sharing() and not self.declared.shares:
@@ -64,7 +65,7 @@ class Plan:
         self.hops = self._hops()
         self._check_duty()
         self._check_bands()
-        for one in (scenario, self.scenario):
+        for one in (asked, scenario, self.scenario):
             vars(one)[_PLAN] = self
 
     @property
@@ -341,3 +342,21 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
         if group.training is not None and group.training.learner != NO_LEARNER:
             wanted.append(("learner", group.training.learner))
     return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in dict.fromkeys(wanted))
+
+
+def _with_starts(scenario: Scenario) -> Scenario:
+    """The scenario with the starts that its vehicle reads from a file, and the hash of the file.
+
+    A scenario that has both is returned as it is, so agents and leader need neither the file nor the vehicle.
+    """
+    chosen = scenario.vehicle
+    if chosen.file is None or (scenario.start.positions and chosen.options.get("sha256")):
+        return scenario
+    vehicle: Any = plugins.load("vehicle", chosen.model)
+    try:
+        found: Scenario = vehicle.resolve(plugins.options_of("vehicle", chosen.model, chosen.options), scenario)
+    except BadInput:
+        raise
+    except FAILURES as error:
+        raise BadInput(f"vehicle {chosen.model!r}: `resolve` failed: {last_line(error)}") from error
+    return found

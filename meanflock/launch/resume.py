@@ -5,7 +5,7 @@ from pathlib import Path
 
 from meanflock.federation.plan import plan_of
 from meanflock.net import keys
-from meanflock.results import flown_plugins
+from meanflock.results import flown_file, flown_plugins
 from meanflock.results.run_folder import CHECKPOINT, SCENARIO, SUMMARY, read_checkpoint
 from meanflock.results.series import states_of
 from meanflock.results.timeseries_file import Past, past
@@ -45,7 +45,7 @@ def back(folder: Path) -> Back:
             f"{folder}: this run has finished, and its summary is in {SUMMARY}; fly it again with "
             f"`meanflock run {folder / SCENARIO}`"
         )
-    flown = scenario.load(folder / SCENARIO)
+    flown = flown_file.from_copy(folder, scenario.load(folder / SCENARIO))
     flown_plugins.check(folder, flown)
     if not plan_of(flown).is_resumable:
         raise BadInput(

@@ -60,6 +60,7 @@ def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> End
         BadInput: an option cannot be used; nothing was written.
         RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown.
     """
+    scenario = plan_of(scenario).given
     folder = new_run(scenario, options.out) if back is None else nullcontext(back.folder)
     with Interrupted() as interrupted, folder as path:
         return _fly(scenario, path.name, options, back, interrupted)

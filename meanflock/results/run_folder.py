@@ -14,7 +14,7 @@ from typing import Any
 import pyarrow as pa
 
 from meanflock.federation.plan import plan_of
-from meanflock.results import flown_plugins, inbound
+from meanflock.results import flown_file, flown_plugins, inbound
 from meanflock.results.event_log import EventLog, lock, past_events, stored_lines
 from meanflock.results.rounds_table import write_rounds
 from meanflock.results.series import block_of, check_reports, unbroken
@@ -87,6 +87,7 @@ class RunFolder:
         advice = f"bring the file back, or {fly_again(self.path)}"
         if past is not None:
             past_events(self.path / EVENTS, past.events_bytes, flown.uavs, advice)
+        flown = plan_of(flown).given
         check_reports(plan_of(flown))
         self._flown, self._resumed = flown, past is not None
         self._over = False
@@ -97,9 +98,10 @@ class RunFolder:
         self._has_rounds = plan_of(flown).declared.is_federated
         self.files = [SCENARIO, EVENTS, TIMESERIES]  # that must be there at the end
         sources = flown_plugins.files(flown) if past is None else {}
+        read = flown_file.content(flown) if past is None else None
         try:
             if past is None:
-                self._create(sources)
+                self._create(sources, read)
             self._events = EventLog(self.path / EVENTS, flown.dt)
         except OSError as error:
             raise self._unusable(error) from error
@@ -115,8 +117,8 @@ class RunFolder:
         self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
-    def _create(self, sources: dict[str, bytes]) -> None:
-        """Create the folder of a new run, with the scenario and the files of its plug-ins."""
+    def _create(self, sources: dict[str, bytes], read: bytes | None) -> None:
+        """Create the folder of a new run, with the scenario, the files of its plug-ins and that of its vehicle."""
         self.path.mkdir(parents=True, exist_ok=True)
         if any(self.path.iterdir()):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
@@ -124,6 +126,8 @@ class RunFolder:
         durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
         flown_plugins.keep(self.path, sources)
         self.files += [f"{flown_plugins.FOLDER}/{name}" for name in sources]
+        if read is not None:
+            self.files.append(flown_file.keep(self.path, self._flown, read))
         durable.sync_folder(self.path.parent)
 
     def _begin(self, past: Past | None) -> Spool:

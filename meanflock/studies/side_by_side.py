@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.recording import blueprint, drawing, mission_map, rr, rrb
 from meanflock.recording.blueprint import whole_flight
@@ -44,6 +45,7 @@ def record(flights: Mapping[str, Scenario], path: Path) -> dict[str, dict[str, A
         RunFailed: a flight failed, or the disk is full.
     """
     durable.check_writable(path)
+    flights = {name: plan_of(flown).given for name, flown in flights.items()}
     stream = new_stream(f"compare {' '.join(flights)}")
     writers = {
         name: _Beside(

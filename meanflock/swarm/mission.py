@@ -62,6 +62,14 @@ def parts(mission: Mission) -> Iterator[tuple[Any, slice]]:
         first += group.count
 
 
+class FlownMission(Mission, Protocol):
+    """A mission with its vehicle, which may read the starts from a file."""
+
+    @property
+    def vehicle(self) -> Any:
+        """`[vehicle]`."""
+
+
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
     places = _places(mission.space, mission.start, mission.uavs)
@@ -76,6 +84,11 @@ def _places(space: Any, start: Any, uavs: int) -> state.Vectors:
     if start.positions:
         return np.array(space.vectors(start.positions, start.height))
     return _positions(start, uavs)[:, : space.dimensions]
+
+
+def has_starts(mission: FlownMission) -> bool:
+    """Returns whether the starts are known. A vehicle reads those in its file when the flight is planned."""
+    return bool(mission.start.positions) or mission.vehicle.file is None
 
 
 def formation(start: Any) -> str:
@@ -267,9 +280,11 @@ def stations(mission: Mission) -> Floats:
     return np.array([station.place for station in mission.stations], dtype=np.float64).reshape(-1, 3)
 
 
-def check(mission: Mission) -> None:
+def check(mission: FlownMission) -> None:
     """Raises ValueError if parts of the mission contradict each other, or if a start or goal is inside an obstacle."""
     _check_tables(mission)
+    if not has_starts(mission):
+        return
     each = solids(mission)
     is_space = mission.space.dimensions == state.SPACE
     if is_space or len(each):
@@ -285,8 +300,8 @@ def check(mission: Mission) -> None:
                 inside = np.flatnonzero(_inside(solid, places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
-    own = any(group.start is not None for group in mission.groups)
-    if own or mission.start.positions or formation(mission.start) not in GRIDS:
+    has_own = any(group.start is not None for group in mission.groups)
+    if mission.vehicle.file is None and (has_own or mission.start.positions or formation(mission.start) not in GRIDS):
         _check_apart(mission)
 
 
@@ -353,7 +368,8 @@ def _check_positions(name: str, table: Any, other: str, uavs: int) -> None:
 def _check_apart(mission: Mission) -> None:
     """Raises ValueError if two UAVs that leave at the same time start within the collision radius.
 
-    Grids are not checked: their spacing is a key of its own, and their collisions are counted.
+    Grids are not checked: their spacing is a key of its own, and their collisions are counted. So are those of recorded
+    UAVs, which may stand at one place before they leave.
     """
     places, least = state.position(starts(mission)), mission.metrics.collision_radius
     when = launches(mission)

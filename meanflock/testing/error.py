@@ -62,6 +62,11 @@ def check_class(plugin: Any, kind: PluginKind) -> None:
 
 def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
     """Make an instance with options, as a flight does."""
+    return made(plugin, options, plugin, *context)
+
+
+def made(plugin: type, options: Mapping[str, Any], maker: Callable[..., Any], *context: Any) -> Any:
+    """What `maker` returns for the options and a context."""
     try:
         typed = msgspec.convert(as_builtins(dict(options)), plugin.Options)  # type: ignore[attr-defined]
     except (msgspec.ValidationError, TypeError) as error:
@@ -69,7 +74,7 @@ def make(plugin: type, options: Mapping[str, Any], *context: Any) -> Any:
             plugin, f"its options {dict(options)} do not fit: {error}", "give every option a default, or pass `options`"
         )
     try:
-        return plugin(typed, *context)
+        return maker(typed, *context)
     except FAILURES as error:
         fail(
             plugin,

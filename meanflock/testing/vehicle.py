@@ -21,6 +21,7 @@ from meanflock.testing.error import (
     check_same_form,
     copies,
     fail,
+    made,
     make,
     same,
     scenarios,
@@ -48,8 +49,11 @@ def check_vehicle(
         ConformanceError: a check fails; the text says what to fix.
     """
     check_class(vehicle, "vehicle")
+    options = options or {}
     for flown in scenarios(vehicle, scenario, UAVS):
-        _check(vehicle, options or {}, flown, slow_ms)
+        if options.get("file"):  # as where a flight is planned
+            flown = made(vehicle, options, vehicle.resolve, flown)  # type: ignore[attr-defined]
+        _check(vehicle, options, flown, slow_ms)
 
 
 def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
@@ -66,7 +70,7 @@ def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: flo
             instance = make(vehicle, options, flown)
             states = start[rows].copy()
             trace = []
-            hidden = _begun(instance, len(states))
+            hidden = {name: part[rows] for name, part in _begun(instance, UAVS).items()}
             begun = hidden
             for command, *others in forces[:, :, rows].swapaxes(0, 1):
                 if afresh:

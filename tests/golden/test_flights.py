@@ -108,6 +108,8 @@ def test_a_flight_that_was_killed_and_resumed_leaves_the_files_of_the_undisturbe
     joins = ("joined", "resumed", "leader", "rejoined")
     assert events(folder, *joins) == events(undisturbed, *joins)
     files = {"events.jsonl", "scenario.toml", "summary.json", "timeseries.parquet"}
+    if row.scenario.vehicle.file is not None:
+        files.add("vehicle")
     if (undisturbed / ROUNDS).exists():
         files.add(ROUNDS)
         rounds = [pq.read_table(out / ROUNDS) for out in (folder, undisturbed)]

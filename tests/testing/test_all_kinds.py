@@ -83,9 +83,15 @@ SPATIAL = [
     for name in plugins.names("controller")
     if 3 in plugins.registry.dimensions_of(plugins.load("controller", name))
 ]
+NEEDS_A_FILE = {"trace"}  # tests/worldsim/test_trace.py checks it
 # Kind, plug-in, options, and keys of the scenario, if it is not that of the suite.
 CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
-    *((kind, name, {}, SOONER.get(name, {})) for kind in KINDS for name in (*plugins.names(kind), KINDS[kind].good)),
+    *(
+        (kind, name, {}, SOONER.get(name, {}))
+        for kind in KINDS
+        for name in (*plugins.names(kind), KINDS[kind].good)
+        if name not in NEEDS_A_FILE
+    ),
     *(("filter", name, {}, {"uavs": 6, "filter.kind": name, **TICK}) for name in plugins.names("filter")),
     *(
         ("controller", name, {}, {"uavs": 6, **ECBF, "sharing.delta_m": 0.05} | SOONER.get(name, {}))
@@ -100,7 +106,11 @@ CONFORMING: list[tuple[str, Any, dict[str, Any], dict[str, Any]]] = [
     *(("controller", name, {}, {**SPACE, **ECBF, **TICK} | SOONER.get(name, {})) for name in SPATIAL),
     *(("controller", name, {}, {**SPACE, **SKY}) for name in SHARING),
     *(("filter", name, {}, {**SPACE, **SKY, "filter.kind": name}) for name in plugins.names("filter")),
-    *(("vehicle", name, {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0}) for name in plugins.names("vehicle")),
+    *(
+        ("vehicle", name, {}, {**SPACE, "uavs": 5, "wind.field_rms": 1.0})
+        for name in plugins.names("vehicle")
+        if name not in NEEDS_A_FILE
+    ),
     *(("aggregator", rule, {}, {"uavs": uavs}) for rule, uavs in product((GoodAggregator, RowForEachUav), (1, 60))),
     *((kind, EXAMPLE / f"{file}.py", options, {}) for file, (kind, options) in EXAMPLES.items()),
     ("channel", Bursts, {}, {}),

@@ -125,7 +125,7 @@ WRONG_MEMORIES: list[tuple[dict[str, Any], str]] = [
 
 
 def test_memories_are_joined_by_row_and_a_wrong_one_is_refused_and_changes_nothing() -> None:
-    memories = Memories(plan_of(STATES).groups)
+    memories = Memories(plan_of(STATES.replace(uavs=ROWS)).groups)
     for record, reason in WRONG_MEMORIES[:3]:
         with pytest.raises(MessageRejected, match=f"^{reason}"):
             memories.take(np.array([3]), record)

@@ -4,6 +4,7 @@ calls the vehicle of a scenario and checks its results. No other code checks the
 
 import math
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import msgspec
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.events import CommandsIgnored
 from meanflock.swarm.plugins.guard import check_array, check_bounded, check_memory, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
@@ -30,6 +32,7 @@ class Vehicle:
     plugin_kind: ClassVar = "vehicle"
     name: ClassVar[str] = ""
     dimensions: ClassVar[tuple[int, ...]] = (2,)  # numbers of axes d in which it flies
+    obeys: ClassVar[bool] = True  # whether commands have an effect on its motion
     push: ClassVar[bool] = False  # whether `step` gets gusts as an argument of their own
     columns: ClassVar[tuple[str, ...]] = ()  # names, with units, of the C numbers that `shown` returns
 
@@ -46,8 +49,20 @@ class Vehicle:
         """
         self.options, self.scenario = options, scenario
 
+    @classmethod
+    def resolve(cls, options: Options, scenario: Scenario) -> Scenario:
+        """Returns the scenario with `start.positions` and the option `sha256`, read from a file. By default `scenario`.
+
+        It is called where a flight is planned, if the option `file` is set and one of the two is not. The run folder
+        has the result and a copy of the file. The hash of a scenario depends on `sha256`, and not on `file`.
+        """
+        return scenario
+
     def init(self, uavs: int) -> Hidden:
-        """Returns the hidden state at take-off: finite arrays of numbers or booleans, (uavs, …). Empty by default."""
+        """Returns the hidden state at take-off: finite arrays of numbers or booleans, (uavs, …). Empty by default.
+
+        The rows are those of UAV 0, 1, …
+        """
         return {}
 
     def rest(self, hidden: Hidden) -> Hidden:
@@ -147,6 +162,13 @@ def _across(waves: state.Floats, draw: np.random.Generator) -> state.Floats:
 
 
 BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
+
+
+def ignored(scenario: Scenario) -> Iterator[CommandsIgnored]:
+    """The event that the vehicle of a scenario takes no commands, if so."""
+    model = scenario.vehicle.model
+    if not getattr(plugins.load("vehicle", model), "obeys", True):
+        yield CommandsIgnored(0, model, scenario.method)
 
 
 class Moved(NamedTuple):

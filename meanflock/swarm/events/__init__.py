@@ -9,6 +9,7 @@ from meanflock.swarm.events.base import BaseEvent, Level, Uavs
 from meanflock.swarm.events.mission import (
     Arrived,
     Collided,
+    CommandsIgnored,
     Diverged,
     DutyExceeded,
     FaultBegan,
@@ -69,6 +70,7 @@ FlightEvent: TypeAlias = (
     | Diverged
     | Rejoined
     | LeaderStandsBy
+    | CommandsIgnored
     | Arrived
     | SteeringBegan
     | SteeringEnded

@@ -3,6 +3,19 @@
 from meanflock.swarm.events.base import BaseEvent, Count, Uavs, listed
 
 
+class CommandsIgnored(BaseEvent, frozen=True):
+    """The vehicle moves without regard to commands."""
+
+    meanings = {"uncommanded": "the flight begins with a vehicle whose motion does not depend on commands"}
+    level = "WARN"
+    model: str
+    method: str
+
+    @property
+    def text(self) -> str:
+        return f"the commands of {self.method} have no effect: the vehicle {self.model} replays recorded movement"
+
+
 class Arrived(BaseEvent, frozen=True):
     """UAVs reached the destination."""
 

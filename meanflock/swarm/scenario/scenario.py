@@ -252,7 +252,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 )
         mission.check(self)
         widest = float(np.finfo(FLOAT_OF_BITS[self.radio.bits_per_float]).max)
-        if (farthest := float(np.abs(mission.starts(self)).max())) > widest:
+        if mission.has_starts(self) and (farthest := float(np.abs(mission.starts(self)).max())) > widest:
             raise ValueError(
                 f"`start` places a UAV {farthest:g} m out, and a float of the radio, `radio.bits_per_float` "
                 f"{self.radio.bits_per_float}, holds {widest:g} at most; start nearer, or take a wider float"
@@ -288,6 +288,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 raise ValueError(
                     f"`groups[{number}].joins_at_s` is {group.joins_at_s:g} s, and the flight ends at `duration`, "
                     f"{self.duration:g} s; let it join earlier, or fly longer"
+                )
+            if group.vehicle is not None and group.vehicle.file is not None:
+                raise ValueError(
+                    f"`groups[{number}].vehicle` reads its movement from a file, and only the vehicle of all UAVs can; "
+                    "set `[vehicle]`, or take another model"
                 )
             if group.start is not None and self.dimensions == state.PLANE and group.start.height != self.start.height:
                 raise ValueError(
@@ -345,6 +350,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"`federation.station` is {station}, and there are {len(self.stations)} `[[stations]]`, numbered from "
                 f"0; {'name one of them' if self.stations else 'add one'}, or leave the key out"
             )
+        if not mission.has_starts(self):
+            return
         starts = mission.in_space(self, state.position(mission.starts(self)))
         for number, one in enumerate(self.stations):
             apart = state.length(starts - np.array(one.place))
@@ -492,7 +499,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
         # The default payloads depend on the radio's floats.
         plain = with_payloads(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
-        table, default = msgspec.to_builtins(self.resolved()), msgspec.to_builtins(plain)
+        whole = self.resolved()
+        table, default = msgspec.to_builtins(whole), msgspec.to_builtins(plain)
+        table["vehicle"]["options"] = msgspec.to_builtins(whole.vehicle.recorded)
         for path, described in keys_of(Scenario).items():
             if not described.later:
                 continue

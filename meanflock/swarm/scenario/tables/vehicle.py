@@ -65,6 +65,17 @@ class VehicleTable(_Table, frozen=True):
         1.612
     )
 
+    @property
+    def file(self) -> str | None:
+        """Option `file`: the file from which the vehicle reads the starts of the UAVs; None: it reads none."""
+        return self.options.get("file") or None
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """The options of a flight whatever the place of its file, which is known by its hash, the option `sha256`."""
+        options = self.options
+        return {name: options[name] for name in options if name != "file"} if options.get("sha256") else options
+
     def power(self, squared: Floats, speed: Floats) -> Floats:
         """Blade profile + induced + parasite power in W, Eq. Power1, at speeds in m/s and their squares; same shape."""
         blade = self.blade_power * (1.0 + 3.0 * squared / self.tip_speed**2)
