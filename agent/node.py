@@ -10,8 +10,8 @@ from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.groups import group_number
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
-from meanflock.swarm import faults
-from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm import faults, mission
+from meanflock.swarm.declared import MAX_MEMORY_BYTES, PRESENT
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
@@ -41,7 +41,10 @@ class Agent:
         self._row[self.uavs] = np.arange(len(self.uavs))
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
-        self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
+        self._joins, self._leaves = mission.joins(self._scenario)[self.uavs], mission.leaves(self._scenario)[self.uavs]
+        self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults) or bool(
+            self._joins.any() or (self._leaves < mission.NEVER).any()
+        )
         starts = expect(
             "initial_states", welcome.initial_states, (self._scenario.uavs, self._scenario.state_numbers), self._float
         )
@@ -244,9 +247,9 @@ class Agent:
     # -- the fault script, and checkpoints ----------------------------------------------------------------------
 
     def _paused(self, tick: int) -> Mask | None:
-        """Mask (M,) of the rows that the fault script pauses in this tick; None for none."""
+        """Mask (M,) of the rows that the fault script pauses in this tick, or that are not there; None for none."""
         paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
-        asleep = contains(paused, self.uavs)
+        asleep = contains(paused, self.uavs) | (tick < self._joins) | (tick >= self._leaves)
         return asleep if asleep.any() else None
 
     def _memory_record(self) -> bytes:
@@ -261,11 +264,15 @@ class Agent:
         """Continue with the memory in a record of `_memory_record`; raises BadInput if it does not fit."""
         try:
             memory = decode_record(record)
+            present = memory.pop(PRESENT, None)
             self._rounds.restore(memory)
             if set(memory) != set(self._memory):
                 raise MessageRejected("wrong-shape", f"a memory of {sorted(memory)}, expected {sorted(self._memory)}")
             for name, array in self._memory.items():
                 self._memory[name] = expect(name, memory[name], array.shape, array.dtype).copy()
+                if present is not None:
+                    begun = ~expect(PRESENT, present, (len(self.uavs),), np.dtype(bool))
+                    self._memory[name][begun] = array[begun]
         except MessageRejected as error:
             uavs = ", ".join(map(str, self.uavs))
             raise BadInput(f"the memory of UAV {uavs} does not fit this controller: {error}") from error

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from meanflock.federation.groups import Group, group_number
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
-from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.declared import MAX_MEMORY_BYTES, PRESENT
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
@@ -137,14 +137,15 @@ class Resumption:
         return int(self.checkpoint["block"])
 
     def memory(self, groups: Sequence[Group], uavs: NDArray[np.intp]) -> bytes:
-        """The memory of a node with these UAVs of one of the groups of a plan, as a record; empty where every UAV was
-        lost, so that none was asked."""
-        number = group_number(groups, uavs)
-        memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"][number]
-        if not memory:
+        """The memory of a node with these UAVs of one of the groups of a plan, as a record; empty where no UAV was
+        asked, because all were lost or had not joined. `PRESENT` are those that were, if others were not."""
+        number, present = group_number(groups, uavs), self.checkpoint["has_memory"][uavs]
+        if not present.any():
             return b""
         place = groups[number].uavs.searchsorted(uavs)
-        return control.encode_record({name: np.ascontiguousarray(array[place]) for name, array in memory.items()})
+        memory: Mapping[str, NDArray[Any]] = self.checkpoint["memory"][number]
+        record = {name: np.ascontiguousarray(array[place]) for name, array in memory.items()}
+        return control.encode_record(record if present.all() else record | {PRESENT: present})
 
     def check(self, scenario: Scenario) -> None:
         """Check that the checkpoint is of this scenario.

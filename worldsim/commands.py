@@ -21,16 +21,23 @@ class Commands(Stateful):
         diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
         largest: (K,), maximum of |diagnostics| over the ticks that were settled.
         summed: (K,), sum of the diagnostics of UAVs on the way over these ticks.
-        busy: (N,), UAVs that trained in the last tick. busy_ticks: sum of their number.
+        busy: (N,), UAVs that trained in the last tick. busy_ticks: (N,), ticks in which each UAV trained.
     """
 
     stored = ("accelerations", "largest", "summed", "busy", "busy_ticks")
 
-    def __init__(self, uavs: int, axes: int, diagnostics: int, busy: int | None = None) -> None:
-        """`busy`: column of the diagnostics that is 1 while a UAV trains; None: none does."""
+    def __init__(
+        self, uavs: int, axes: int, diagnostics: int, busy: int | None = None, has: Mask | None = None
+    ) -> None:
+        """
+        Args:
+            busy: column of the diagnostics that is 1 while a UAV trains; None: none does.
+            has: (N, K), the diagnostics that each UAV has; those that it has not are 0. None: every UAV has all.
+        """
+        self._has = has
         self._busy = busy
         self.busy: Mask = np.zeros(uavs, dtype=bool)
-        self.busy_ticks = 0
+        self.busy_ticks = np.zeros(uavs, dtype=np.int64)
         self.accelerations: state.Vectors = np.zeros((uavs, axes))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
@@ -64,12 +71,26 @@ class Commands(Stateful):
         self.diagnostics = numbers[:, axes:]
         if self._busy is not None:
             self.busy = self.diagnostics[:, self._busy] > 0.0
-            self.busy_ticks += int(np.count_nonzero(self.busy))
+            self.busy_ticks += self.busy
         if on_way is not self._on_way or len(self._block) == self._most:
             self.settle()
             self._on_way = on_way
         self._block.append(self.diagnostics)
         return diverged
+
+    def means(self, uavs: Mask) -> list[float | None]:
+        """Means of the diagnostics of the last tick over some UAVs (N,), of those that have them; None for no UAV."""
+        if self._has is None:
+            counted = self.diagnostics[uavs]
+            return list(counted.mean(axis=0).tolist()) if len(counted) else [None] * counted.shape[1]
+        columns = [numbers[has & uavs] for numbers, has in zip(self.diagnostics.T, self._has.T, strict=True)]
+        return [float(column.mean()) if len(column) else None for column in columns]
+
+    def ticks(self, ticks: NDArray[np.int64]) -> list[int]:
+        """Of so many ticks of each UAV (N,), those in which it had each diagnostic, summed; K of them."""
+        if self._has is None:
+            return [int(ticks.sum())] * self.diagnostics.shape[1]
+        return list((ticks @ self._has).tolist())
 
     def settle(self) -> None:
         """Add the diagnostics of the ticks since the last call to the sums."""

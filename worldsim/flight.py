@@ -19,6 +19,7 @@ from meanflock.swarm.events import (
     FlightEvent,
     Grounded,
     HitObstacle,
+    Landed,
     LeftAltitudes,
     Lost,
     Rejoined,
@@ -32,7 +33,7 @@ from meanflock.worldsim.altitude import Altitude
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.ground import Ground
 from meanflock.worldsim.obstacles import entered
-from meanflock.worldsim.vehicles.base import Physics
+from meanflock.worldsim.vehicles.fleet import Fleet
 
 Pair = tuple[int, int]
 
@@ -140,6 +141,7 @@ class Encounters(Stateful):
 # Numbers of the array's own type: comparing with a member of the enumeration converts it each time.
 FLYING = np.uint8(Status.FLYING)
 ARRIVED = np.uint8(Status.ARRIVED)
+LANDED = np.uint8(Status.LANDED)
 LOST = np.uint8(Status.LOST)
 
 
@@ -152,17 +154,18 @@ class Flight(Stateful):
     Attributes:
         states: (N, 2d), positions and velocities in m and m/s.
         hidden: the vehicle's hidden state.
-        status: (N,), FLYING, ARRIVED or LOST.
+        status: (N,), FLYING, ARRIVED, LANDED or LOST.
         on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
-        waiting: (N,), UAVs that have not left the ground yet; None if all have.
+        waiting: (N,), UAVs on the ground: they have not left it yet, or have landed; None for no UAV.
+        off: (N,), UAVs that take no part: they are lost, have landed, or have not joined; None for no UAV.
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
         noise: of the motion.
         ground: of a flight in space. altitude: its floor and ceiling.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
-        steps: number of commands of UAVs that are not lost, one for each UAV and tick. lost_ticks: (N,), ticks in which
-            a UAV was lost.
+        steps: number of commands of UAVs that are not off, one for each UAV and tick. off_ticks: (N,), ticks in which a
+            UAV was off.
         clipped: number of commands, one for each UAV and tick, that were longer than the vehicle's limit.
         launch_tick: (N,), tick in which a UAV leaves the ground.
         speed_difference_sum: sum over ticks 0…tick of the mean ‖v_j − v_i‖ over pairs, m/s.
@@ -176,7 +179,7 @@ class Flight(Stateful):
         *(
             "tick",
             "steps",
-            "lost_ticks",
+            "off_ticks",
             "clipped",
             "speed_difference_sum",
             "speed_difference_squared_error",
@@ -191,26 +194,28 @@ class Flight(Stateful):
         self.scenario = scenario
         self.tick = 0
         self.steps = 0
-        self.lost_ticks = np.zeros(n, dtype=np.int64)
+        self.off_ticks = np.zeros(n, dtype=np.int64)
         self.clipped = 0
         self.speed_difference_sum = 0.0
         self.speed_difference_squared_error = 0.0
         self.near_sum = 0
         self.events: list[FlightEvent] = []
-        self._physics = Physics(scenario)
+        self._fleet = Fleet(scenario)
         self.states: state.States = mission.starts(scenario)
-        self.hidden = self._physics.init()
+        self.hidden = self._fleet.init()
         self.encounters = Encounters(scenario)
         self.ground = Ground(scenario)
         self.altitude = Altitude(scenario)
         self._goals = mission.goal_states(scenario)
+        radii = mission.radii(scenario)
+        self._discs = [(float(radius), radii == radius) for radius in np.unique(radii)]  # of arrival, and their UAVs
         self.launch_tick = mission.launches(scenario)
+        self._join_tick = mission.joins(scenario)
         self.status = np.full(n, FLYING)
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
-        self.any_lost = False
         self.last_arrival = -1
-        self.books = Books(scenario, self._physics, self.states)
+        self.books = Books(scenario, self._fleet, self.states)
         self.noise = Noise(scenario)
         self._max_ticks = scenario.max_ticks
         self._ends_with_arrivals = scenario.stop == "arrival"
@@ -305,7 +310,7 @@ class Flight(Stateful):
 
     def lose(self, uavs: NDArray[np.intp], event: type[Lost | Diverged], reason: str) -> None:
         """Take UAVs out of the mission. They fly on without commands, and the flight does not wait for them."""
-        uavs = uavs[self.status[uavs] != LOST]
+        uavs = uavs[(self.status[uavs] != LOST) & (self.status[uavs] != LANDED)]
         if len(uavs):
             self.status[uavs] = LOST
             self._sort()
@@ -318,6 +323,18 @@ class Flight(Stateful):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
             self._sort()
             self.events.append(Rejoined(self.tick, tuple(uavs.tolist()), node))
+
+    def land(self, uavs: NDArray[np.intp], reason: str) -> None:
+        """Land UAVs where they are, for good; lost ones fly on."""
+        uavs = uavs[self.status[uavs] != LOST]
+        if len(uavs):
+            self.states = self.states.copy()
+            state.velocity(self.states)[uavs] = 0.0
+            if self.scenario.dimensions == state.SPACE:
+                self.states[uavs, state.PLANE] = 0.0
+            self.status[uavs] = LANDED
+            self._sort()
+            self.events.append(Landed(self.tick, tuple(uavs.tolist()), reason))
 
     def advance(self, accelerations: state.Vectors, gust: state.Vectors | None = None) -> None:
         """Fly one tick.
@@ -332,15 +349,15 @@ class Flight(Stateful):
         waiting = self.waiting
         if self.idle is not None:
             accelerations = np.where(self.idle[:, None], 0.0, accelerations)
-        if (limit := self.scenario.vehicle.acceleration_max) is not None:
+        if (limit := self._fleet.limit) is not None:
             accelerations = self._limited(accelerations, limit)
         self.steps += len(accelerations)
-        if self.any_lost:
-            self.steps -= int(np.count_nonzero(self.lost))
-            self.lost_ticks += self.lost
-        felt = accelerations if gust is None or self._physics.takes_push else accelerations + gust
+        if self.off is not None:
+            self.steps -= int(np.count_nonzero(self.off))
+            self.off_ticks += self.off
+        felt = self._fleet.felt(accelerations, gust)
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
-        moved = self._physics.step(self.states, self.hidden, felt, self.noise.next(), waiting, gust)
+        moved = self._fleet.step(self.states, self.hidden, felt, self.noise.next(), waiting, gust)
         self.tick += 1
         self.states = self.ground.above(moved.states) if self.ground.is_there else moved.states
         self.hidden = moved.hidden
@@ -352,21 +369,22 @@ class Flight(Stateful):
         self.books.add(self.states, self.hidden, accelerations, felt, on_way, waiting)
         if len(diverged):
             self.lose(diverged, Diverged, "left every bound")
-        if waiting is not None and (self.launch_tick == self.tick).any():
+        if waiting is not None and ((self.launch_tick == self.tick) | (self._join_tick == self.tick)).any():
             self._sort()
         self._observe(before, on_way)
         self._arrive(on_way, diverged)
+        down = (self.arrival_tick >= 0) | (self.status == LANDED)
         if self.ground.is_there:
-            for uav in self.ground.touch(self.states, self.arrival_tick >= 0).tolist():
+            for uav in self.ground.touch(self.states, down).tolist():
                 self.events.append(Grounded(self.tick, uav))
         if self.altitude.limits:
-            for uav, limit in self.altitude.leave(self.states, self.arrival_tick >= 0):
+            for uav, limit in self.altitude.leave(self.states, down):
                 side, limit_m = self.altitude.limits[limit]
                 self.events.append(LeftAltitudes(self.tick, uav, side > 0.0, limit_m))
 
-    def shown(self, columns: int) -> Floats:
-        """The numbers (N, columns) that the vehicle shows of the UAVs."""
-        return self._physics.shown(self.hidden, columns)
+    def shown(self) -> Floats:
+        """The numbers (N, C) that the vehicles show of the UAVs."""
+        return self._fleet.shown(self.hidden)
 
     def restored(self) -> None:
         self._sort()
@@ -385,16 +403,17 @@ class Flight(Stateful):
     def _sort(self) -> None:
         """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""
         flying = self.status == FLYING
-        waiting = self.launch_tick > self.tick
-        lost = self.lost
-        self.any_lost = bool(lost.any())
+        lost, landed = self.lost, self.status == LANDED
+        waiting = landed | (self.launch_tick > self.tick)
+        off = lost | landed | (self._join_tick > self.tick)
         self._any_flying = bool(flying.any())
         is_waiting = bool(waiting.any())
         self.waiting: Mask | None = waiting if is_waiting else None
-        self.idle: Mask | None = waiting | lost if is_waiting or self.any_lost else None
+        self.off: Mask | None = off if off.any() else None
+        self.idle: Mask | None = waiting | lost if is_waiting or self.off is not None else None
         self.on_way: Mask = flying & ~waiting
 
-    def _limited(self, accelerations: state.Vectors, limit: float) -> state.Vectors:
+    def _limited(self, accelerations: state.Vectors, limit: Floats | float) -> state.Vectors:
         """Commands (N, d), those longer than the limit shortened to it and counted, m/s²."""
         length = functools.reduce(np.hypot, state.parts(accelerations))
         longer = length > limit * (1.0 + 1e-9)  # a controller may have shortened its command to the limit itself
@@ -427,8 +446,12 @@ class Flight(Stateful):
 
     def _arrive(self, on_way: Mask, diverged: NDArray[np.intp]) -> None:
         """Change the status of UAVs that were `on_way` (N,), did not diverge, and have reached the destination."""
-        reached = on_way.copy()
-        if not kernels.reached(self.states, self._goals, self.scenario.destination.radius, reached):
+        reached, found = on_way.copy(), 0
+        for radius, uavs in self._discs:
+            own = reached if len(self._discs) == 1 else on_way & uavs
+            found += kernels.reached(self.states, self._goals, radius, own)
+            reached[uavs] = own[uavs]
+        if not found:
             return
         reached[diverged] = False
         new = np.flatnonzero(reached)

@@ -151,7 +151,8 @@ def protocol_summary(world: World, schedule: TickSchedule | None, *, can_be_stee
     commands.settle()
     largest = dict(zip(names, commands.largest.tolist(), strict=True))
     summed = dict(zip(names, commands.summed.tolist(), strict=True))
-    ticks = world.flight.ticks_on_way
+    world.flight.books.settle()
+    ticks = dict(zip(names, commands.ticks(world.flight.books.ticks_on_way), strict=True))
     return {
         "rounds": ledger.rounds,
         "rounds_void": ledger.rounds_void,
@@ -159,7 +160,7 @@ def protocol_summary(world: World, schedule: TickSchedule | None, *, can_be_stee
         "uploads_silent": ledger.silent,
         "uploads_late": ledger.late,
         "diagnostics": summed,
-        "diagnostics_mean": {name: total / ticks if ticks else None for name, total in summed.items()},
+        "diagnostics_mean": {name: total / ticks[name] if ticks[name] else None for name, total in summed.items()},
         "diagnostics_max": largest,
         "hjb_residual_max": largest.get("hjb_residual"),
         "fpk_residual_max": largest.get("fpk_residual"),

@@ -13,11 +13,13 @@ from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
 from meanflock.federation.seat import name_of, ticks_until_lost
+from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
     Diverged,
     DutyExceeded,
     FlightEvent,
+    Joined,
     LinksClamped,
     Lost,
     Rejoined,
@@ -85,7 +87,9 @@ class World(Stateful):
         self.models = ModelsHash(plan)
         self.target = MetricTarget(scenario)
         self.counters = Counters()
-        self.commands = Commands(scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy)
+        self.commands = Commands(
+            scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy, plan.has_diagnostic
+        )
         self._script = Script(scenario)
         self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)
@@ -118,10 +122,20 @@ class World(Stateful):
         """
         flight, constants = self.flight, self.scenario.energy
         radio = float(self.radio_energy_J[: self.scenario.uavs].sum())
-        training = self.scenario.training.power_W * self.scenario.dt * self.commands.busy_ticks
-        compute = constants.step_J * flight.steps + training
+        compute = constants.step_J * flight.steps + self._training_J()
         total = float(flight.energy.sum()) + radio + compute
         return {"energy_radio_J": radio, "energy_compute_J": compute, "energy_total_J": total}
+
+    def _training_J(self) -> float:
+        """Energy of all computers so far while they trained, J."""
+        busy, dt, power = self.commands.busy_ticks, self.scenario.dt, self.scenario.training.power_W
+        if not self.scenario.groups:
+            return float(power * dt * busy.sum())
+        parts = mission.parts(self.scenario)
+        return sum(
+            float((group.training.power_W if group.training else power) * dt * busy[rows].sum())
+            for group, rows in parts
+        )
 
     @property
     def duty(self) -> Floats:
@@ -135,7 +149,7 @@ class World(Stateful):
         """Energy of the radio of each node so far, (N + B,): of sending, receiving and neither, J."""
         flight, constants, radio = self.flight, self.scenario.energy, self.scenario.radio
         sends_s, _, receives_s = radio.coherence_time_s * self.air.meter.loads
-        powered = np.append(flight.tick - flight.lost_ticks, np.minimum(flight.tick, ticks_until_lost(self.scenario)))
+        powered = np.append(flight.tick - flight.off_ticks, np.minimum(flight.tick, ticks_until_lost(self.scenario)))
         idles_s = np.maximum(0.0, powered * self.scenario.dt - sends_s - receives_s)
         energy: Floats = constants.radio_W * sends_s + constants.receive_W * receives_s + constants.idle_W * idles_s
         return energy
@@ -206,7 +220,8 @@ class World(Stateful):
             self.air.meter.mark()
         weights = self._learned(acts.models, awake & ~flight.lost) if acts.models is not None else None
         memories = acts.memories
-        if memories is not None and not (awake[~flight.lost].all() and memories.present[~flight.lost].all()):
+        on = self._all if flight.off is None else ~flight.off
+        if memories is not None and not (awake[on].all() and memories.present[on].all()):
             memories = None
         self._senses = None
         return self._row(links, weights, memories)
@@ -237,7 +252,13 @@ class World(Stateful):
             memories: of the controllers. wall_s: wall-clock time flown so far. block: number of the block of telemetry
                 that carries the checkpoint.
         """
-        parts = {"block": block, "wall_s": wall_s, "world": state_of(self), "memory": memories.arrays}
+        parts = {
+            "block": block,
+            "wall_s": wall_s,
+            "world": state_of(self),
+            "memory": memories.arrays,
+            "has_memory": memories.present,
+        }
         return encoded(self.scenario, parts)
 
     def _resume(self, resume: Resumption) -> None:
@@ -259,7 +280,7 @@ class World(Stateful):
         events, flight.events = flight.events, []
         diagnostics = commands.diagnostics
         if self.plan.shown:
-            diagnostics = np.concatenate([diagnostics, flight.shown(len(self.plan.shown))], axis=1)
+            diagnostics = np.concatenate([diagnostics, flight.shown()], axis=1)
         return Row(
             flight.tick,
             flight.states,
@@ -279,12 +300,24 @@ class World(Stateful):
             The UAVs and the number of leaders that are killed; the UAVs that are awake, (N,).
         """
         flight = self.flight
+        self._begin_groups(tick)
         if not self.scenario.faults:
-            return _NOBODY, 0, ~flight.lost if flight.any_lost else self._all
+            return _NOBODY, 0, self._all if flight.off is None else ~flight.off
         flight.events += self._script.events(tick)
         killed = self._script.killed(tick)
         flight.lose(killed, Lost, KILLED)
-        return killed, self._script.leaders_lost(tick), ~flight.lost & ~self._script.paused(tick)
+        awake = ~self._script.paused(tick)
+        return killed, self._script.leaders_lost(tick), awake if flight.off is None else awake & ~flight.off
+
+    def _begin_groups(self, tick: int) -> None:
+        """Let groups join and leave as they are to."""
+        dt = self.scenario.dt
+        for group, rows in mission.parts(self.scenario):
+            uavs = np.arange(rows.start, rows.stop)
+            if tick and tick == round(group.joins_at_s / dt):
+                self.note(Joined(tick, tuple(uavs.tolist()), group.name))
+            if group.leaves_at_s is not None and tick == round(group.leaves_at_s / dt):
+                self.flight.land(uavs, f"group {group.name} leaves")
 
     def _present(self, tick: int, awake: Mask) -> Mask:
         """Mask (N + B,) of the nodes that send and receive: UAVs that are `awake` (N,), then stations."""
@@ -333,9 +366,9 @@ class World(Stateful):
     def _completed(self, ended: RoundEnded, replied: Mask) -> RoundEnded:
         """A round with what it cost so far, and the means of the diagnostics of UAVs that `replied` (N,)."""
         meter = self.air.meter
-        counted = self.commands.diagnostics[replied & self.flight.on_way]
+        counted = replied & self.flight.on_way
         names = self.plan.declared.diagnostics
-        means = dict(zip(names, counted.mean(axis=0).tolist(), strict=True)) if len(counted) else {}
+        means = {name: mean for name, mean in zip(names, self.commands.means(counted), strict=True) if mean is not None}
         bits, airtime_s = int(meter.total("payload_bits")), meter.total("airtime_s")
         return structs.replace(ended, bits=bits, airtime_s=airtime_s, diagnostics=means)
 

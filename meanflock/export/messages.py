@@ -20,6 +20,7 @@ _COLORS: dict[Status, Color] = {
     Status.FLYING: (0.26, 0.56, 0.96),
     Status.ARRIVED: (0.20, 0.73, 0.40),
     Status.LOST: (0.85, 0.25, 0.22),
+    Status.LANDED: (0.55, 0.55, 0.55),
 }
 _GOAL: Color = (0.20, 0.73, 0.40)
 _OBSTACLE: Color = (0.55, 0.55, 0.58)

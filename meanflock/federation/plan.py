@@ -75,13 +75,19 @@ class Plan:
 
     @functools.cached_property
     def has_column(self) -> NDArray[np.bool_] | None:
-        """Mask (N, K) of the diagnostics that each UAV has; None: every UAV has all."""
-        if len(self.groups) == 1:
-            return None
-        has = np.zeros((self.scenario.uavs, len(self.declared.diagnostics)), dtype=bool)
+        """Mask (N, C) of the `columns` that each UAV has; those that it has not are 0. None: every UAV has all."""
+        names = self.columns
+        has = np.zeros((self.scenario.uavs, len(names)), dtype=bool)
         for group in self.groups:
-            has[group.uavs[:, None], np.array(self.places(group), dtype=np.intp)] = True
+            own = {*group.declared.diagnostics, *_shown_by(group.scenario.vehicle.model)}
+            has[group.uavs] = [name in own for name in names]
         return None if has.all() else has
+
+    @property
+    def has_diagnostic(self) -> NDArray[np.bool_] | None:
+        """The same of the diagnostics, (N, K)."""
+        has = None if self.has_column is None else self.has_column[:, : len(self.declared.diagnostics)]
+        return None if has is None or has.all() else has
 
     def node_firsts(self, rows: int) -> list[int]:
         """The first UAV of each node, ascending, if a node has up to so many UAVs, all of one group."""
@@ -98,11 +104,9 @@ class Plan:
         Raises:
             BadInput: they cannot be names of columns.
         """
-        models = [self.scenario.vehicle.model, *(group.scenario.vehicle.model for group in self.groups)]
         found: dict[str, None] = {}
-        for model in dict.fromkeys(models if len(self.groups) == 1 else models[1:]):
-            own = getattr(plugins.load("vehicle", model), "columns", ())
-            shown = column_names(f"vehicle {model!r}: `columns`", own)
+        for model in dict.fromkeys(group.scenario.vehicle.model for group in self.groups):
+            shown = _shown_by(model)
             if shared := sorted({*shown} & {*self.declared.diagnostics}):
                 raise BadInput(
                     f"vehicle {model!r}: `columns` {', '.join(shared)}: controller {self.method!r} has diagnostics of "
@@ -299,6 +303,11 @@ class Plan:
                 f"scenario: `radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
                 "`federation.clusters`, or take `radio.bands` one"
             )
+
+
+def _shown_by(model: str) -> tuple[str, ...]:
+    """Names of the numbers that a vehicle shows; raises BadInput if they cannot be names of columns."""
+    return column_names(f"vehicle {model!r}: `columns`", getattr(plugins.load("vehicle", model), "columns", ()))
 
 
 def plan_of(scenario: Scenario) -> Plan:

@@ -70,6 +70,7 @@ class Lane(enum.IntEnum):
     FLYING = Status.FLYING
     ARRIVED = Status.ARRIVED
     LOST = Status.LOST
+    LANDED = Status.LANDED
     FROZEN = len(Status)
     CUT_OFF = len(Status) + 1
 
@@ -78,6 +79,7 @@ LANE_COLORS = {
     Lane.FLYING: drawing.BLUE,
     Lane.ARRIVED: drawing.GREEN,
     Lane.LOST: drawing.GREY,
+    Lane.LANDED: drawing.DISC,
     Lane.FROZEN: drawing.FROZEN,
     Lane.CUT_OFF: drawing.CUT,
 }

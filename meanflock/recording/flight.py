@@ -38,7 +38,7 @@ def uav_colors(states: state.States, diagnostics: Floats, status: NDArray[np.uin
         colors = drawing.phi_g_colors(diagnostics[..., reported.diagnostics.index(PHI_G)])
     else:
         colors = drawing.speed_colors(state.speed(states))
-    colors[status == Status.LOST] = drawing.GREY
+    colors[status >= Status.LOST] = drawing.GREY  # or landed
     return colors
 
 

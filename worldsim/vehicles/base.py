@@ -183,19 +183,25 @@ _NOBODY = np.zeros(0, dtype=np.intp)
 
 
 class Physics:
-    """The vehicle of a scenario."""
+    """The vehicle of a scenario, and the UAVs that have it."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        """Raises BadInput if the scenario's vehicle is not installed, does not fly in its dimensions, or its options do
-        not fit.
+    def __init__(self, scenario: Scenario, uavs: NDArray[np.intp] | None = None) -> None:
+        """
+        Args:
+            uavs: (M,) ascending, the UAVs that have the vehicle; None: all. All arrays of this class have their rows.
+
+        Raises:
+            BadInput: the vehicle is not installed, does not fly in the dimensions of the scenario, or its options do
+                not fit.
         """
         chosen = scenario.vehicle
-        self._uavs = scenario.uavs
+        self._names = np.arange(scenario.uavs) if uavs is None else uavs
+        self._uavs = len(self._names)
         self._name = chosen.model
         plugins.check_dimensions("vehicle", chosen.model, scenario.dimensions)
         self._vehicle: Vehicle = plugins.create("vehicle", chosen.model, chosen.options, scenario.flown())
         self.takes_push = bool(getattr(self._vehicle, "push", False))
-        self._calm = np.zeros((scenario.uavs, scenario.dimensions))
+        self._calm = np.zeros((self._uavs, scenario.dimensions))
 
     def init(self) -> Hidden:
         """The hidden state of all UAVs at take-off; raises BadInput if `init` of the vehicle fails."""
@@ -203,7 +209,7 @@ class Physics:
             hidden = self._asked("init", self._uavs)
             check_memory("`init`: hidden", hidden, self._uavs)
             for name, part in hidden.items():
-                _check_finite(f"hidden[{name!r}] of `init`", part)
+                _check_finite(f"hidden[{name!r}] of `init`", part, self._names)
         except (RunFailed, TypeError, ValueError) as error:
             raise BadInput(f"vehicle {self._name!r}: {error}") from error
         return dict(hidden)
@@ -241,7 +247,7 @@ class Physics:
         try:
             power = self._asked("power", states, hidden, acceleration)
             check_array("power", power, (len(states),), states.dtype)
-            _check_finite("power", power, np.arange(len(states)) % self._uavs)
+            _check_finite("power", power, self._names[np.arange(len(states)) % self._uavs])
             check_bounded("power", power)  # telemetry has the energy as float32
         except (RunFailed, TypeError, ValueError) as error:
             ticks = len(states) // self._uavs
@@ -260,7 +266,7 @@ class Physics:
         try:
             shown = self._asked("shown", hidden)
             check_array("shown", shown, (self._uavs, columns), np.dtype(float))
-            _check_finite("shown", shown)
+            _check_finite("shown", shown, self._names)
             check_bounded("shown", shown)  # telemetry has it as float32
         except (RunFailed, TypeError, ValueError) as error:
             raise RunFailed(f"vehicle {self._name!r}: {error}") from error
@@ -280,19 +286,19 @@ class Physics:
         check_array("states", moved, states.shape, states.dtype)
         check_same_form("hidden", changed, hidden)
         for name, part in changed.items():
-            _check_finite(f"hidden[{name!r}]", part)
+            _check_finite(f"hidden[{name!r}]", part, self._names)
         moved, diverged = np.ascontiguousarray(moved), _NOBODY
         if not np.maximum.reduce(np.abs(moved), axis=None) < BOUND:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
             finite = np.isfinite(arguments[0]).all(axis=-1)
-            _check_finite("states", moved[far & finite], np.flatnonzero(far & finite))
+            _check_finite("states", moved[far & finite], self._names[far & finite])
             moved, diverged = moved.copy(), np.flatnonzero(far)
             moved[far] = states[far]
             state.velocity(moved)[far] = 0.0
             rest = self._asked("rest", dict(hidden))
             check_same_form("hidden state at rest", rest, hidden)
             for name, part in rest.items():
-                _check_finite(f"hidden[{name!r}] at rest", part[diverged], diverged)
+                _check_finite(f"hidden[{name!r}] at rest", part[diverged], self._names[diverged])
             changed = {name: _put_back(part, rest[name], diverged) for name, part in changed.items()}
         if waiting is not None:
             still = np.flatnonzero(waiting)
@@ -308,12 +314,11 @@ class Physics:
             raise RunFailed(f"`{method}` failed: {last_line(error)}") from error
 
 
-def _check_finite(label: str, array: NDArray, uavs: NDArray[np.intp] | None = None) -> None:
-    """Check that an array has finite numbers only; its rows are those of `uavs`, or of all UAVs."""
+def _check_finite(label: str, array: NDArray, uavs: NDArray[np.intp]) -> None:
+    """Check that an array has finite numbers only; its rows are those of `uavs`."""
     if np.count_nonzero(finite := np.isfinite(array)) < array.size:
         row = int(np.flatnonzero(~finite.reshape(len(array), -1).all(axis=-1))[0])
-        uav = row if uavs is None else uavs[row]
-        raise ValueError(f"{label} of UAV {uav}: {array[row]} is not finite")
+        raise ValueError(f"{label} of UAV {uavs[row]}: {array[row]} is not finite")
 
 
 def _put_back(part: NDArray, before: NDArray, rows: NDArray[np.intp]) -> NDArray:

@@ -17,6 +17,8 @@ from meanflock.swarm.events.mission import (
     FaultNeverBegins,
     Grounded,
     HitObstacle,
+    Joined,
+    Landed,
     LeftAltitudes,
     LinksClamped,
     Lost,
@@ -72,6 +74,8 @@ FlightEvent: TypeAlias = (
     | LeaderStandsBy
     | CommandsIgnored
     | Arrived
+    | Landed
+    | Joined
     | SteeringBegan
     | SteeringEnded
     | Collided

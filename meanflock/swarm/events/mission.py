@@ -27,6 +27,31 @@ class Arrived(BaseEvent, frozen=True):
         return f"{listed(self.uavs)} arrived"
 
 
+class Landed(BaseEvent, frozen=True):
+    """UAVs landed where they were, for good."""
+
+    meanings = {"landed": "UAVs landed for good, where they were: their group leaves, or their battery is empty"}
+    level = "WARN"
+    uavs: Uavs
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return f"{listed(self.uavs)} landed: {self.reason}"
+
+
+class Joined(BaseEvent, frozen=True):
+    """UAVs of a group take off, after others."""
+
+    meanings = {"takeoff": "a group of UAVs joins the flight"}
+    uavs: Uavs
+    group: str
+
+    @property
+    def text(self) -> str:
+        return f"{listed(self.uavs)} of group {self.group} joined"
+
+
 class Collided(BaseEvent, frozen=True):
     """Two UAVs collided."""
 

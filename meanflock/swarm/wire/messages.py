@@ -190,6 +190,7 @@ class Status(enum.IntEnum):
     FLYING = 0
     ARRIVED = 1
     LOST = 2
+    LANDED = 3
 
 
 SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
