@@ -12,7 +12,7 @@ from meanflock import kernels
 from meanflock.channel.meter import TRAFFIC, Meter, Traffic
 from meanflock.channel.nodes import nodes_of
 from meanflock.federation.plan import plugins_of
-from meanflock.swarm import __version__
+from meanflock.swarm import __version__, mission
 from meanflock.swarm.faults import Kill
 from meanflock.swarm.provenance import provenance
 from meanflock.swarm.scenario import Scenario
@@ -28,19 +28,10 @@ MAX_LINKS_LISTED = 1000
 
 def flight_summary(flight: Flight) -> dict[str, Any]:
     """Fields from the flight. Energies count until a UAV's own arrival; `energy_end_…` until the end of the flight."""
-    scenario = flight.scenario
-    arrived = flight.arrival_tick >= 0
-    times = (flight.arrival_tick - flight.launch_tick)[arrived] * scenario.dt
-    energy = np.where(arrived, flight.arrival_energy, flight.energy)
     return {
         "ticks": flight.tick,
         "sim_time_s": flight.time_s,
-        "arrived": int(arrived.sum()),
-        "lost": int((flight.status == Status.LOST).sum()),
-        "t_avg_s": float(times.mean()) if arrived.any() else None,
-        "t_max_s": float(times.max()) if arrived.any() else None,
-        "energy_mean_J": float(energy.mean()),
-        "energy_std_J": float(energy.std()),
+        **_travelled(flight, slice(None)),
         "energy_end_mean_J": float(flight.energy.mean()),
         "energy_end_std_J": float(flight.energy.std()),
         "phi_A": flight.phi_a,
@@ -56,11 +47,44 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "altitude_violations": int(np.count_nonzero(flight.altitude.beyond)) if flight.altitude.limits else None,
         "speed_max_m_s": flight.speed_max,
         "speed_mean_m_s": flight.mean_speed,
-        "distance_mean_m": float(flight.distance.mean()),
-        "control_effort": float(flight.effort.mean() * scenario.dt),
         "clipped_uav_ticks": flight.clipped,
         "trajectory_sha256": flight.trajectory_sha256,
     }
+
+
+def _travelled(flight: Flight, rows: slice) -> dict[str, Any]:
+    """How the UAVs in some rows travelled."""
+    arrived, status = flight.arrival_tick[rows] >= 0, flight.status[rows]
+    times = (flight.arrival_tick - flight.launch_tick)[rows][arrived] * flight.scenario.dt
+    energy = np.where(arrived, flight.arrival_energy[rows], flight.energy[rows])
+    return {
+        "arrived": int(arrived.sum()),
+        "lost": int((status == Status.LOST).sum()),
+        "landed": int((status == Status.LANDED).sum()),
+        "t_avg_s": float(times.mean()) if arrived.any() else None,
+        "t_max_s": float(times.max()) if arrived.any() else None,
+        "energy_mean_J": float(energy.mean()),
+        "energy_std_J": float(energy.std()),
+        "distance_mean_m": float(flight.distance[rows].mean()),
+        "control_effort": float(flight.effort[rows].mean() * flight.scenario.dt),
+    }
+
+
+def group_summary(world: World) -> dict[str, Any] | None:
+    """Fields of each group, by its name; None without groups. A collision of two groups counts in both."""
+    flight, meter = world.flight, world.air.meter
+    pairs = np.array(sorted(flight.encounters.collided), dtype=np.intp).reshape(-1, 2)
+    found: dict[str, Any] = {}
+    for group, rows in mission.parts(world.scenario):
+        collided = ((pairs >= rows.start) & (pairs < rows.stop)).any(axis=1)
+        found[group.name] = {
+            "method": world.scenario.of_group(group).method,
+            "uavs": group.count,
+            **_travelled(flight, rows),
+            "collisions": int(np.count_nonzero(collided)),
+            "airtime_s": float(meter.loads[0][rows].sum() * meter.radio.coherence_time_s),
+        }
+    return found or None
 
 
 def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:
@@ -207,7 +231,7 @@ def summary(
         "version": __version__,
         "provenance": provenance(plugins_of(scenario)),
         "scenario_sha256": scenario.sha256(),
-        "method": str(scenario.method),
+        "method": world.plan.method,
         "uavs": scenario.uavs,
         "seed": scenario.seed,
         "mode": mode,
@@ -219,6 +243,7 @@ def summary(
         **world.energies(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
         "until": world.target.summary(),
+        "groups": group_summary(world),
         "telemetry_blocks_dropped": blocks_dropped,
         "models_sha256": world.models.hexdigest,
     }

@@ -159,7 +159,7 @@ SUMMARY = (
         optional=True,
     ),
     Field("scenario_sha256", "", "hash of the resolved scenario; equal for equal scenarios"),
-    Field("method", "", "name of the controller"),
+    Field("method", "", "name of the controller; of groups, the names of all, joined by `+`"),
     Field("uavs", "UAVs", "number of UAVs"),
     Field("seed", "1", "seed of all randomness"),
     Field("mode", "", "`processes`, or `in-process` if all nodes were in one process"),
@@ -170,6 +170,9 @@ SUMMARY = (
     Field("sim_time_s", TIME, "simulated time flown"),
     _ARRIVED,
     Field("lost", "UAVs", "UAVs that are lost at the end of the flight"),
+    Field(
+        "landed", "UAVs", "UAVs that have landed for good: their group left, or their battery was empty", optional=True
+    ),
     Field("t_avg_s", TRAVEL_TIME, "mean travel time of the UAVs that arrived, each from its launch"),
     Field("t_max_s", TRAVEL_TIME, "longest travel time of the UAVs that arrived"),
     Field(
@@ -346,6 +349,25 @@ SUMMARY = (
     Field("until.bits", PAYLOAD, "payload of all traffic up to then", optional=True),
     Field("until.airtime_s", "s", "airtime of all traffic up to then", optional=True),
     Field("until.energy_J", ENERGY, "energy of all UAVs up to then: motion, radio and controllers", optional=True),
+    Field("groups", "", "null without `[[groups]]`; else the fields of each group, by its name", optional=True),
+    Field("groups.*.method", "", "name of its controller", optional=True),
+    Field("groups.*.uavs", "UAVs", "number of its UAVs", optional=True),
+    *(
+        Field(f"groups.*.{key}", measured, f"`{key}` of its UAVs", optional=True)
+        for key, measured in (
+            ("arrived", ARRIVED),
+            ("lost", "UAVs"),
+            ("landed", "UAVs"),
+            ("t_avg_s", TRAVEL_TIME),
+            ("t_max_s", TRAVEL_TIME),
+            ("energy_mean_J", ENERGY_TO_ARRIVAL),
+            ("energy_std_J", ENERGY_TO_ARRIVAL),
+            ("distance_mean_m", DISTANCE),
+            ("control_effort", "m²/s³"),
+        )
+    ),
+    Field("groups.*.collisions", COLLISIONS, "`collisions` with at least one of its UAVs", optional=True),
+    Field("groups.*.airtime_s", "s", "time for which its UAVs sent", optional=True),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
 
