@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Broadcast, Controller, Memory, Received, Rows, Step
 from meanflock.swarm.declared import MAX_BROADCAST_NUMBERS, MAX_PARAMETERS
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States, Vectors
 
@@ -70,6 +71,12 @@ class External(Controller):
         after = memory["model"].copy()
         after[rows] = models
         return memory | {"model": after}
+
+
+def refuse_groups(scenario: Scenario, what: str) -> None:
+    """Raises BadInput if a flight whose UAVs are all commanded from outside has groups."""
+    if scenario.groups:
+        raise BadInput(f"{what} commands all UAVs alike, and the scenario has `[[groups]]`; take one without them")
 
 
 def _part(broadcast: Broadcast, uavs: NDArray[np.integer]) -> Broadcast:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meanflock.swarm.mission import uavs_of
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 
@@ -27,7 +28,7 @@ def nodes_of(scenario: Scenario, gain_dbi: float = 0.0, noise_figure_db: float =
         values = np.full(scenario.nodes, common)
         for radio in scenario.radios:
             if (value := getattr(radio, key, None)) is not None:
-                values[list(radio.uavs)] = value
+                values[uavs_of(scenario, radio)] = value
         for node, station in enumerate(scenario.stations, start=scenario.uavs):
             if (value := getattr(station, key)) is not None:
                 values[node] = value

@@ -14,7 +14,7 @@ from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.controllers.filtered import Filter, of_inner
 from meanflock.agent.guarded import check_broadcasts
 from meanflock.agent.learning.controller import Learning
-from meanflock.agent.stepped import Command, External
+from meanflock.agent.stepped import Command, External, refuse_groups
 from meanflock.federation.plan import plan_of
 from meanflock.flying import Progress, prepared
 from meanflock.runs import Run
@@ -115,6 +115,7 @@ class Stepped:
             name = ignored if isinstance(ignored, str) else getattr(ignored, "__name__", ignored)
             warnings.warn(f"method {name!r} is ignored: `step` commands a stepped flight", stacklevel=2)
         self.scenario = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
+        refuse_groups(self.scenario, "a stepped flight")
         self._progress = progress
         self._take_off(out, record)
 

@@ -105,8 +105,10 @@ def flower(
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
 
+        planned = load_scenario(file, (*fixed, *settings), **keys)
+        if planned.groups:
+            raise BadInput(f"{mission}: a Flower app trains all UAVs, and the scenario has `[[groups]]`; take another")
         if duration is None and rounds:
-            planned = load_scenario(file, (*fixed, *settings), **keys)
             keys["duration"] = (rounds + 2) * planned.period_ticks * planned.dt
         done = flight.run(
             file,

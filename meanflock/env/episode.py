@@ -9,7 +9,7 @@ import numpy as np
 from meanflock.agent.controllers.base import Memory
 from meanflock.agent.controllers.policy.network import MAX_MESSAGE, MAX_NEIGHBOURS
 from meanflock.agent.controllers.policy.perception import Perception, width
-from meanflock.agent.stepped import External
+from meanflock.agent.stepped import External, refuse_groups
 from meanflock.env.rewards import Terms, weights_of
 from meanflock.env.seeds import seed_of
 from meanflock.settings import scenario_of
@@ -49,6 +49,7 @@ class Form:
         self.seed = seed_of(mission, keys.get("seed"))
         settings = {key: value for key, value in keys.items() if key.partition(".")[0] not in ("controller", "method")}
         flown = scenario_of(source, settings, method=External)
+        refuse_groups(flown, "an environment")
         self.inputs = width(self.neighbours, self.message, flown.dimensions)
         self.outputs = flown.dimensions + self.message
         numbers = Perception(flown, self.neighbours, self.message).broadcast_numbers

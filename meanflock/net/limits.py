@@ -6,6 +6,7 @@ import numpy as np
 
 from meanflock.agent.controllers.base import Arrival
 from meanflock.agent.learning.surroundings import check_rule
+from meanflock.federation.groups import Group
 from meanflock.federation.plan import Plan
 from meanflock.federation.rule import Rule
 from meanflock.net import keys
@@ -35,10 +36,10 @@ class Limits:
         """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
         whole models for the rule, or the rule may not fly beside a learner."""
         declared, uavs = plan.declared, plan.scenario.uavs
-        memory = _initial_memory(plan)
+        memory = max(len(_initial_memory(group)) for group in plan.groups)
         rule = Rule(plan)
         rule.check_radio(plan)
-        if plan.scenario.training.learner != NO_LEARNER:
+        if any(group.takes_part and group.scenario.training.learner != NO_LEARNER for group in plan.groups):
             check_rule(plan.scenario, declared.parameters)
         state_of_rule = control.encode_record(rule.begin())
         numbers = plan.scenario.dimensions + len(declared.diagnostics) + declared.weights + declared.broadcast_numbers
@@ -46,7 +47,7 @@ class Limits:
         numbers += sum(
             hop.codec.count * (hop.codec.width + 1) for hop in plan.hops if hop.role == "agent" and not hop.is_local
         )
-        self._row = _NUMBER_BYTES * numbers + len(memory)
+        self._row = _NUMBER_BYTES * numbers + memory
         if plan.scenario.federation.upload_threshold or plan.scenario.federation.share < 1.0:
             self._row += _NUMBER_BYTES * declared.parameters + _FRAME_BYTES  # the model of the last upload
         if any(hop.is_local for hop in plan.hops):  # a UAV that averages stores its model and a state of the rule
@@ -66,31 +67,31 @@ class Limits:
         return self._fixed + (self._row * rows if rows else self._leader)
 
 
-def _initial_memory(plan: Plan) -> bytes:
-    """Initial memory of the controller for UAV 0, as a record.
+def _initial_memory(group: Group) -> bytes:
+    """Initial memory of the controller for the first UAV of a group, as a record.
 
     Raises:
         BadInput: `init` fails, the model has another size than declared, or a checkpoint cannot store the memory.
     """
-    scenario, wanted = plan.scenario, (1, plan.declared.parameters)
+    scenario, wanted, first = group.scenario, (1, group.declared.parameters), group.uavs[:1]
     flyer = controller(scenario)
     starts = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
     try:
-        memory = flyer.init(np.arange(1), starts.astype(np.float64))  # as agents receive it
+        memory = flyer.init(first.copy(), starts.astype(np.float64))  # as agents receive it
         # The agent reports a memory of another form.
         one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
         if wanted[1] and one_row:
             model = flyer.get(memory)
             if (shape := np.shape(model)) != wanted:
                 raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
-            first = Arrival(1, np.array(model, dtype=np.float64), np.ones(1, dtype=bool), [b""])
-            flyer.arrived(memory, np.arange(1), first)  # fails if it cannot take a model
+            arrival = Arrival(1, np.array(model, dtype=np.float64), np.ones(1, dtype=bool), [b""])
+            flyer.arrived(memory, np.arange(1), arrival)  # fails if it cannot take a model
         check_memory("memory", memory)
         return control.encode_record(memory)
     except BadInput:
         raise
     except FAILURES as error:
-        text = f"controller {scenario.method!r} failed in `init` with UAV 0: {last_line(error)}"
+        text = f"controller {scenario.method!r} failed in `init` with UAV {first[0]}: {last_line(error)}"
         raise BadInput(text) from error
 
 

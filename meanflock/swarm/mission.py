@@ -70,6 +70,14 @@ class FlownMission(Mission, Protocol):
         """`[vehicle]`."""
 
 
+def uavs_of(mission: Mission, radio: Any) -> list[int]:
+    """The UAVs that an entry of `[[radios]]` names: by numbers, or by their group."""
+    return [
+        *radio.uavs,
+        *(uav for group, rows in parts(mission) if group.name == radio.group for uav in range(rows.start, rows.stop)),
+    ]
+
+
 def starts(mission: Mission) -> state.States:
     """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
     places = _places(mission.space, mission.start, mission.uavs)

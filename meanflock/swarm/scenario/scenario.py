@@ -365,7 +365,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         """Raises ValueError where `[[radios]]` names a UAV twice, or one that is not there."""
         named: set[int] = set()
         for number, radio in enumerate(self.radios):
-            for uav in radio.uavs:
+            if radio.group is not None and radio.group not in (group.name for group in self.groups):
+                raise ValueError(f"`radios[{number}].group` names {radio.group!r}, which is none of `groups`; add it")
+            for uav in mission.uavs_of(self, radio):
                 if uav >= self.uavs:
                     raise ValueError(f"`radios[{number}].uavs` names UAV {uav} of 0…{self.uavs - 1}")
                 if uav in named:

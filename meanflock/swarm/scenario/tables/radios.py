@@ -36,11 +36,14 @@ class UnequalRadio(OwnRadio, frozen=True, omit_defaults=True, kw_only=True):
     """The radio of some UAVs, where it differs from that of the others. No UAV is named twice."""
 
     uavs: Annotated[
-        tuple[Annotated[int, Meta(ge=0)], ...], Meta(min_length=1, description="the UAVs that have such a radio")
-    ]
+        tuple[Annotated[int, Meta(ge=0)], ...], Meta(description="the UAVs that have such a radio; unset: see `group`")
+    ] = ()
+    group: Annotated[str, Meta(description="name of the group whose UAVs have it, instead of `uavs`")] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if bool(self.uavs) == (self.group is not None):
+            raise ValueError("a radio of `[[radios]]` is that of some `uavs`, or of a `group`: set one of the two")
         if not self.differs:
             raise ValueError(
                 "a radio of `[[radios]]` differs in `tx_power_dbm`, `gain_dbi` or `noise_figure_db`: set one"

@@ -1,0 +1,175 @@
+"""Groups: UAVs of several controllers, vehicles and missions in one flight. Their bits in all modes are golden."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.federation.plan import plan_of
+from meanflock.federation.schedule import Schedule
+from meanflock.launch.engine import Engine
+from meanflock.swarm import mission
+from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
+from meanflock.worldsim.crew import LocalCrew, fly
+from meanflock.worldsim.tick import Row
+from meanflock.worldsim.world import World
+from tests.golden.flights import steady
+
+SIDE_BY_SIDE: dict[str, Any] = {
+    "uavs": 8,
+    "duration": 12.0,
+    "stop": "duration",
+    "federation": {"period": 30, "leader": 3},
+    "groups": [
+        {"name": "couriers", "count": 3, "method": "orca"},
+        {"name": "learners", "count": 3},
+        {"name": "reserve", "count": 2, "joins_at_s": 4.0, "leaves_at_s": 9.0},
+    ],
+}
+
+
+def rows_of(scenario: Scenario) -> list[Row]:
+    """The rows of a flight in one process."""
+    world = World(plan_of(scenario))
+    return [world.begun(), *fly(world, LocalCrew(world))]
+
+
+def test_groups_of_one_controller_are_one_to_the_bit() -> None:
+    whole = Scenario(uavs=9, duration=21.0)
+    divided = whole.replace(groups=[{"name": "a", "count": 4}, {"name": "b", "count": 5}])
+    assert len(plan_of(divided).groups) == 1
+    first, second = (steady(Engine(one, "one").complete()) for one in (whole, divided))
+    named = second.pop("groups")
+    assert first.pop("groups") is None
+    assert named["a"]["arrived"] + named["b"]["arrived"] == first["arrived"]
+    assert first.pop("scenario_sha256") != second.pop("scenario_sha256")
+    assert first == second
+
+
+@pytest.mark.parametrize("kind", ["controller", "vehicle"])
+def test_a_uav_flies_as_in_a_flight_of_its_kind_alone(kind: str) -> None:
+    """Of controllers that do not hear others, each row is that of a flight in which all UAVs are alike."""
+    own = {
+        "controller": [{"method": "cruise"}, {"method": "lqr"}],
+        "vehicle": [{"vehicle": {"acceleration_max": 1.0}}, {"vehicle": {"model": "multirotor"}}],
+    }[kind]
+    common: dict[str, Any] = {"uavs": 6, "duration": 5.0, "method": "cruise", "space": {"dimensions": 3}}
+    mixed = [{"name": f"group{number}", "count": 3, **keys} for number, keys in enumerate(own)]
+    both = rows_of(Scenario(**common, groups=mixed))
+    for number, keys in enumerate(own):
+        uavs = slice(3 * number, 3 * number + 3)
+        for mine, alone in zip(both, rows_of(Scenario(**common | keys)), strict=True):
+            np.testing.assert_array_equal(mine.states[uavs], alone.states[uavs])
+
+
+def test_only_groups_that_share_a_model_take_part_in_rounds() -> None:
+    scenario = Scenario(**SIDE_BY_SIDE)
+    plan = plan_of(scenario)
+    assert plan.scenario.federation.group == ("learners", "reserve")
+    assert plan.scenario.members.tolist() == [3, 4, 5, 6, 7]
+    assert {len(Schedule(plan).participants(number)) for number in range(1, 9)} == {plan.scenario.participants} == {4}
+    links = np.concatenate([row.links for row in rows_of(scenario)])
+    models = links[links[:, LinkColumn.KIND] != FrameKind.STATE]
+    assert len(models)
+    assert models[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].min() == 3
+    states = links[links[:, LinkColumn.KIND] == FrameKind.STATE]
+    assert set(states[:, LinkColumn.SOURCE].tolist()) == {0, 1, 2}  # only ORCA broadcasts; all in range hear it
+    named = plan_of(scenario.replace(**{"federation.group": "learners"}))
+    assert named.scenario.members.tolist() == [3, 4, 5]
+
+
+def test_a_controller_gets_the_broadcasts_that_it_understands() -> None:
+    keys = SIDE_BY_SIDE | {"groups": [*SIDE_BY_SIDE["groups"][:2], {"name": "wary", "count": 2, "method": "bvc"}]}
+    orca, learners, bvc = plan_of(Scenario(**keys)).groups
+    wary = [True] * 3 + [False] * 3 + [True] * 2
+    assert [np.asarray(group.hears).tolist() for group in (orca, learners, bvc)] == [
+        wary,
+        [False] * 3 + [True] * 3 + [False] * 2,
+        wary,
+    ]
+
+
+def test_a_group_that_joins_late_waits_and_one_that_leaves_lands() -> None:
+    scenario = Scenario(**SIDE_BY_SIDE)
+    rows = rows_of(scenario)
+    start = mission.starts(scenario)[6:]
+    places = np.stack([row.states[6:] for row in rows])
+    assert (places[:41] == start).all()
+    assert (places[41] != start).any()
+    assert (places[91:, :, :2] == places[90, :, :2]).all()
+    assert not places[91:, :, 2:].any()
+    assert rows[-1].status.tolist() == [Status.FLYING] * 6 + [Status.LANDED] * 2
+    texts = [event.text for row in rows for event in row.events]
+    assert "UAV 6, 7 of group reserve joined" in texts
+    assert "UAV 6, 7 landed: group reserve leaves" in texts
+    busy = [row.tick for row in rows for link in row.links if 6 in link[[LinkColumn.SOURCE, LinkColumn.TARGET]]]
+    assert busy
+    assert all(40 < tick <= 91 for tick in busy)
+
+
+def test_the_summary_has_the_fields_of_each_group_and_of_all() -> None:
+    summary = Engine(Scenario(**SIDE_BY_SIDE), "groups").complete()
+    groups = summary["groups"]
+    assert summary["method"] == "orca+mfgfl-hf"
+    assert [group["uavs"] for group in groups.values()] == [3, 3, 2]
+    assert groups["reserve"]["landed"] == summary["landed"] == 2
+    weighted = sum(group["uavs"] * group["energy_mean_J"] for group in groups.values()) / 8
+    assert weighted == pytest.approx(summary["energy_mean_J"])
+    assert sum(group["airtime_s"] for group in groups.values()) == pytest.approx(summary["radio"]["airtime_s"])
+    phi_g = plan_of(Scenario(**SIDE_BY_SIDE)).declared.diagnostics.index("phi_G")
+    rows = rows_of(Scenario(**SIDE_BY_SIDE))
+    learners = [
+        row.diagnostics[3:, phi_g] for row in rows[1:]
+    ]  # before a UAV joins, and when it has left, it reports 0
+    assert summary["diagnostics_mean"]["phi_G"] == pytest.approx(np.sum(learners) / (3 * 120 + 2 * 50))
+
+
+def test_several_nodes_and_threads_fly_the_same_bits() -> None:
+    scenario = Scenario(**SIDE_BY_SIDE)
+    alone = steady(Engine(scenario, "one").complete())
+    assert steady(Engine(scenario, "some", uavs_per_node=2).complete()) == alone
+    assert steady(Engine(scenario, "threads", threads=3).complete()) == alone
+
+
+RING = {"formation": "circle"}
+A, B = {"name": "a", "count": 2}, {"name": "b", "count": 3}
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"groups": [A]}, "`groups` have 2 UAVs in all, and `uavs` is 5; set `uavs` to 2"),
+    ({"groups": [A, B | {"name": "a"}]}, "two `groups` have the name 'a'"),
+    ({"groups": [A, B | {"name": "no name"}]}, "name"),
+    ({"groups": [A, B | {"count": 0}]}, "count"),
+    ({"groups": [A, B | {"joins_at_s": 300.0}]}, "`groups[1].joins_at_s` is 300 s, and the flight ends at `duration`"),
+    ({"groups": [A, B | {"joins_at_s": 9.0, "leaves_at_s": 9.0}]}, "let it leave later"),
+    ({"groups": [A, B | {"start": {"height": 50.0}}]}, "in the plane all fly at `start.height`, 40 m"),
+    ({"groups": [A, B | {"start": {"positions": [[0.0, 0.0]]}}]}, "`groups[1]`: `start.positions` has 1 places"),
+    ({"groups": [A | {"start": RING}, B | {"start": RING}]}, "UAV 0 and UAV 2 start 0 m apart"),
+    ({"groups": [A, B | {"destination": {"goals": "across"}}]}, '`groups[1]`: `destination.goals` "across" needs'),
+    ({"groups": [A, B], "federation": {"group": "c"}}, "`federation.group` names 'c', and the groups are a, b"),
+    ({"federation": {"group": "c"}}, "there are no `[[groups]]`"),
+    ({"groups": [A, B], "radio": {"model": "link-budget"}, "radios": [{"group": "c", "gain_dbi": 1.0}]}, "names 'c'"),
+    ({"groups": [A, B], "radios": [{"group": "a", "uavs": [1], "gain_dbi": 1.0}]}, "set one of the two"),
+    ({"groups": [A | {"method": "nobody"}, B]}, "group 'a': .*nobody"),
+    ({"groups": [A, B | {"method": "cruise"}], "federation": {"group": "b"}}, "shares no model"),
+    ({"groups": [A, B | {"method": "mfgfl-h"}]}, "groups 'a' and 'b' share models of"),
+    ({"groups": [A | {"method": "cruise"}, B]}, "`federation.leader` is UAV 0, which takes no part in rounds"),
+    ({"groups": [A, B | {"method": "cruise"}], "federation": {"clusters": 2}}, "clusters needs all UAVs"),
+    (
+        {"groups": [A, B | {"vehicle": {"model": "trace", "options": {"file": "x.csv"}}}]},
+        "reads its movement from a file",
+    ),
+]
+
+
+@pytest.mark.parametrize(("keys", "text"), BAD, ids=[text[:40] for _, text in BAD])
+def test_groups_that_contradict_each_other_are_refused(keys: dict[str, Any], text: str) -> None:
+    pattern = text if ".*" in text else re.escape(text)
+    with pytest.raises(mf.BadInput, match=pattern):
+        plan_of(Scenario(uavs=5, **keys))
+
+
+def test_flights_that_are_commanded_from_outside_have_no_groups() -> None:
+    with pytest.raises(mf.BadInput, match=r"take one without them"):
+        mf.Stepped("groups")
