@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
+from meanflock.swarm.polygons import Polygon
 from meanflock.swarm.state import Floats
 
 GRIDS = ("grid", "waves")  # formations with neighbours at the distance `start.spacing`
@@ -177,9 +178,8 @@ def launches(mission: Mission) -> NDArray[np.intp]:
 
 
 def obstacles(mission: Mission) -> Floats:
-    """Obstacles as seen from above, (K, 3): x, y and radius of each in m."""
-    discs = [(*one.centre[: state.PLANE], one.radius) for one in mission.obstacles]
-    return np.array(discs, dtype=np.float64).reshape(-1, 3)
+    """Obstacles as seen from above, (K, 3): x, y and radius of each in m; of a polygon, those of a disc around it."""
+    return np.array([one.disc for one in mission.obstacles], dtype=np.float64).reshape(-1, 3)
 
 
 def solids(mission: Mission) -> Floats:
@@ -188,6 +188,11 @@ def solids(mission: Mission) -> Floats:
         return obstacles(mission)
     axes = np.array([one.axis for one in mission.obstacles], dtype=np.float64).reshape(-1, 2)
     return np.concatenate([obstacles(mission), axes], axis=1)
+
+
+def polygons(mission: Mission) -> dict[int, Polygon]:
+    """The obstacles that are polygons, by number."""
+    return {number: one.outline for number, one in enumerate(mission.obstacles) if one.outline is not None}
 
 
 def _inside(solid: Floats, places: state.Vectors) -> NDArray[np.bool_]:
@@ -212,7 +217,7 @@ def check(mission: FlownMission) -> None:
     _check_tables(mission)
     if not has_starts(mission):
         return
-    each = solids(mission)
+    each, outlines = solids(mission), polygons(mission)
     is_space = mission.space.dimensions == state.SPACE
     if is_space or len(each):
         remedy = "move one of them"
@@ -224,7 +229,8 @@ def check(mission: FlownMission) -> None:
                 )
             _check_altitudes(mission, verb, places)
             for number, solid in enumerate(each):
-                inside = np.flatnonzero(_inside(solid, places))
+                outline = outlines.get(number)
+                inside = np.flatnonzero(_inside(solid, places) if outline is None else outline.holds(places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     if mission.vehicle.file is None and (mission.start.positions or formation(mission.start) not in GRIDS):
