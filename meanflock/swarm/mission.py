@@ -67,7 +67,7 @@ def starts(mission: Mission) -> state.States:
 
 
 def has_starts(mission: FlownMission) -> bool:
-    """Returns whether the starts are known. A vehicle reads those in its file when the flight is planned."""
+    """Returns whether the starts are known. They are not while a vehicle is still to read them from its file."""
     return bool(mission.start.positions) or mission.vehicle.file is None
 
 
