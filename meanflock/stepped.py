@@ -114,8 +114,9 @@ class Stepped:
         if method is not None or ignored not in (DEFAULT_METHOD, External.name):
             name = ignored if isinstance(ignored, str) else getattr(ignored, "__name__", ignored)
             warnings.warn(f"method {name!r} is ignored: `step` commands a stepped flight", stacklevel=2)
-        self.scenario = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
-        refuse_groups(self.scenario, "a stepped flight")
+        chosen = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
+        refuse_groups(chosen, "a stepped flight")
+        self.scenario = plan_of(chosen).given
         self._progress = progress
         self._take_off(out, record)
 

@@ -89,7 +89,7 @@ class Encounters(Stateful):
         self.nearest_m = math.inf
         self.expected = 0
         self._radius = scenario.metrics.collision_radius
-        self._solids = mission.solids(scenario)
+        self._solids, self._polygons = mission.solids(scenario), mission.polygons(scenario)
         self.hit = np.zeros((scenario.uavs, len(self._solids)), dtype=bool)
 
     @property
@@ -131,7 +131,7 @@ class Encounters(Stateful):
         """
         if not len(self._solids):
             return []
-        new = entered(self._solids, before, after) & ~self.hit
+        new = entered(self._solids, self._polygons, before, after) & ~self.hit
         if not np.count_nonzero(new):
             return []
         self.hit |= new

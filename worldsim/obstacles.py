@@ -1,28 +1,40 @@
-"""Obstacles that UAVs enter within a tick: discs of the plane, columns and spheres in space."""
+"""Obstacles that UAVs enter within a tick: discs and polygons of the plane, columns and spheres in space."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from meanflock.swarm import state
+from meanflock.swarm.polygons import Polygon
 from meanflock.swarm.state import Floats, Mask, States, Vectors
 
 
-def entered(solids: Floats, before: States, after: States) -> Mask:
+def entered(solids: Floats, polygons: Mapping[int, Polygon], before: States, after: States) -> Mask:
     """Whether UAVs that move straight from `before` to `after`, (N, 2d) each, come into obstacles.
 
     Args:
-        solids: (K, …), of `mission.solids`.
+        solids: (K, …), of `mission.solids`. polygons: of `mission.polygons`.
 
     Returns:
         (N, K). A UAV with NaN enters none.
     """
     ways = [state.position(states)[:, None] for states in (before, after)]
-    if state.axes(before) == state.PLANE:
-        return _within(solids, *ways)
+    inside = _within_round(solids, *ways)
+    for number, polygon in polygons.items():
+        ends = ways if state.axes(before) == state.PLANE else _below(np.array([[polygon.highest]]), *ways)
+        inside[:, number] = polygon.is_entered(*(state.flat(end)[:, 0] for end in ends))
+    return inside
+
+
+def _within_round(solids: Floats, first: Vectors, last: Vectors) -> Mask:
+    """Whether ways (N, 1, d) come into discs, columns and spheres, (N, K)."""
+    if first.shape[-1] == state.PLANE:
+        return _within(solids, first, last)
     is_column = solids[:, 3] < solids[:, 4]
-    inside = np.empty((len(before), len(solids)), dtype=bool)
+    inside = np.empty((len(first), len(solids)), dtype=bool)
     columns, spheres = solids[is_column], solids[~is_column]
-    inside[:, is_column] = _within(columns, *(state.flat(end) for end in _below(columns[:, 4, None], *ways)))
-    inside[:, ~is_column] = _within(spheres, *ways)
+    inside[:, is_column] = _within(columns, *(state.flat(end) for end in _below(columns[:, 4, None], first, last)))
+    inside[:, ~is_column] = _within(spheres, first, last)
     return inside
 
 

@@ -23,13 +23,14 @@ from meanflock.agent.controllers.filtered import Filter
 from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
 from meanflock.agent.controllers.sharing.nearby import (
     Closest,
+    Obstacles,
     closest,
     closest_obstacles,
     stopping_slope,
     stopping_speed,
     with_obstacles,
 )
-from meanflock.swarm import mission, state
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Rows, States, Vectors
 
@@ -70,7 +71,7 @@ class HalfPlaneFilter(Filter):
 
     def __init__(self, options: Any, scenario: Scenario, inner: Controller) -> None:
         super().__init__(options, scenario, inner)
-        self._solids = mission.solids(scenario)
+        self._obstacles = Obstacles(scenario)
         self._limits = AltitudeLimits(scenario)
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
 
@@ -102,8 +103,8 @@ class HalfPlaneFilter(Filter):
         motion = np.ascontiguousarray(wanted - against_the_air(self.scenario, own), dtype=np.float64)
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
         normals, bounds = self.half_planes(near, options.rate_1_s, options.distance_m, 0.5)
-        if len(self._solids):
-            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+        if len(self._obstacles):
+            solids, radii = closest_obstacles(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = self.half_planes(solids, options.obstacle_rate_1_s, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         if len(self._limits):

@@ -12,6 +12,7 @@ from meanflock.agent.controllers.policy.perception import Perception, width
 from meanflock.agent.stepped import External, refuse_groups
 from meanflock.env.rewards import Terms, weights_of
 from meanflock.env.seeds import seed_of
+from meanflock.federation.plan import plan_of
 from meanflock.settings import scenario_of
 from meanflock.stepped import Stepped, source_of
 from meanflock.swarm import mission as missions
@@ -86,7 +87,7 @@ class Episode(Stepped):
     """A flight of an environment."""
 
     def __init__(self, form: Form, seed: int) -> None:
-        self.scenario = form.scenario.replace(seed=seed)
+        self.scenario = plan_of(form.scenario.replace(seed=seed)).given
         self._progress = None
         self._form = form
         self._terms = Terms(self.scenario)

@@ -1,6 +1,7 @@
 """Messages of ROS 2 that show a flight. Their types are known to Foxglove and to every distribution from Humble on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -94,19 +95,30 @@ def goals_and_obstacles(flown: Mission) -> Any:
 def _obstacle(number: int, obstacle: Any, flown: Mission) -> Any:
     """A sphere, or a cylinder: in the plane around it, in space from the ground up.
 
-    A column without an end is drawn a little higher than all starts and goals.
+    A column without an end is drawn a little higher than all starts and goals. The sides of a polygon are triangles.
     """
-    x, y, *z = obstacle.centre
+    x, y, *z = obstacle.centre or obstacle.disc[:2]
     width, kind = 2 * obstacle.radius, ros.visualization_msgs__msg__Marker
     if z:
         return _marker("obstacles", number, kind.SPHERE, (x, y, *z), (width, width, width), _OBSTACLE, 0.6)
+    low, high = 0.0, obstacle.height
     if flown.space.dimensions == state.PLANE:
-        return _marker("obstacles", number, kind.CYLINDER, (x, y, 0.0), (width, width, _HEIGHT_M), _OBSTACLE, 0.6)
-    height = obstacle.height
-    if height is None:
+        low, high = -_HEIGHT_M / 2, _HEIGHT_M / 2
+    elif high is None:
         places = np.concatenate([state.position(mission.starts(flown)), mission.goals(flown)])
-        height = float(places[:, 2].max()) + _HEIGHT_M
-    return _marker("obstacles", number, kind.CYLINDER, (x, y, height / 2), (width, width, height), _OBSTACLE, 0.6)
+        high = float(places[:, 2].max()) + _HEIGHT_M
+    if obstacle.polygon:
+        marker = _marker("obstacles", number, kind.TRIANGLE_LIST, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), _OBSTACLE, 0.6)
+        marker.points.extend(ros.geometry_msgs__msg__Point(*place) for place in _sides(obstacle.polygon, low, high))
+        return marker
+    place, size = (x, y, (low + high) / 2), (width, width, high - low)
+    return _marker("obstacles", number, kind.CYLINDER, place, size, _OBSTACLE, 0.6)
+
+
+def _sides(corners: Sequence[tuple[float, float]], low: float, high: float) -> Iterator[tuple[float, float, float]]:
+    """Corners of the triangles of a prism's sides, two for each side."""
+    for (x0, y0), (x1, y1) in pairwise([*corners, corners[0]]):
+        yield from ((x0, y0, low), (x1, y1, low), (x1, y1, high), (x0, y0, low), (x1, y1, high), (x0, y0, high))
 
 
 def diagnostics(at: Instant, totals: Mapping[str, Any], reports: Mapping[str, Sequence[Any]]) -> Any:

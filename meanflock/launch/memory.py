@@ -45,7 +45,7 @@ def pair_bytes(scenario: Scenario) -> int:
     to_all = [hop for hop in plan.hops if hop.targets is None and not hop.is_local]
     if all(len(hop.senders) < scenario.uavs for hop in to_all):
         return 0
-    places = state.position(starts(scenario))
+    places = state.position(starts(plan.given))
     largest = float(np.linalg.norm(np.ptp(places, axis=0)))
     return PAIR_BYTES if all(largest <= (hop.range_m or largest) for hop in to_all) else FAR_PAIR_BYTES
 

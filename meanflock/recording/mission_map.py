@@ -166,9 +166,14 @@ def _log_obstacles(part: Part, scenario: Scenario) -> None:
     if not len(discs):
         return
     names = [f"obstacle {number}" for number in range(len(discs))]
-    filled = rr.Points2D(discs[:, :2], radii=discs[:, 2], colors=[drawing.DISC], labels=names, show_labels=False)
+    polygons = mission.polygons(scenario)
+    radii = [0.0 if number in polygons else radius for number, radius in enumerate(discs[:, 2].tolist())]
+    filled = rr.Points2D(discs[:, :2], radii=radii, colors=[drawing.DISC], labels=names, show_labels=False)
     part.log("map/obstacles", filled)
-    edges = [circle((x, y), radius) for x, y, radius in discs.tolist()]
+    edges = [
+        polygons[number].ring if number in polygons else circle((x, y), radius)
+        for number, (x, y, radius) in enumerate(discs.tolist())
+    ]
     outline = rr.LineStrips2D(edges, colors=[drawing.GREY], radii=rr.Radius.ui_points(1.0), draw_order=1.0)
     part.log("map/obstacles/edges", outline)
 

@@ -14,12 +14,13 @@ from meanflock.recording.branches import IN_SPACE, MARKS
 from meanflock.recording.drawing import Floats, Part, Sent, Ticks, circle, cut
 from meanflock.recording.stage import Stage, Vectors
 from meanflock.swarm import mission, state
+from meanflock.swarm.polygons import Polygon
 from meanflock.swarm.scenario import Scenario
 
 ROOT = IN_SPACE.root
 DROPS = f"{ROOT}/drops"  # from each UAV down to the ground
 GROUND, HEIGHTS = f"{ROOT}/ground", f"{ROOT}/heights"
-COLUMNS, SPHERES = f"{ROOT}/obstacles/columns", f"{ROOT}/obstacles/spheres"
+COLUMNS, SPHERES, PRISMS = (f"{ROOT}/obstacles/{name}" for name in ("columns", "spheres", "prisms"))
 
 _RING, _TICK = 0.012, 0.01  # radius of the leader's ring, and half a tick of the scale, as shares of the stage's size
 _GRID, _DIM = 0x2A303CFF, 0x5A6274FF
@@ -107,7 +108,7 @@ def _log_mission(part: Part, scenario: Scenario) -> None:
 
 
 def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
-    """Logs columns and spheres."""
+    """Logs columns, spheres, and the edges of polygons."""
     shown = [(obstacle, *stage.extent(obstacle)) for obstacle in scenario.obstacles]
     columns = [each for each in shown if len(each[0].centre) == state.PLANE]
     spheres = [each for each in shown if len(each[0].centre) == state.SPACE]
@@ -132,6 +133,15 @@ def _log_obstacles(part: Part, scenario: Scenario, stage: Stage) -> None:
                 fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
             ),
         )
+    prisms = [(each.outline, low, high) for each, low, high in shown if each.outline is not None]
+    if prisms:
+        _lines(part, PRISMS, [line for each in prisms for line in _edges(*each)], _DIM, 1.0)
+
+
+def _edges(polygon: Polygon, low: float, high: float) -> list[Vectors]:
+    """Edges of a prism: below, above, and a line up at each corner."""
+    rings = [state.in_three(polygon.ring) + np.array([0.0, 0.0, height]) for height in (low, high)]
+    return [*rings, *(np.array([(x, y, low), (x, y, high)]) for x, y in polygon.corners.tolist())]
 
 
 def _names(kind: str, count: int) -> list[str]:

@@ -52,7 +52,7 @@ class Stage:
         step = mission_map.round_length(highest / _STEPS)
         self.heights = np.arange(math.ceil((1.0 + _HEADROOM) * highest / step) + 1) * step
         self.size = max(side, float(self.heights[-1]))
-        tops = [(*obstacle.centre[:2], self.extent(obstacle)[1]) for obstacle in scenario.obstacles]
+        tops = [(*obstacle.disc[:2], self.extent(obstacle)[1]) for obstacle in scenario.obstacles]
         shadows = places * (1.0, 1.0, 0.0)
         seen = np.concatenate([self.scale, self.bar, places, shadows, np.array(tops).reshape(-1, 3)])
         self.camera = self._camera(seen, *mission_map.view_px(maps))
@@ -101,7 +101,7 @@ def _unit(angle: float) -> tuple[float, float]:
 def _places(scenario: Scenario) -> Vectors:
     """Starts, goals, stations, and the ends of obstacles, (K, 3) m."""
     ends = [
-        (*obstacle.centre[:2], end) for obstacle in scenario.obstacles for end in _extent(obstacle) if end is not None
+        (*obstacle.disc[:2], end) for obstacle in scenario.obstacles for end in _extent(obstacle) if end is not None
     ]
     starts, goals = state.position(mission.starts(scenario)), mission.goals(scenario)
     return np.concatenate([starts, goals, mission.stations(scenario), np.array(ends).reshape(-1, 3)])
@@ -109,8 +109,7 @@ def _places(scenario: Scenario) -> Vectors:
 
 def _extent(obstacle: Obstacle) -> tuple[float, float | None]:
     """Lowest and highest point of a sphere or a column, m; None: it has no end."""
-    height: list[float]
-    _, _, *height = obstacle.centre
-    if height:
-        return height[0] - obstacle.radius, height[0] + obstacle.radius
+    if len(obstacle.centre) == state.SPACE:
+        height = obstacle.centre[2]
+        return height - obstacle.radius, height + obstacle.radius
     return 0.0, obstacle.height

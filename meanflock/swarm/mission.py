@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import state
+from meanflock.swarm.polygons import Polygon
 from meanflock.swarm.state import Floats
 
 GRIDS = ("grid", "waves")  # formations with neighbours at the distance `start.spacing`
@@ -95,7 +96,7 @@ def _places(space: Any, start: Any, uavs: int) -> state.Vectors:
 
 
 def has_starts(mission: FlownMission) -> bool:
-    """Returns whether the starts are known. A vehicle reads those in its file when the flight is planned."""
+    """Returns whether the starts are known. They are not while a vehicle is still to read them from its file."""
     return bool(mission.start.positions) or mission.vehicle.file is None
 
 
@@ -258,9 +259,8 @@ def leaves(mission: Mission) -> NDArray[np.intp]:
 
 
 def obstacles(mission: Mission) -> Floats:
-    """Obstacles as seen from above, (K, 3): x, y and radius of each in m."""
-    discs = [(*one.centre[: state.PLANE], one.radius) for one in mission.obstacles]
-    return np.array(discs, dtype=np.float64).reshape(-1, 3)
+    """Obstacles as seen from above, (K, 3): x, y and radius of each in m; of a polygon, those of a disc around it."""
+    return np.array([one.disc for one in mission.obstacles], dtype=np.float64).reshape(-1, 3)
 
 
 def solids(mission: Mission) -> Floats:
@@ -269,6 +269,11 @@ def solids(mission: Mission) -> Floats:
         return obstacles(mission)
     axes = np.array([one.axis for one in mission.obstacles], dtype=np.float64).reshape(-1, 2)
     return np.concatenate([obstacles(mission), axes], axis=1)
+
+
+def polygons(mission: Mission) -> dict[int, Polygon]:
+    """The obstacles that are polygons, by number."""
+    return {number: one.outline for number, one in enumerate(mission.obstacles) if one.outline is not None}
 
 
 def _inside(solid: Floats, places: state.Vectors) -> NDArray[np.bool_]:
@@ -293,7 +298,7 @@ def check(mission: FlownMission) -> None:
     _check_tables(mission)
     if not has_starts(mission):
         return
-    each = solids(mission)
+    each, outlines = solids(mission), polygons(mission)
     is_space = mission.space.dimensions == state.SPACE
     if is_space or len(each):
         remedy = "move one of them"
@@ -305,7 +310,8 @@ def check(mission: FlownMission) -> None:
                 )
             _check_altitudes(mission, verb, places)
             for number, solid in enumerate(each):
-                inside = np.flatnonzero(_inside(solid, places))
+                outline = outlines.get(number)
+                inside = np.flatnonzero(_inside(solid, places) if outline is None else outline.holds(places))
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     has_own = any(group.start is not None for group in mission.groups)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import sys
 import urllib.request
@@ -23,6 +24,7 @@ from tests.polling import DEADLINE_S, until
 
 pytestmark = pytest.mark.processes
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "trace.parquet"
 SETTINGS = ("seed=7", "duration=30", "federation.period=40")
 SHORT = ("--uavs", "4", *(word for setting in SETTINGS for word in ("--set", setting)))
 
@@ -38,6 +40,15 @@ CUTS = [
     ("short-space-quadrotor", "2", ()),
     ("short-quiet", "1", ("--endpoint", "unixsock-stream/world.socket")),
 ]
+
+
+def test_a_trace_is_flown_the_same_in_processes_and_from_another_place(command, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(EXAMPLE, "way.parquet")
+    chosen = ("--method", "mfgfl-h", "--duration", "15", "--set", "vehicle.model=trace", "--no-record")
+    mine, ours = (("--set", f"vehicle.options.file={path}") for path in ("way.parquet", EXAMPLE))
+    split = command.summary(*chosen, *mine, "--uavs-per-process", "9")
+    assert steady(split) == steady(command.summary(*chosen, *ours, "--in-process"))
 
 
 @pytest.mark.parametrize(("name", "rows", "endpoint"), CUTS)

@@ -65,6 +65,7 @@ EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {  # kind of the last plug-in 
     "copter": ("vehicle", {"lag_s": 0.5}),
 }
 DISCS = [{"centre": (140.0, 96.0), "radius": 4.0}, {"centre": (152.0, 90.0), "radius": 3.0}]
+DISCS += [{"polygon": ((143.0, 90.0), (147.0, 90.0), (145.0, 92.0), (146.0, 96.0))}]
 POLICIES = ({"policy": "tick", "forget_s": 0.2}, {"repeats": 3, "delta_m": 0.02})
 ECBF, TICK = {"filter.kind": "ecbf"}, {"sharing.policy": "tick"}
 SOON: dict[str, Any] = {"uavs": 6, "federation.period": 15}  # two rounds are shorter
@@ -76,6 +77,7 @@ SKY: dict[str, Any] = {
     "obstacles": [
         {"centre": (140.0, 96.0, 40.0), "radius": 4.0},
         {"centre": (152.0, 90.0), "radius": 3.0, "height": 40.5},
+        {"polygon": ((143.0, 90.0), (147.0, 90.0), (145.0, 92.0), (146.0, 96.0)), "height": 39.0},
     ],
 }
 SPATIAL = [

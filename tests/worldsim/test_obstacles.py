@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
-from meanflock.agent.controllers.sharing.nearby import closest_obstacles, edges
+from meanflock.agent.controllers.sharing.nearby import Obstacles, closest_obstacles, edges
 from meanflock.agent.controllers.sharing.olfati_saber import _along_edge
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
@@ -41,7 +41,7 @@ def test_ways_enter_obstacles_where_points_on_them_are_inside() -> None:
             np.hypot(way[..., 0] - 3.0, way[..., 1] - 3.0) < 0.5,
         ]
         expected = np.stack([one.any(axis=0) for one in inside], axis=-1)
-        found = entered(solids, before[uavs], after[uavs])
+        found = entered(solids, {}, before[uavs], after[uavs])
         assert not (expected & ~found).any()
         assert np.count_nonzero(found & ~expected) <= 1  # grazes it between two points
 
@@ -51,11 +51,11 @@ def test_a_uav_above_a_column_or_with_nan_enters_nothing() -> None:
     before, after = np.zeros((2, 3, 6))
     before[:, :3] = [[-3.0, 0.0, 5.1], [-3.0, 0.0, 4.9], [np.nan, np.nan, np.nan]]
     after[:, :3] = before[:, :3] + [6.0, 0.0, 0.0]
-    assert entered(solids, before, after).tolist() == [[False] * 3, [True, False, False], [False] * 3]
+    assert entered(solids, {}, before, after).tolist() == [[False] * 3, [True, False, False], [False] * 3]
 
 
 def test_what_controllers_see_of_obstacles() -> None:
-    solids = mission.solids(Scenario(**SPACE))
+    solids = Obstacles(Scenario(**SPACE))
     own = np.array([[2.0, 0.0, 4.0, 1.0, 2.0, 3.0], [0.0, 0.0, 6.0, 1.0, 2.0, 3.0]])
     seen = edges(own, solids)
     np.testing.assert_allclose(seen.distance[:, :2], [[1.0, np.sqrt(20.0) - 2.0], [0.0, 0.0]])
@@ -97,3 +97,20 @@ def test_cruise_hits_the_sphere_and_the_high_column() -> None:
     keys: dict[str, Any] = {"uavs": 1, "seed": 1, "start.centre": (60.0, 0.0), "method": "cruise"}
     run = mf.fly(Scenario(**keys, space={"dimensions": 3}, obstacles=solids, duration=60.0))
     assert run.summary["obstacle_hits"] == 2
+
+
+WALL = {"polygon": [(20.0, -6.0), (32.0, -6.0), (32.0, 5.0), (26.0, 1.0), (20.0, 5.0)]}
+
+
+@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize("axes", [2, 3])
+def test_controllers_and_filters_fly_round_a_polygon(name: str, axes: int) -> None:
+    keys: dict[str, Any] = {"uavs": 2, "start.positions": ((50.0, -0.5), (50.0, 8.0)), "seed": 3, "duration": 90.0}
+    keys |= {"start.height": 10.0, "space.dimensions": axes, "wind.sigma": 0.0, "vehicle.acceleration_max": 6.0}
+    blind = mf.fly(Scenario(method="cruise", obstacles=[WALL], **keys))
+    assert blind.summary["obstacle_hits"] == 2
+    run = mf.fly(Scenario(obstacles=[WALL], **keys, **SUBJECTS[name]))
+    assert run.summary["obstacle_hits"] == 0
+    if axes == 3:
+        low = [{**WALL, "height": 4.0}]
+        assert mf.fly(Scenario(method="cruise", obstacles=low, **keys)).summary["obstacle_hits"] == 0

@@ -162,6 +162,7 @@ def test_a_flight_begins_with_the_remark_that_commands_have_no_effect(tmp_path: 
 GOOD = "t_s,uav,x_m,y_m\n0,0,0,0\n0,1,9,0\n1,0,1,0\n1,1,9,1\n"
 BAD_FILES: dict[str, tuple[str, str]] = {  # content, and a part of the error
     "no column": (GOOD.replace("y_m", "lat"), "no column y_m; it needs t_s, uav, x_m, y_m, and has t_s, uav, x_m, lat"),
+    "a column twice": ("t_s,t_s,uav,x_m,y_m\n0,0,0,0,0\n", "it has the column t_s 2 times; leave the others out"),
     "a third axis": ("t_s,uav,x_m,y_m,z_m\n0,0,0,0,5\n", "a column z_m, and the flight is in the plane; set"),
     "no rows": ("t_s,uav,x_m,y_m\n", "it has no rows; give each UAV one at least"),
     "nothing": ("", "Empty CSV file"),
@@ -201,7 +202,7 @@ def test_a_file_that_is_not_there_or_of_another_format_is_refused(tmp_path: Path
     text.write_text(GOOD)
     for path, expected in (
         (tmp_path / "none.csv", "No such file or directory; `vehicle.options.file` names a file"),
-        (text, "Parquet"),
+        (text, "not a parquet file.; give a valid Parquet file"),
         (tmp_path / "way.txt", r"the format is unknown; give a file whose name ends in .parquet or .csv"),
         (tmp_path, "the format is unknown"),
     ):

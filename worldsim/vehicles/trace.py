@@ -76,6 +76,10 @@ class RecordedTrace(PointMass):
         """The number of each UAV, and the ticks that it has flown."""
         return {"uav": np.arange(uavs), "tick": np.zeros(uavs, dtype=np.int64)}
 
+    def rest(self, hidden: Hidden) -> Hidden:
+        """The tick after, so that a UAV that is put back does not fall behind."""
+        return {"uav": hidden["uav"], "tick": hidden["tick"] + 1}
+
     def step(
         self, states: state.States, hidden: Hidden, acceleration: state.Vectors, noise: state.Vectors
     ) -> tuple[state.States, Hidden]:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm import paths, state
-from meanflock.swarm.errors import BadInput, available, reason
+from meanflock.swarm.errors import BadInput, available, printable
 from meanflock.swarm.state import Floats
 
-FORMATS = (".parquet", ".csv")
+FORMATS = {".parquet": "Parquet", ".csv": "CSV"}
 TIME, UAV, PLACE = "t_s", "uav", ("x_m", "y_m", "z_m")
 _ROW_BYTES = 250  # of a row while it is read and checked
 _FARTHEST_M = 1e8
@@ -78,8 +78,10 @@ def read(file: str, axes: int) -> tuple[TraceRows, str]:
     names = (TIME, UAV, *PLACE[:axes])
     try:
         columns = _columns(content, path.suffix, names, axes)
-    except (pa.ArrowException, ValueError) as error:
-        raise BadInput(f"trace {path}: {reason(error)}") from error
+    except pa.ArrowException as error:
+        raise BadInput(f"trace {path}: {printable(str(error))}; give a valid {FORMATS[path.suffix]} file") from error
+    except ValueError as error:
+        raise BadInput(f"trace {path}: {error}") from error
     times, uavs, *places = columns
     return TraceRows(times, uavs.astype(np.int64), np.stack(places, axis=-1)), hashlib.sha256(content).hexdigest()
 
@@ -96,8 +98,8 @@ def _columns(content: bytes, suffix: str, names: tuple[str, ...], axes: int) -> 
             found = opened.schema.names
         _check_header(found, names, axes)
         _check_memory(content.count(b"\n"))
-        kept = csv.ConvertOptions(include_columns=names)
-        table = csv.read_csv(pa.BufferReader(content), convert_options=kept)
+        chosen = csv.ConvertOptions(include_columns=names)
+        table = csv.read_csv(pa.BufferReader(content), convert_options=chosen)
     else:
         from pyarrow import parquet
 
@@ -116,6 +118,8 @@ def _check_header(found: list[str], names: tuple[str, ...], axes: int) -> None:
         if missing == [PLACE[-1]]:
             remedy = f"add it, or set `space.dimensions` {axes} to {state.PLANE}"
         raise ValueError(f"it has no column {' and '.join(missing)}; {remedy}")
+    if twice := [name for name in names if found.count(name) > 1]:
+        raise ValueError(f"it has the column {twice[0]} {found.count(twice[0])} times; leave the others out")
     if axes == state.PLANE and PLACE[-1] in found:
         raise ValueError(
             f"it has a column {PLACE[-1]}, and the flight is in the plane; set `space.dimensions` to {state.SPACE}, or "

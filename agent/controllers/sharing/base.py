@@ -34,6 +34,7 @@ from meanflock.agent.controllers.base import (
 )
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
+from meanflock.agent.controllers.sharing.nearby import Obstacles
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States
@@ -186,7 +187,7 @@ class SharingController(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours, self._solids = NeighbourStates(scenario), mission.solids(scenario)
+        self._neighbours, self._obstacles = NeighbourStates(scenario), Obstacles(scenario)
         self._limits = AltitudeLimits(scenario)
         self.broadcast_numbers = self._neighbours.numbers
 

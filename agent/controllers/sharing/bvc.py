@@ -73,8 +73,8 @@ class BufferedVoronoi(TravellingController):
         preferred = to_the_right(preferred, options.right_bias)
         near = closest(own, others, memory["neighbour_uav"], options.reach_m, options.neighbours)
         normals, bounds = self._faces(near, options.radius_m, 0.5)
-        if len(self._solids):
-            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+        if len(self._obstacles):
+            solids, radii = closest_obstacles(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = self._faces(solids, radii + options.clearance_m, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         if len(self._limits):

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
 
 NOWHERE_M = 1e-9  # a distance without a direction
@@ -84,24 +85,77 @@ class Edges(NamedTuple):
     closing: list[Rows]
 
 
-def edges(own: States, solids: Floats) -> Edges:
-    """The edges of `mission.solids` (K, …); the top of a column counts as a dome of its radius."""
-    gaps, upward = _from_axes(own, solids)
-    closing = [along[:, None] for along in state.parts(state.flat(state.velocity(own)))] + upward
+class Obstacles:
+    """The K obstacles of a scenario as UAVs see them: discs, columns and spheres, then polygons.
+
+    A polygon looks like a column of the radius `Polygon.depth` that touches its edge in the nearest point, from inside.
+
+    Attributes:
+        radii: (K,), m.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        polygons = mission.polygons(scenario)
+        solids = mission.solids(scenario)
+        self._round = np.delete(solids, list(polygons), axis=0)
+        self._polygons = list(polygons.values())
+        self.radii = np.append(self._round[:, 2], [polygon.depth for polygon in self._polygons])
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+    def seen(self, own: States) -> tuple[list[Rows], list[Rows]]:
+        """Places of rows (M, 2d) relative to the nearest points of the axes, (M, K) m for each number, and their
+        velocities, (M, 1) or (M, K) m/s for each. Axes of columns move along upward, and those of flat sides along
+        these.
+        """
+        gaps, closing = _from_axes(own, self._round)
+        if not self._polygons:
+            return gaps, closing
+        velocity, beside = state.flat(state.velocity(own)), []
+        for polygon in self._polygons:
+            found = polygon.nearest(state.flat(own))
+            normal = state.inner(velocity, found.outward)[:, None] * found.outward
+            moving = np.where(found.slides[:, None], normal, velocity)
+            beside.append([*((found.distance + polygon.depth)[:, None] * found.outward).T, *moving.T])
+        x, y, *speeds = np.moveaxis(np.array(beside), 0, -1)
+        more = [x, y]
+        if state.axes(own) == state.SPACE:
+            tops = np.array([polygon.highest for polygon in self._polygons])
+            height, upward = _above(own, np.full(len(tops), -np.inf), tops)
+            more, speeds = [*more, height], [*speeds, upward]
+        closing = [np.broadcast_to(along, gaps[0].shape) for along in closing]
+        return _joined(gaps, more), _joined(closing, speeds)
+
+
+def _joined(parts: list[Rows], more: list[Rows]) -> list[Rows]:
+    return [np.concatenate(both, axis=1) for both in zip(parts, more, strict=True)]
+
+
+def edges(own: States, obstacles: Obstacles) -> Edges:
+    """The edges of all obstacles; the top of a column counts as a dome of its radius."""
+    gaps, closing = obstacles.seen(own)
     distance = np.sqrt(state.squared(gaps))
     length = np.maximum(distance, NOWHERE_M)
-    return Edges(distance - solids[:, 2], [gap / length for gap in gaps], closing)
+    return Edges(distance - obstacles.radii, [gap / length for gap in gaps], closing)
 
 
 def _from_axes(own: States, solids: Floats) -> tuple[list[Rows], list[Rows]]:
-    """Places of rows (M, 2d) relative to the nearest points of the axes of K solids, (M, K) m for each number; and in
-    space the speeds upward relative to these points, which move along with a UAV beside a column, one (M, K) m/s.
+    """Places of rows (M, 2d) relative to the nearest points of the axes of K solids, (M, K) m for each number; and
+    velocities relative to these points, which move along with a UAV beside a column, (M, 1) or (M, K) m/s for each.
     """
     gaps = _gaps(own, solids, range(2))
+    closing = [along[:, None] for along in state.parts(state.flat(state.velocity(own)))]
     if state.axes(own) == state.PLANE:
-        return gaps, []
-    z, v_z, (lowest, highest) = own[:, 2, None], own[:, 5, None], solids[:, 3:].T
-    return [*gaps, z - np.clip(z, lowest, highest)], [np.where((z <= lowest) | (z >= highest), v_z, 0.0)]
+        return gaps, closing
+    height, upward = _above(own, *solids[:, 3:].T)
+    return [*gaps, height], [*closing, upward]
+
+
+def _above(own: States, lowest: Rows, highest: Rows) -> tuple[Rows, Rows]:
+    """Heights of rows (M, 6) above upright axes from `lowest` to `highest` (K,), and speeds upward, (M, K) each."""
+    z, v_z = own[:, 2, None], own[:, 5, None]
+    return z - np.clip(z, lowest, highest), np.where((z <= lowest) | (z >= highest), v_z, 0.0)
 
 
 def summed(row: NDArray[np.intp], vectors: Vectors, rows: int) -> Vectors:
@@ -138,19 +192,17 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     return _apart([gap[row, which] for gap in gaps], closing, present, right)
 
 
-def closest_obstacles(own: States, solids: Floats, reach_m: float, most: int) -> tuple[Closest, Rows]:
-    """Of `mission.solids` (D, …) those whose edge is within reach, at most so many; and their radii, (M, K) m.
+def closest_obstacles(own: States, obstacles: Obstacles, reach_m: float, most: int) -> tuple[Closest, Rows]:
+    """The obstacles whose edge is within reach, at most so many; and their radii, (M, K) m.
 
     The nearest point of the axis of a column moves along with a UAV beside it, so what is relative to it is level.
     The top of a column counts as a dome of its radius.
     """
-    gaps, upward = _from_axes(own, solids)
-    which, present = _first(np.sqrt(state.squared(gaps)) - solids[:, 2], reach_m, most)
-    row = np.arange(len(own))[:, None]
-    closing = np.broadcast_to(state.velocity(own)[:, None], (*which.shape, len(gaps)))
-    for speed in upward:
-        closing = np.concatenate([state.flat(closing), speed[row, which, None]], axis=-1)
-    return _apart([gap[row, which] for gap in gaps], closing, present, 1.0), solids[which, 2]
+    gaps, closing = obstacles.seen(own)
+    which, present = _first(np.sqrt(state.squared(gaps)) - obstacles.radii, reach_m, most)
+    row, shape = np.arange(len(own))[:, None], gaps[0].shape
+    speeds = np.stack([np.broadcast_to(along, shape)[row, which] for along in closing], axis=-1)
+    return _apart([gap[row, which] for gap in gaps], speeds, present, 1.0), obstacles.radii[which]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:

@@ -70,7 +70,7 @@ class OlfatiSaber(SharingController):
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
         acceleration = options.pull_m_s2 * way - options.damping_1_s * state.velocity(own)
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
-        if len(self._solids):
+        if len(self._obstacles):
             acceleration += self._of_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
@@ -89,13 +89,13 @@ class OlfatiSaber(SharingController):
     def _of_obstacles(self, own: States) -> Vectors:
         """Acceleration by virtual agents on the edges of obstacles, his Eq. 56 to 59, (M, d) m/s²."""
         options = self.options
-        edge, away, closing = edges(own, self._solids)
+        edge, away, closing = edges(own, self._obstacles)
         gap = np.maximum(edge, 0.0)
         sigma, reach = self._sigma(gap * gap), self._sigma(options.d_obstacle_m**2)
         weight, z = bump(sigma / reach, options.h), sigma - reach
         action = options.c1_obstacle_m_s2 * weight * (1.0 - z / np.sqrt(1.0 + z * z))
         # The virtual agent has the UAV's velocity along the edge, times μ = R/(R + gap).
-        slower = _along_edge(closing, away, self._solids[:, 2] / (self._solids[:, 2] + gap))
+        slower = _along_edge(closing, away, self._obstacles.radii / (self._obstacles.radii + gap))
         damping = options.c2_obstacle_1_s * weight
         pushes = [action * n + damping * (agent - v) for n, agent, v in zip(away, slower, closing, strict=True)]
         return np.stack([np.add.reduce(push, axis=1) for push in pushes], axis=-1)

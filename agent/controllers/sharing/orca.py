@@ -72,8 +72,8 @@ class Orca(TravellingController):
         options, dt = self.options, self.scenario.dt
         near = closest(own, others, uavs, options.reach_m, options.neighbours)
         normals, bounds = half_planes(near, own, options.radius_m, options.horizon_s, dt, 0.5)
-        if len(self._solids):
-            solids, radii = closest_obstacles(own, self._solids, options.reach_m, options.obstacles)
+        if len(self._obstacles):
+            solids, radii = closest_obstacles(own, self._obstacles, options.reach_m, options.obstacles)
             more, least = half_planes(solids, own, radii + 0.5 * options.radius_m, options.horizon_s, dt, 1.0)
             normals, bounds = with_obstacles(normals, bounds, more, least)
         if len(self._limits):

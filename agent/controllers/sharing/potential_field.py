@@ -56,14 +56,14 @@ class PotentialField(TravellingController):
         pairs = near(own, others, memory["neighbour_uav"], options.rho0_m + options.radius_m)
         force = repulsion(pairs.distance - options.radius_m, options.rho0_m, options.eta_m3_s2, self._limit)
         acceleration += summed(pairs.row, force[:, None] * pairs.away, len(own))
-        if len(self._solids):
+        if len(self._obstacles):
             acceleration += self._off_obstacles(own)
         return Step(memory, limited(acceleration, self._limit))
 
     def _off_obstacles(self, own: States) -> Vectors:
         """Repulsion of rows by all obstacles, (M, d) m/s²."""
         options = self.options
-        edge, away, _ = edges(own, self._solids)
+        edge, away, _ = edges(own, self._obstacles)
         force = repulsion(edge - options.radius_m, options.obstacle_rho0_m, options.obstacle_eta_m3_s2, self._limit)
         return np.stack([np.add.reduce(force * along, axis=1) for along in away], axis=-1)
 

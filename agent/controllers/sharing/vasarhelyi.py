@@ -59,7 +59,7 @@ class Vasarhelyi(TravellingController):
         memory, velocity = self._travel.velocity(memory, own)
         pairs = near(own, others, memory["neighbour_uav"], self.options.range_m, self._matters)
         velocity += summed(pairs.row, self._push(pairs), len(own))
-        if len(self._solids):
+        if len(self._obstacles):
             velocity += self._off_obstacles(own)
         velocity = limited(velocity, self.options.v_max_m_s)
         return Step(memory, (velocity - state.velocity(own)) / self.options.tau_s)
@@ -79,7 +79,7 @@ class Vasarhelyi(TravellingController):
         (M, d) m/s.
         """
         options = self.options
-        edge, away, closing = edges(own, self._solids)
+        edge, away, closing = edges(own, self._obstacles)
         relative = [v - options.v_shill_m_s * along for v, along in zip(closing, away, strict=True)]
         difference = np.sqrt(state.squared(relative))
         allowed = braking(edge - options.r0_shill_m, options.p_shill_1_s, options.a_shill_m_s2)

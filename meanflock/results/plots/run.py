@@ -15,7 +15,7 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
@@ -187,12 +187,17 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
 
 
 def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) -> Patch:
-    """An obstacle from above or from the side: a circle, or of a column from the side a rectangle."""
+    """An obstacle from above or from the side: a circle or a polygon, or of a column from the side a rectangle."""
+    if up == 1 and obstacle.polygon:
+        return Polygon(obstacle.polygon, **look)
     if up == 1 or len(obstacle.centre) == state.SPACE:
         return Circle((obstacle.centre[0], obstacle.centre[up]), obstacle.radius, **look)
     top = obstacle.height
-    corner = obstacle.centre[0] - obstacle.radius, 0.0
-    return Rectangle(corner, 2 * obstacle.radius, highest if top is None else top, **look)
+    x, _, radius = obstacle.disc
+    low, high = x - radius, x + radius
+    if obstacle.polygon:
+        low, high = min(x for x, _ in obstacle.polygon), max(x for x, _ in obstacle.polygon)
+    return Rectangle((low, 0.0), high - low, highest if top is None else top, **look)
 
 
 # -- curves --------------------------------------------------------------------------------------------------------

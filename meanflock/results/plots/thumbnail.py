@@ -94,8 +94,14 @@ def _circles(view: _MapScale, places: Floats, radius: float, look: str) -> list[
 def _discs(view: _MapScale, flown: FlownKeys | Scenario) -> list[str]:
     """The obstacles, to scale."""
     look = f'fill="{plotstyle.PALE}" fill-opacity=".5"'
-    discs = mission.obstacles(flown)
-    return [circle for disc in discs for circle in _circles(view, disc[None, :2], float(disc[2]) * view.scale, look)]
+    drawn = []
+    for obstacle in flown.obstacles:
+        if obstacle.polygon:
+            corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in view(np.array(obstacle.polygon)))
+            drawn.append(f'<polygon points="{corners}" {look}/>')
+        else:
+            drawn += _circles(view, np.array([obstacle.centre[:2]]), obstacle.radius * view.scale, look)
+    return drawn
 
 
 def _triangles(view: _MapScale, places: Floats) -> list[str]:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 
 from meanflock.results.plots import plotstyle
 from meanflock.studies.leaderboard.board import Course
@@ -49,7 +50,11 @@ def draw(flown: Scenario) -> Figure:
         _wind(ax, flown, middle, side)
         ways = LineCollection(list(np.stack([starts, goals], axis=1)), colors=plotstyle.PALE, linewidths=0.4, alpha=0.5)
         ax.add_collection(ways)
-        _circles(ax, discs[:, :2], discs[:, 2], _DISC, filled=True)
+        polygons = mission.polygons(flown)
+        round_ = np.delete(discs, list(polygons), axis=0)
+        _circles(ax, round_[:, :2], round_[:, 2], _DISC, filled=True)
+        for polygon in polygons.values():
+            ax.add_patch(Polygon(polygon.corners, facecolor=_DISC, edgecolor="none"))
         places = np.unique(goals, axis=0)
         if len(places) == 1:
             _circles(ax, places, np.full(1, edge), plotstyle.GOAL, filled=False)

@@ -113,7 +113,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
     start: tables.Start = field(default_factory=tables.Start)
     destination: tables.Destination = field(default_factory=tables.Destination)
     obstacles: Annotated[
-        tuple[tables.Obstacle, ...], key("discs that no UAV should enter", OURS, "none", later=True, max_length=1000)
+        tuple[tables.Obstacle, ...],
+        key("discs and polygons that no UAV should enter", OURS, "none", later=True, max_length=1000),
     ] = ()
     wind: tables.Wind = field(default_factory=tables.Wind)
     truth: Annotated[tables.Truth, LATER] = field(default_factory=tables.Truth)

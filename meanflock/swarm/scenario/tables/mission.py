@@ -5,6 +5,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
 
+from meanflock.swarm.polygons import Polygon, problem
 from meanflock.swarm.scenario.described import OURS, PRINTED, SILENT, key
 from meanflock.swarm.state import PLANE
 from meanflock.swarm.toml import Point
@@ -141,13 +142,42 @@ class Destination(_Table, frozen=True):
 
 
 class Obstacle(_Table, frozen=True, omit_defaults=True):
-    """A disc that no UAV should enter; in space, a column or a sphere. A UAV that enters it is counted and flies on."""
+    """A disc or a polygon that no UAV should enter; in space, a column or a sphere. A UAV that enters it is counted and
+    flies on."""
 
-    centre: Annotated[Point, Meta(description="its centre; in space, three numbers make it a sphere, m")]
-    radius: Annotated[float, Meta(gt=0, description="its radius, m")]
+    centre: Annotated[Point, Meta(description="centre of a disc; in space, three numbers make it a sphere, m")] = ()
+    radius: Annotated[float, Meta(gt=0, description="radius of a disc or a sphere, m")] = 0.0
     height: Annotated[float, Meta(gt=0, description="in space, height of a column; unset: without end, m")] | None = (
         None
     )
+    polygon: Annotated[
+        tuple[tuple[float, float], ...],
+        Meta(max_length=100, description="corners of a polygon in their order around it, in place of a disc, m"),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.polygon:
+            if self.centre or self.radius:
+                raise ValueError("a `polygon` has no `centre` and no `radius`; leave these out")
+            if found := problem(self.polygon):
+                raise ValueError(f"the `polygon` {found}")
+        else:
+            for name in ("centre", "radius"):
+                if not getattr(self, name):
+                    raise ValueError(f"it lacks the required key `{name}`; add it, or the corners of a `polygon`")
+
+    @property
+    def outline(self) -> Polygon | None:
+        """Its polygon; None for a disc, a column around its axis, or a sphere."""
+        return Polygon.of(self.polygon, self.height) if self.polygon else None
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """The disc, or one around the polygon: x, y and radius, m."""
+        if (outline := self.outline) is not None:
+            return outline.disc
+        return self.centre[0], self.centre[1], self.radius
 
     @property
     def axis(self) -> tuple[float, float]:
