@@ -15,31 +15,37 @@ from meanflock.results.quantities import COMPARED, FIELDS, number, with_unit
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
+Points = Mapping[tuple[Any, ...], Summaries]
 
 _METHOD = "method"
+_PLUGINS = (_METHOD, "training.learner")
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 
 
-def _panels(metrics: Sequence[str], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
-    """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
-    rows = -(-len(metrics) // 2)
-    figure = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
-    axes = list(figure.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
-    for letter, metric, ax in zip("abcdefghij", metrics, axes, strict=False):
-        plotstyle.titled(ax, letter, FIELDS[metric].remarked)
-    for ax in axes[len(metrics) :]:
+def panels(
+    titles: Sequence[str], columns: int, row_in: float, more_in: float, share: str = ""
+) -> tuple[Figure, list[Axes]]:
+    """A figure of a printed width with so many panels a row, which share an axis; rows are so high, and all so much
+    more.
+    """
+    rows = -(-len(titles) // columns)
+    figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], rows * row_in + more_in)
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
+    for place, (title, ax) in enumerate(zip(titles, axes, strict=False)):
+        plotstyle.titled(ax, plotstyle.letter(place), title)
+    for ax in axes[len(titles) :]:
         ax.set_visible(False)
     return figure, axes
 
 
-def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
+def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
     """A panel a metric, a method a row: the mean with its 95 % interval over seeds, and below it a pale dot a run.
 
-    runs: by method the summaries of its runs.
+    runs: by method the summaries of its runs. columns: printed columns, and panels a row.
     """
     methods, looks = list(runs), plotstyle.looks(runs)
     with plotstyle.style():
-        figure, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
+        figure, axes = panels(_titles(COMPARED), columns, 0.75 + 0.22 * len(methods), 0.3, "y")
         for key, ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
@@ -55,8 +61,12 @@ def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(0.0, most)
             _never_negative(ax)
-        _explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
+        explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return figure
+
+
+def _titles(metrics: Sequence[str]) -> list[str]:
+    return [FIELDS[metric].remarked for metric in metrics]
 
 
 def _never_negative(ax: Axes) -> None:
@@ -78,25 +88,38 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> No
     ax.plot([estimate.value], [place], color=look.colour, **mean)
 
 
-def _explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
+def explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
     """Explain points and bars, below all panels."""
     least, most = min(flights), max(flights)
     caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
     figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
-def plot_points(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+def labels(names: Sequence[str], points: Points) -> dict[tuple[Any, ...], str]:
+    """The label of each point: its values of the names that vary; those of methods and learners without the name."""
+    varying = [place for place in range(len(names)) if len({point[place] for point in points}) > 1]
+    return {
+        point: ", ".join(
+            str(point[place]) if names[place] in _PLUGINS else f"{names[place].rpartition('.')[2]}={point[place]}"
+            for place in varying or range(len(names))
+        )
+        for point in points
+    }
+
+
+def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
     """A study: methods side by side, or a sweep.
 
     Args:
         names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
+        columns: printed columns, and panels a row.
     """
     if tuple(names) == (_METHOD,):
-        return plot_compare({method: summaries for (method,), summaries in points.items()})
-    return plot_sweep(names, points)
+        return plot_compare({method: summaries for (method,), summaries in points.items()}, columns)
+    return plot_sweep(names, points, columns)
 
 
-def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
     """A panel a metric along the first swept key: mean over seeds with 95 % interval, a line for each method and each
     combination of the other keys.
 
@@ -113,7 +136,7 @@ def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]
         lines.setdefault(", ".join([str(summaries[0][_METHOD]), *others]), {})[point[along]] = summaries
     looks = plotstyle.looks(lines)
     with plotstyle.style():
-        figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
+        figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, (line, flown) in enumerate(lines.items()):
                 offset = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
@@ -126,8 +149,8 @@ def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:
                 ax.set_xticks(places, [str(value) for value in values])
-        for ax in axes[-2:]:
+        for ax in axes[-columns:]:
             ax.set_xlabel(with_unit(key))
         plotstyle.legend(figure, list(lines), markers=True, looks=looks)
-        _explained(figure, [len(summaries) for summaries in points.values()])
+        explained(figure, [len(summaries) for summaries in points.values()])
     return figure

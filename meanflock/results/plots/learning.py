@@ -1,0 +1,72 @@
+"""Learning curves of a study: means over flights with a band of 95 %, over rounds, time, bits or airtime."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from meanflock.results import statistics
+from meanflock.results.plots import plotstyle
+from meanflock.results.plots.comparison import labels, panels
+from meanflock.results.plots.rounds import LABELS, title
+from meanflock.results.rounds_table import MEAN, METRIC, OVER
+
+Rounds = Sequence[Mapping[str, Any]]  # rows of rounds.parquet
+_PANEL_IN = 1.75  # height
+
+
+def plot_learning(
+    names: Sequence[str], points: Mapping[tuple[Any, ...], Sequence[Rounds]], over: str, columns: int = 2
+) -> Figure | None:
+    """A panel for each metric and diagnostic at the end of the averaged rounds, a line for each point.
+
+    A line ends with the last round that all flights of the point averaged. Numbers that stay the same are left out, if
+    others change. The place along the x axis is the mean of the flights, too. None if there is nothing to draw.
+
+    Args:
+        names: names of the varied values. points: the values of a point → the rounds of each of its flights.
+        over: a key of OVER. columns: printed columns, and panels a row.
+    """
+    curves = {point: _columns(flights, OVER[over]) for point, flights in points.items()}
+    found = dict.fromkeys(name for one in curves.values() for name in one if name.startswith((METRIC, MEAN)))
+    shown = sorted(found, key=lambda name: name.startswith(MEAN))
+    shown = [name for name in shown if any(np.ptp(one[name]) > 0.0 for one in curves.values() if name in one)] or shown
+    if not shown:
+        return None
+    named = labels(names, points)  # type: ignore[arg-type]
+    looks = plotstyle.looks(named.values())
+    with plotstyle.style():
+        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.7)
+        for name, ax in zip(shown, axes, strict=False):
+            for point, one in curves.items():
+                if name in one:
+                    _curve(ax, looks[named[point]], one[OVER[over]].mean(axis=0), one[name])
+            ax.set_xlabel(LABELS[over])
+            if over == "bits":
+                plotstyle.bit_axis(ax.xaxis)
+        plotstyle.legend(figure, list(named.values()), looks=looks)
+        counts = {len(flights) for flights in points.values()}
+        several = f"mean and 95 % interval over {min(counts)} flights" if max(counts) > 1 else "one flight each"
+        figure.supxlabel(several, fontsize=7, color=plotstyle.INK)
+    return figure
+
+
+def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.float64]]:
+    """Columns (flights, rounds) of the averaged rounds that all flights have; none if a flight has none."""
+    averaged = [{row["round"]: row for row in rounds if row["outcome"] == "averaged"} for rounds in flights]
+    common = sorted(set.intersection(*map(set, averaged)))
+    if not common:
+        return {}
+    names = [along, *(name for name in averaged[0][common[0]] if name.startswith((METRIC, MEAN)))]
+    rows = {name: [[one[number].get(name) for number in common] for one in averaged] for name in names}
+    return {name: np.array(values, dtype=np.float64) for name, values in rows.items()}
+
+
+def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+    estimates = [statistics.mean(column) for column in values.T]
+    y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
+    if np.isfinite([low, high]).any():
+        ax.fill_between(x, low, high, where=np.isfinite(low), color=seen.colour, alpha=0.16, linewidth=0)
+    ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
