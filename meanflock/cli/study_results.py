@@ -97,12 +97,12 @@ class StudyResults:
         rounds = {at: [summary[EACH_ROUND] for summary in summaries] for at, summaries in flown.items()}
         if drawn := learning.plot_learning(self._names, rounds, over, columns):
             figures[f"learning-over-{over}"] = drawn
-        if found:
-            labels = comparison.labels(self._names, flown)
-            points = [
-                tradeoff_plot.TradeoffPoint(labels[at], one.x, one.y, one.place)
-                for at, one in found.placed.items()
-                if one.place
-            ]
+        labels = comparison.labels(self._names, flown)
+        points = [
+            tradeoff_plot.TradeoffPoint(labels[at], one.x, one.y, one.place)
+            for at, one in (found.placed.items() if found else ())
+            if one.place
+        ]
+        if found and points:
             figures["pareto"] = tradeoff_plot.plot_tradeoff(points, found.x.label, found.y.label, columns)
         return figures

@@ -26,7 +26,7 @@ MEANS = (
     "Lower is better everywhere but in arrivals."
 )
 _MARKS = {"best": "*", "undecided": "?"}
-VERDICTS = " * is significantly best, ? is undecided: paired by seed, 5 %, Holm's method."
+VERDICTS = " * is significantly best, ? is undecided (paired by seed, Holm's method)."
 
 
 def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
@@ -82,6 +82,7 @@ def rounds_table(means: Means) -> Table | None:
     if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
         for column in shown.columns[len(means.varying) :]:
             column.header = _broken(str(column.header))
+        shown.padding = 0
     return shown
 
 

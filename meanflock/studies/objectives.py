@@ -23,6 +23,7 @@ SHORT = {  # short names of fields of the summary
     "time": "t_avg_censored_s",
     "energy": "energy_total_J",
 }
+ROUNDING = 1e-6  # relative difference below which two numbers are equal: models on the air are rounded
 _ENDS = ("less", "more")
 
 
@@ -48,7 +49,8 @@ class Objective:
         key = self.keys[0]
         if key in FIELDS:
             return axis_label(key)
-        return self.name if unit_of(key) in ("", "1") else f"{self.name} ({unit_of(key)})"
+        unit = unit_of(key)
+        return self.name if unit in ("", "1") else f"{self.name.removesuffix(f'_{unit}')} ({unit})"
 
 
 COMPARED_OBJECTIVES = tuple(Objective(key, (key,), cast(Better, better(key))) for key in COMPARED)

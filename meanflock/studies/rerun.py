@@ -53,14 +53,14 @@ class Study:
                 )
         try:
             self.scenarios = self.record.scenarios()
+            here = plugins_that_fly(self.scenarios)
         except BadInput as error:
-            copies = "".join(f" --plugin {path}" for path in sorted((file.parent / flown_plugins.FOLDER).glob("*.py")))
-            remedy = f"; read what flew, and name it:{copies}" if copies else ""
-            raise BadInput(f"{file}: {error}{remedy}") from error
-        for flew, here in zip(self.record.plugins, plugins_that_fly(self.scenarios), strict=False):
-            if flew != here:
+            raise BadInput(f"{file}: {error}{_copies(file.parent)}") from error
+        for flew, found in zip(self.record.plugins, here, strict=True):
+            if flew != found:
                 raise BadInput(
-                    f"{file}: it flew {flew[0]} {flew[1]!r} of {flew[2]}; here it is of {here[2]}; install that"
+                    f"{file}: it flew {flew[0]} {flew[1]!r} of {flew[2]}; here it is of {found[2]}"
+                    + (_copies(file.parent) or "; install that version")
                 )
         path = file.parent / FLIGHTS
         self._expected: pa.Table | None = pq.read_table(path) if path.exists() else None
@@ -97,3 +97,9 @@ class Study:
                 for field in dict.fromkeys((*before, *row)) if before else ():
                     if before.get(field) != row.get(field) and field not in was.__struct_fields__:
                         yield FlightDifference(values, was.seed, field, before.get(field), row.get(field))
+
+
+def _copies(out: Path) -> str:
+    """Advice to load the copies of plug-ins in the folder of a study; empty if there are none."""
+    copies = "".join(f" --plugin {path}" for path in sorted((out / flown_plugins.FOLDER).glob("*.py")))
+    return f"; read the copies of what flew, and name them:{copies}" if copies else ""

@@ -7,7 +7,7 @@ import numpy as np
 
 from meanflock.results import statistics
 from meanflock.results.statistics import Estimate
-from meanflock.studies.objectives import Objective
+from meanflock.studies.objectives import ROUNDING, Objective
 
 Point = tuple[Any, ...]
 Place = Literal["front", "dominated", "undecided", ""]
@@ -60,7 +60,7 @@ def _place(objectives: tuple[Objective, Objective], own: Pair, others: Sequence[
 
 def _relation(objective: Objective, first: Sequence[float], second: Sequence[float]) -> _Relation:
     """What the first column is, compared with the second one of the same seeds."""
-    if list(first) == list(second):
+    if np.allclose(first, second, rtol=ROUNDING, atol=0.0):
         return "equal"
     difference = statistics.difference(first, second)
     if difference.low <= 0.0 <= difference.high:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.studies.leaderboard.marks import holm, paired
-from meanflock.studies.objectives import COMPARED_OBJECTIVES, Objective
+from meanflock.studies.objectives import COMPARED_OBJECTIVES, ROUNDING, Objective
 
 Point = tuple[Any, ...]
 Points = Mapping[Point, Sequence[Mapping[str, Any]]]
@@ -38,8 +38,10 @@ def verdicts(
             if len(values) > 1:
                 found |= dict.fromkeys(((point, objective.name) for point in values), _first_verdict(values))
                 best = _best(objective, values)
-                others = {point: one for point, one in values.items() if point != best}
-                tests += [(paired(values[best], one), objective.name, best, point) for point, one in others.items()]
+                for point, one in values.items():
+                    if point != best:
+                        p_value = 1.0 if _is_equal(values[best], one) else paired(values[best], one)
+                        tests.append((p_value, objective.name, best, point))
     for (_, name, _, point), is_worse in zip(tests, holm([test[0] for test in tests]), strict=True):
         if is_worse:
             found[point, name] = "worse"
@@ -62,7 +64,11 @@ def _groups(names: Sequence[str], points: Points) -> list[list[Point]]:
 
 def _first_verdict(values: Mapping[Point, NDArray[np.float64]]) -> Verdict:
     first, *others = values.values()
-    return "equal" if all(np.array_equal(first, other) for other in others) else "undecided"
+    return "equal" if all(_is_equal(first, other) for other in others) else "undecided"
+
+
+def _is_equal(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    return np.allclose(first, second, rtol=ROUNDING, atol=0.0)
 
 
 def _best(objective: Objective, values: Mapping[Point, NDArray[np.float64]]) -> Point:

@@ -28,9 +28,10 @@ def panels(
     """A figure of a printed width with so many panels a row, which share an axis; rows are so high, and all so much
     more.
     """
-    rows = -(-len(titles) // columns)
+    across = min(columns, len(titles))
+    rows = -(-len(titles) // across)
     figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], rows * row_in + more_in)
-    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
+    axes = list(figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
     for place, (title, ax) in enumerate(zip(titles, axes, strict=False)):
         plotstyle.titled(ax, plotstyle.letter(place), title)
     for ax in axes[len(titles) :]:

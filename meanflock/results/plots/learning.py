@@ -15,6 +15,7 @@ from meanflock.results.rounds_table import MEAN, METRIC, OVER
 
 Rounds = Sequence[Mapping[str, Any]]  # rows of rounds.parquet
 _PANEL_IN = 1.75  # height
+_LINE_IN = 0.17  # height of a line of the legend
 
 
 def plot_learning(
@@ -38,7 +39,8 @@ def plot_learning(
     named = labels(names, points)  # type: ignore[arg-type]
     looks = plotstyle.looks(named.values())
     with plotstyle.style():
-        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.7)
+        more_in = 0.5 + _LINE_IN * len(looks) / columns
+        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, more_in)
         for name, ax in zip(shown, axes, strict=False):
             for point, one in curves.items():
                 if name in one:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from meanflock.results.plots import plotstyle
 from meanflock.results.statistics import Estimate
@@ -46,6 +46,7 @@ def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int 
             _draw(ax, point, looks.get(point.label, grey))
         ax.set_xlabel(plotstyle.tex(x))
         ax.set_ylabel(plotstyle.tex(y))
+        ax.xaxis.set_major_locator(MaxNLocator(4 * columns))
         for axis, label in ((ax.xaxis, x), (ax.yaxis, y)):
             if "(bits)" in label:
                 axis.set_major_formatter(EngFormatter())
