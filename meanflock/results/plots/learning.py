@@ -21,10 +21,11 @@ _LINE_IN = 0.17  # height of a line of the legend
 def plot_learning(
     names: Sequence[str], points: Mapping[tuple[Any, ...], Sequence[Rounds]], over: str, columns: int = 2
 ) -> Figure | None:
-    """A panel for each metric and diagnostic at the end of the averaged rounds, a line for each point.
+    """A panel for each metric and diagnostic at the end of the rounds, a line for each point.
 
-    A line ends with the last round that all flights of the point averaged. Numbers that stay the same are left out, if
-    others change. The place along the x axis is the mean of the flights, too. None if there is nothing to draw.
+    A line has the rounds of which all flights of the point have the number, also void ones. Its place along the x axis
+    is the mean of the flights. Numbers that stay the same are left out, if others change. None if there is nothing to
+    draw.
 
     Args:
         names: names of the varied values. points: the values of a point → the rounds of each of its flights.
@@ -33,7 +34,11 @@ def plot_learning(
     curves = {point: _columns(flights, OVER[over]) for point, flights in points.items()}
     found = dict.fromkeys(name for one in curves.values() for name in one if name.startswith((METRIC, MEAN)))
     shown = sorted(found, key=lambda name: name.startswith(MEAN))
-    shown = [name for name in shown if any(np.ptp(one[name]) > 0.0 for one in curves.values() if name in one)] or shown
+    shown = [
+        name
+        for name in shown
+        if any(np.nanmax(one[name]) > np.nanmin(one[name]) for one in curves.values() if name in one)
+    ] or shown
     if not shown:
         return None
     named = labels(names, points)  # type: ignore[arg-type]
@@ -56,18 +61,25 @@ def plot_learning(
 
 
 def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.float64]]:
-    """Columns (flights, rounds) of the averaged rounds that all flights have; none if a flight has none."""
-    averaged = [{row["round"]: row for row in rounds if row["outcome"] == "averaged"} for rounds in flights]
-    common = sorted(set.intersection(*map(set, averaged)))
+    """Columns (flights, rounds) of the rounds that all flights have, NaN where unknown; none if a flight has none."""
+    ended = [{row["round"]: row for row in rounds} for rounds in flights]
+    common = sorted(set.intersection(*map(set, ended)))
     if not common:
         return {}
-    names = [along, *(name for name in averaged[0][common[0]] if name.startswith((METRIC, MEAN)))]
-    rows = {name: [[one[number].get(name) for number in common] for one in averaged] for name in names}
-    return {name: np.array(values, dtype=np.float64) for name, values in rows.items()}
+    names = [
+        along,
+        *dict.fromkeys(
+            name for one in ended for row in one.values() for name in row if name.startswith((METRIC, MEAN))
+        ),
+    ]
+    rows = {name: [[one[number].get(name) for number in common] for one in ended] for name in names}
+    arrays = {name: np.array(values, dtype=np.float64) for name, values in rows.items()}
+    return {name: array for name, array in arrays.items() if not np.isnan(array).all()}
 
 
 def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    estimates = [statistics.mean(column) for column in values.T]
+    known = ~np.isnan(values).any(axis=0)
+    x, estimates = x[known], [statistics.mean(column) for column in values.T[known]]
     y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     if np.isfinite([low, high]).any():
         ax.fill_between(x, low, high, where=np.isfinite(low), color=seen.colour, alpha=0.16, linewidth=0)
