@@ -48,7 +48,7 @@ class Comparison:
 
     @property
     def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
-        """The summaries of all flights, by point."""
+        """The summaries of all flights, by point; `each_round` has the rounds, `last_round` the last averaged one."""
         return self.means.points
 
     def frame(self) -> pa.Table:

@@ -18,6 +18,7 @@ from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
 from meanflock.results.plots.learning import plot_learning
 from meanflock.results.rounds_table import COLUMNS
+from meanflock.studies import study
 from meanflock.studies.study_file import sha256_of
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
 from tests.studies.conftest import rows
@@ -174,6 +175,29 @@ def test_a_study_flies_again_and_is_the_same(copy: Path, capsys: pytest.CaptureF
     assert main(["study", "rerun", str(copy / "study.json"), "--jobs", "1", "--quiet"]) == EXIT_DONE
     assert capsys.readouterr().out == "All 8 flights are the same.\n"
     assert {path.name: path.read_bytes() for path in copy.iterdir()} == before
+
+
+def test_the_record_alone_is_enough_and_an_interrupted_rerun_flies_the_rest(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in copy.glob("*.parquet"):
+        path.unlink()
+    command = ["study", "rerun", str(copy / "study.json"), "--jobs", "1", "--quiet"]
+    fly, flown = study.summarised, []
+
+    def interrupted(scenario: mf.Scenario) -> dict[str, Any]:
+        if len(flown) == 3:
+            raise KeyboardInterrupt
+        flown.append(scenario.seed)
+        return fly(scenario)
+
+    monkeypatch.setattr(study, "summarised", interrupted)
+    assert main(command) == EXIT_RUN_FAILED
+    assert "3 of 8 runs are kept" in capsys.readouterr().err
+    monkeypatch.setattr(study, "summarised", lambda scenario: flown.append(scenario.seed) or fly(scenario))
+    assert main(command) == EXIT_DONE
+    assert len(flown) == 8
+    assert not (copy / "rerun").exists()
 
 
 def test_a_flight_that_differs_is_named_with_what_was_expected_and_found(

@@ -1,6 +1,6 @@
 """Plots of many flights: methods side by side, and a parameter swept."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,13 +96,19 @@ def explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
     figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
-def labels(names: Sequence[str], points: Points) -> dict[tuple[Any, ...], str]:
-    """The label of each point: its values of the names that vary; those of methods and learners without the name."""
-    varying = [place for place in range(len(names)) if len({point[place] for point in points}) > 1]
+def labels(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
+    """The label of each point: its values of the names that vary, or of all if none does.
+
+    Methods and learners come first, without a name. Keys are without their table if that is enough to tell them apart.
+    """
+    points = dict.fromkeys(points)
+    places = sorted(range(len(names)), key=lambda place: names[place] not in _PLUGINS)
+    varying = [place for place in places if len({point[place] for point in points}) > 1] or places
+    ends = [name.rpartition(".")[2] for name in names]
+    shown = [end if ends.count(end) == 1 else name for end, name in zip(ends, names, strict=True)]
     return {
         point: ", ".join(
-            str(point[place]) if names[place] in _PLUGINS else f"{names[place].rpartition('.')[2]}={point[place]}"
-            for place in varying or range(len(names))
+            str(point[place]) if names[place] in _PLUGINS else f"{shown[place]}={point[place]}" for place in varying
         )
         for point in points
     }
@@ -131,11 +137,12 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
     values = list(dict.fromkeys(point[along] for point in points))
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     places = np.array(values if numeric else range(len(values)), dtype=np.float64)
-    lines: dict[str, dict[Any, Summaries]] = {}
+    others = [name for name in names if name != key]
+    lines: dict[tuple[Any, ...], dict[Any, Summaries]] = {}
     for point, summaries in points.items():
-        others = [f"{name}={value}" for name, value in zip(names, point, strict=True) if name not in (key, _METHOD)]
-        lines.setdefault(", ".join([str(summaries[0][_METHOD]), *others]), {})[point[along]] = summaries
-    looks = plotstyle.looks(lines)
+        lines.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = summaries
+    named = labels(others, lines)
+    looks = plotstyle.looks(named.values())
     with plotstyle.style():
         figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
@@ -144,7 +151,7 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
                 estimates = [
                     statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
                 ]
-                plotstyle.dots(ax, looks[line], places + offset, estimates)
+                plotstyle.dots(ax, looks[named[line]], places + offset, estimates)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
@@ -152,6 +159,6 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
                 ax.set_xticks(places, [str(value) for value in values])
         for ax in axes[-columns:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(figure, list(lines), markers=True, looks=looks)
+        plotstyle.legend(figure, list(looks), markers=True, looks=looks)
         explained(figure, [len(summaries) for summaries in points.values()])
     return figure

@@ -41,7 +41,7 @@ def plot_learning(
     ] or shown
     if not shown:
         return None
-    named = labels(names, points)  # type: ignore[arg-type]
+    named = labels(names, points)
     looks = plotstyle.looks(named.values())
     with plotstyle.style():
         more_in = 0.5 + _LINE_IN * len(looks) / columns
