@@ -59,10 +59,7 @@ def compare(
     record: bool,
     out: Path,
     quiet: bool,
-    pareto: tuple[str, str] | None,
-    figures: tuple[str, ...],
-    columns: str,
-    over: str,
+    wanted: ResultsOptions,
     **given: Any,
 ) -> None:
     """Compare controllers over the same seeds.
@@ -81,7 +78,6 @@ def compare(
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
         from meanflock.studies import side_by_side
         from meanflock.studies.runner import terminable
-    wanted = ResultsOptions(pareto, figures, int(columns), over)
     _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet, wanted)
     if record:
         with terminable(out):
@@ -121,10 +117,7 @@ def sweep(
     jobs: int,
     out: Path,
     quiet: bool,
-    pareto: tuple[str, str] | None,
-    figures: tuple[str, ...],
-    columns: str,
-    over: str,
+    wanted: ResultsOptions,
     settings: tuple[str, ...],
     **given: Any,
 ) -> None:
@@ -157,7 +150,6 @@ def sweep(
             scenarios[point if grid.has_methods else (*point, str(one.method))] = one
     keys = tuple(varied.key for varied in grid.keys)
     named = keys if grid.has_methods else (*keys, "method")
-    wanted = ResultsOptions(pareto, figures, int(columns), over)
     _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet, wanted)
 
 
@@ -169,7 +161,7 @@ def _fly(
     jobs: int,
     out: Path,
     quiet: bool,
-    wanted: "ResultsOptions",
+    wanted: ResultsOptions,
 ) -> None:
     """Fly all runs that `out` does not have; print the tables of the study, and write its files.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -98,11 +99,16 @@ class ResultsOptions(NamedTuple):
     over: str
 
 
-def results_options(command: F) -> F:
-    """Decorator that adds the options of the results of a study, which the command passes on."""
+def results_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator that adds the options of the results of a study; the command gets them as `wanted`."""
+
+    @wraps(command)
+    def call(pareto: tuple[str, str] | None, figures: tuple[str, ...], columns: str, over: str, **given: Any) -> None:
+        command(wanted=ResultsOptions(pareto, figures, int(columns), over), **given)
+
     for option in reversed(_RESULTS):
-        command = option(command)
-    return command
+        call = option(call)
+    return call
 
 
 backend_option = click.option(

@@ -18,7 +18,7 @@ from meanflock.studies.tradeoff import Tradeoff
 from meanflock.swarm.errors import printable
 
 WIDTH = 80  # of a terminal, at least
-_LONGEST = 16  # characters of a value that differs
+_LONGEST = 12  # characters of a hash
 _WIDE = 1000  # columns: wider than any table
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 MEANS = (
@@ -117,8 +117,8 @@ def differences_table(names: Sequence[str], differences: Sequence[FlightDifferen
 
 
 def _short(value: Any) -> str:
-    """A number, or the beginning of a hash; a dash if it is unknown."""
-    return "–" if value is None else str(value)[:_LONGEST]
+    """A number with all digits, or the beginning of a hash; a dash if it is unknown."""
+    return "–" if value is None else value[:_LONGEST] if isinstance(value, str) else repr(value)
 
 
 def _named(means: Means, point: Sequence[Any]) -> list[str]:
