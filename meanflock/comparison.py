@@ -21,11 +21,12 @@ class Comparison:
     """The result of a study. Iterate over it to get one row for each point.
 
     A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
-    under its name and the ends of its 95 % interval under `…_low` and `…_high`; None if unknown. `uplink_bits`,
-    `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic; `rounds` and `rounds_void`
-    follow. If any flight averaged a round, `last_round_…` are means of the numbers of the last one, over the
-    `last_round_n` flights of the point that averaged one. In means over UAVs a UAV
-    that never arrived counts with the duration. A notebook shows the means as a table.
+    under its name, the ends of its 95 % interval under `…_low` and `…_high`, and under `…_verdict` whether the point is
+    significantly `best`, or `worse` than the best, paired by seed, `equal` or `undecided`; None if unknown.
+    `uplink_bits`, `relay_bits`, `broadcast_bits` and `state_bits` are the mean payload by kind of traffic; `rounds` and
+    `rounds_void` follow. If any flight averaged a round, `last_round_…` are means of the numbers of the last one, over
+    the `last_round_n` flights of the point that averaged one. In means over UAVs a UAV that never arrived counts with
+    the duration. A notebook shows the means as a table.
     """
 
     def __init__(self, names: tuple[str, ...], flown: Mapping[tuple[Any, ...], study.Summaries]) -> None:
@@ -47,7 +48,7 @@ class Comparison:
 
     @property
     def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
-        """The summaries of all flights, by point."""
+        """The summaries of all flights, by point; `each_round` has the rounds, `last_round` the last averaged one."""
         return self.means.points
 
     def frame(self) -> pa.Table:
@@ -58,6 +59,14 @@ class Comparison:
         that are lists or tables are JSON.
         """
         return flight_table.flight_table(self.means.names, self.means.points)
+
+    def rounds(self) -> pa.Table:
+        """A PyArrow table with a row for each round of each flight.
+
+        Its columns are the values that identify the point, `method`, `learner` if any flight has one, `seed`, and
+        those of rounds.parquet; null if unknown.
+        """
+        return flight_table.rounds_table(self.means.names, self.means.points)
 
     def to_pandas(self) -> Any:
         """`frame()` as a pandas DataFrame.

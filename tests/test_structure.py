@@ -167,7 +167,7 @@ ONLY = [
     ),
     (r"eval|exec", ()),
     (r"np\.load", ("agent/controllers/policy/network.py",)),  # that it unpickles nothing: tests/door/test_env.py
-    (r"kernels\.BACKEND", ("meanflock/launch/doctor.py", "worldsim/summary.py")),
+    (r"kernels\.BACKEND", ("meanflock/launch/doctor.py", "meanflock/studies/study_file.py", "worldsim/summary.py")),
     (  # the tables of the mean-field methods
         r".*scenario\.(cost|learner|density|offline)",
         ("agent/controllers/mean_field/", "meanflock/kernels/", "meanflock/swarm/scenario/", "research/"),

@@ -49,6 +49,7 @@ _COMMANDS = {  # in the order of their use
     "flower": _Listed("flower", "flower", "Fly a Flower app unmodified: the radio carries its models."),
     "compare": _Listed("study", "compare", "Compare controllers over the same seeds."),
     "sweep": _Listed("study", "sweep", "Compare several values of one scenario key, or of several."),
+    "study": _Listed("rerun", "study_group", "Fly a study again, and say whether it is the same."),
     "leaderboard": _Listed("leaderboard", "leaderboard", "Rank controllers over the same missions and seeds."),
     "frontier": _Listed("frontier", "frontier", "Find the fewest bits to send for flights without collisions."),
     "paper": _Listed("study", "paper", "Repeat the paper's experiments and test its claims."),
@@ -148,7 +149,8 @@ def main(arguments: list[str] | None = None) -> int:
             codecs.register_error("meanflock", _question_marks)
             sys.stdout.reconfigure(errors="meanflock")
     try:
-        cli.main(arguments, prog_name="meanflock", standalone_mode=False)
+        words = tuple(sys.argv[1:] if arguments is None else arguments)
+        cli.main(arguments, prog_name="meanflock", standalone_mode=False, obj=words)
         sys.stdout.flush()
         code = EXIT_DONE
     except MeanflockError as error:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +22,14 @@ from meanflock.cli.arguments import (
 )
 from meanflock.cli.study_arguments import (
     SEEDS,
+    ResultsOptions,
     backend_option,
     jobs_option,
     keys_or_list,
     lists,
     names,
     progress_of,
+    results_options,
     scenario_option,
     scheduler_option,
     seeds_option,
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
 @jobs_option
 @click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
 @out_option("out/compare")
+@results_options
 @quiet_option
 def compare(
     methods: tuple[str, ...],
@@ -55,12 +59,14 @@ def compare(
     record: bool,
     out: Path,
     quiet: bool,
+    wanted: ResultsOptions,
     **given: Any,
 ) -> None:
     """Compare controllers over the same seeds.
 
-    Prints a table of means, and writes it as CSV and as a plot with 95 % intervals, and a table with a row for each
-    flight as CSV and Parquet. Repeat an interrupted command to fly only what is missing.
+    Prints a table of means and which are significantly best. Writes it as CSV, LaTeX and figures with 95 % intervals, a
+    table with a row for each flight and one with a row for each round, and study.json, from which `meanflock study
+    rerun` flies it again. Repeat an interrupted command to fly only what is missing.
 
     \b
     Example: meanflock compare hjb mfgfl-hf --seeds 4 --duration 200
@@ -72,14 +78,14 @@ def compare(
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
         from meanflock.studies import side_by_side
         from meanflock.studies.runner import terminable
-    _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet)
+    _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet, wanted)
     if record:
         with terminable(out):
             side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
             report([out / "compare.rrd"])
 
 
-@click.command(cls=lists("--methods"))
+@click.command(cls=lists("--methods", "--learners"))
 @click.argument("swept", nargs=-1, required=True, metavar="KEY=V1,V2…", shell_complete=keys_or_list)
 @click.option(
     "--methods",
@@ -88,35 +94,49 @@ def compare(
     help="Controllers to sweep with.  [default: the scenario's]",
     shell_complete=completion.controllers,
 )
+@click.option(
+    "--learners",
+    multiple=True,
+    metavar="FILE.py|NAME…",
+    help="Learners to sweep with, as key training.learner.",
+    shell_complete=completion.learners,
+)
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "radio", "learner", "until", "plugin")
 @seeds_option
 @jobs_option
 @out_option("out/sweep")
+@results_options
 @quiet_option
 def sweep(
     swept: tuple[str, ...],
     methods: tuple[str, ...],
+    learners: tuple[str, ...],
     file: Path | None,
     seeds: int | None,
     jobs: int,
     out: Path,
     quiet: bool,
+    wanted: ResultsOptions,
     settings: tuple[str, ...],
     **given: Any,
 ) -> None:
     """Compare several values of one scenario key, or of several.
 
-    Several keys are a grid: all combinations of their values fly. Prints a table of means, and writes it as CSV and as
-    a plot with 95 % intervals, and a table with a row for each flight as CSV and Parquet. Repeat an interrupted command
-    to fly only what is missing.
+    Several keys are a grid: all combinations of their values, the methods and the learners fly. Prints a table of means
+    and which are significantly best. Writes it as CSV, LaTeX and figures with 95 % intervals, a table with a row for
+    each flight and one with a row for each round, and study.json, from which `meanflock study rerun` flies it again.
+    Repeat an interrupted command to fly only what is missing.
 
     \b
-    Example: meanflock sweep wind.sigma=0.1,0.3 uavs=9,25 --methods hjb mfgfl-hf
+    Example:
+      meanflock sweep wind.sigma=0.1,0.3 uavs=9,25 --methods hjb mfgfl-hf
     """
+    from meanflock.settings import learner_named
     from meanflock.studies.swept import Grid, refuse_setting
 
-    grid = Grid.parse(swept)
+    with redirect_stdout(sys.stderr):  # what plug-ins print is not what the command says
+        grid = Grid.parse(swept).with_learners([learner_named(learner) for learner in names(learners)])
     of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
     for varied in grid.keys:
         varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
@@ -129,8 +149,8 @@ def sweep(
             one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
             scenarios[point if grid.has_methods else (*point, str(one.method))] = one
     keys = tuple(varied.key for varied in grid.keys)
-    columns = keys if grid.has_methods else (*keys, "method")
-    _fly("sweep", columns, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet)
+    named = keys if grid.has_methods else (*keys, "method")
+    _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet, wanted)
 
 
 def _fly(
@@ -141,37 +161,28 @@ def _fly(
     jobs: int,
     out: Path,
     quiet: bool,
+    wanted: ResultsOptions,
 ) -> None:
-    """Fly all runs that `out` does not have; print the table of means, and write it, the runs, their table and a plot.
+    """Fly all runs that `out` does not have; print the tables of the study, and write its files.
 
     Args:
-        columns: names of the varied values.
+        columns: names of the varied values. wanted: what results the options ask for.
     """
-    from meanflock.cli.tables import console_for, means_table, payload_table, rounds_table
+    from meanflock.cli.study_results import StudyResults
     from meanflock.launch import memory
-    from meanflock.results.plots import comparison, plotstyle
-    from meanflock.results.quantities import with_unit
-    from meanflock.studies import flight_table, study
-    from meanflock.studies.means import Means
+    from meanflock.studies import study, study_file
     from meanflock.studies.runner import terminable
 
     memory.check(scenarios.values())
-    warn_before_take_off(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
+    results = StudyResults(verb, columns, points, wanted)
+    study_file.check_folder(out, points)
+    warn_before_take_off(scenarios.values())
     with terminable(out):
         with store_in(out) as store, progress_of(verb, quiet) as progress:
             flown = study.fly_all(points, jobs, progress, store)
-        means = Means(tuple(map(with_unit, columns)), flown)
-        sizes = {one.uavs for one in scenarios.values()}
-        title = f"{verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else verb
-        shown = means_table(means, title, [one.duration for one in scenarios.values()]), payload_table(means)
-        for table in (*shown, rounds_table(means)):
-            if table is not None:
-                console_for(table).print(table)
-        study.save(flown.values(), out / "runs.jsonl")
-        report([out / "runs.jsonl", means.write_csv(out / f"{verb}.csv")])
-        report(flight_table.write_tables(flight_table.flight_table(columns, flown), out))
-        report(plotstyle.write({verb: comparison.plot_points(columns, flown)}, out))
+        results.tell(flown)
+        report(results.write(flown, out))
 
 
 @click.command()

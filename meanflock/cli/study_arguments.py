@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -47,6 +48,69 @@ scenario_option = click.option(
     shell_complete=completion.scenarios,
     help="A TOML file, or the name of a shipped scenario.  [default: the paper's]",
 )
+FORMATS = ("pdf", "png", "svg")  # a test compares them with those of the plots
+
+
+def _formats(_context: click.Context, _option: click.Parameter, given: str) -> tuple[str, ...]:
+    found = tuple(dict.fromkeys(names([given])))
+    if not found or not {*found} <= {*FORMATS}:
+        raise BadInput(f"--figures {given}: name formats, of {', '.join(FORMATS)}, with commas between")
+    return found
+
+
+_RESULTS = (
+    click.option(
+        "--pareto",
+        nargs=2,
+        metavar="X Y",
+        help="Find the Pareto front of two fields, e.g. bits accuracy, or energy_mean_J collisions.",
+    ),
+    click.option(
+        "--figures",
+        default="png,svg",
+        show_default=True,
+        metavar="FORMATS",
+        callback=_formats,
+        help="Formats of the figures: pdf, png, svg.",
+    ),
+    click.option(
+        "--columns",
+        type=click.Choice(("1", "2")),
+        default="2",
+        show_default=True,
+        help="Width of the figures in print: one column, 3.5 in, or two, 7.16 in.",
+    ),
+    click.option(
+        "--over",
+        type=click.Choice(("rounds", "seconds", "bits", "airtime")),
+        default="rounds",
+        show_default=True,
+        help="What learning curves are drawn over.",
+    ),
+)
+
+
+class ResultsOptions(NamedTuple):
+    """The results of a study that the options ask for. pareto: two fields. columns: printed columns of a figure."""
+
+    pareto: tuple[str, str] | None
+    figures: tuple[str, ...]
+    columns: int
+    over: str
+
+
+def results_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator that adds the options of the results of a study; the command gets them as `wanted`."""
+
+    @wraps(command)
+    def call(pareto: tuple[str, str] | None, figures: tuple[str, ...], columns: str, over: str, **given: Any) -> None:
+        command(wanted=ResultsOptions(pareto, figures, int(columns), over), **given)
+
+    for option in reversed(_RESULTS):
+        call = option(call)
+    return call
+
+
 backend_option = click.option(
     "--backend",
     type=click.Choice(("processes", "dask")),

@@ -443,6 +443,7 @@ DERIVED = (  # numbers that studies make of summaries and time series
     Field("last_round.airtime_s", "s", "time that all transmissions took from take-off to the end of that round"),
     Field("last_round.mean_*", "", "mean of each diagnostic at the end of that round over the UAVs on the way"),
     Field("last_round.metric_*", "", "what the learners reported at the end of that round"),
+    Field("learner", "", "name of the learner; null without one"),
 )
 
 

@@ -1,7 +1,7 @@
 """The rounds of a run as a table, a row each: what was sent and received, what it cost, and how well the UAVs flew."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +55,13 @@ def rounds_table(rounds: Iterable[RoundEnded], dt: float) -> pa.Table:
     After the columns of `COLUMNS` come `mean_…`, the means of the diagnostics at the end of the round over the UAVs on
     the way, and `metric_…`, what the learners report; null where there is none.
     """
-    rows = [_row(each, dt) for each in rounds]
+    return table_of_rows([row_of_round(each, dt) for each in rounds])
+
+
+def table_of_rows(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """The table of rows of `row_of_round`, without other columns that they have."""
     schema = [pa.field(name, kind) for name, (kind, _) in COLUMNS.items()]
-    more = dict.fromkeys(name for row in rows for name in row if name not in COLUMNS)
+    more = dict.fromkeys(name for row in rows for name in row if name.startswith((MEAN, METRIC)))
     schema += [pa.field(name, pa.float64()) for name in more]
     return pa.Table.from_pylist(rows, schema=pa.schema(schema))
 
@@ -82,7 +86,8 @@ def write_rounds(folder: Path, events: Path, dt: float) -> None:
             pq.write_table(rounds_table(rounds, dt), file)
 
 
-def _row(ended: RoundEnded, dt: float) -> dict[str, Any]:
+def row_of_round(ended: RoundEnded, dt: float) -> dict[str, Any]:
+    """A row of the table: numbers of COLUMNS, means of diagnostics and metrics."""
     row = {
         "round": ended.number,
         "tick": ended.tick,

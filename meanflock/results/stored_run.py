@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 from meanflock.results.event_log import lock
 from meanflock.results.flown import read_keys
+from meanflock.results.quantities import DERIVED
 from meanflock.results.quantities import SUMMARY as FIELDS
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, go_on
 from meanflock.results.scenario_keys import flat
@@ -23,7 +24,7 @@ _NAMED = re.compile(r"(\d{8}-\d{6})-")  # the local time at the start of a run's
 _ZONE_STEP_S = 900  # time zones differ by multiples of it
 _ZONES_S = (-12 * 3600, 14 * 3600)  # the least and the greatest time zone
 _BEGINNING_S = 10.0  # at most between the naming of a run and the writing of its scenario
-_UNITS = {known.key: known.unit for known in FIELDS}
+_UNITS = {known.key: known.unit for known in (*FIELDS, *DERIVED)}
 
 
 @dataclass(frozen=True)

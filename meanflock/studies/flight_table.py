@@ -1,4 +1,4 @@
-"""The flights of a study as a tidy table: a row for each flight, with every figure of its summary."""
+"""The flights of a study as tidy tables: a row for each flight, with every figure of its summary, or each round."""
 
 import csv
 import io
@@ -11,17 +11,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from meanflock.results.quantities import SUMMARY
+from meanflock.results.rounds_table import table_of_rows
 from meanflock.results.stored_run import unit_of
+from meanflock.studies.each_round import EACH_ROUND
 from meanflock.swarm import durable
 
-_LINKS = "radio.links"  # a list
+FLIGHTS, ROUNDS = "flights.parquet", "rounds.parquet"  # files of a study
+_LEFT_OUT = ("radio.links", EACH_ROUND)  # lists
+_OF_A_FLIGHT = ("method", "learner", "seed")  # what tells flights apart beside the varied values
 _TABLES = frozenset(field.key.rpartition(".")[0] for field in SUMMARY)  # fields that have fields, such as `realtime`
 
+Points = Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]
 
-def flight_table(names: Sequence[str], points: Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]) -> pa.Table:
+
+def flight_table(names: Sequence[str], points: Points) -> pa.Table:
     """A row for each flight: the varied values, then all fields of the summary under their dotted keys.
 
-    Unknown values are null. The list `radio.links` is left out. Values that are lists or tables are JSON.
+    Unknown values are null. The list `radio.links` is left out. Values that are lists or tables are JSON. The metadata
+    of a column has its unit.
 
     Args:
         names: names of the varied values. points: the values of a point → the summaries of its flights.
@@ -32,12 +39,39 @@ def flight_table(names: Sequence[str], points: Mapping[tuple[Any, ...], Sequence
         for summary in summaries
     ]
     columns = dict.fromkeys(name for row in rows for name in row)
-    return pa.table({name: _column(name, [row.get(name) for row in rows]) for name in columns})
+    arrays = {name: _column(name, [row.get(name) for row in rows]) for name in columns}
+    units = {name: {"unit": unit} for name in columns if (unit := unit_of(name))}
+    fields = [pa.field(name, array.type, metadata=units.get(name)) for name, array in arrays.items()]
+    return pa.table(list(arrays.values()), schema=pa.schema(fields))
 
 
-def write_tables(table: pa.Table, out: Path) -> list[Path]:
-    """Write the table as `out`/flights.csv and `out`/flights.parquet; raises as `write_csv`."""
-    return [write_csv(table, out / "flights.csv"), write_parquet(table, out / "flights.parquet")]
+def rounds_table(names: Sequence[str], points: Points) -> pa.Table:
+    """A row for each round of each flight: the varied values, method, learner if there is one, seed, and the round.
+
+    Arguments as for `flight_table`.
+    """
+    rounds, known = [], []
+    for values, summaries in points.items():
+        varied = dict(zip(names, map(_plain, values), strict=True))
+        for summary in summaries:
+            own = {name: summary[name] for name in _OF_A_FLIGHT if name in summary}
+            rounds += summary[EACH_ROUND]
+            known += [varied | own] * len(summary[EACH_ROUND])
+    columns = dict.fromkeys(name for one in known for name in one)
+    table = table_of_rows(rounds)
+    for place, name in enumerate(columns):
+        table = table.add_column(place, name, _column(name, [one.get(name) for one in known]))
+    return table
+
+
+def write_tables(names: Sequence[str], points: Points, out: Path) -> list[Path]:
+    """Write the flights as `out`/flights.csv and flights.parquet, and the rounds, if there are any, as rounds.parquet.
+
+    Arguments as for `flight_table`; raises as `write_csv`.
+    """
+    flights, rounds = flight_table(names, points), rounds_table(names, points)
+    written = [write_csv(flights, out / "flights.csv"), write_parquet(flights, out / FLIGHTS)]
+    return [*written, write_parquet(rounds, out / ROUNDS)] if rounds.num_rows else written
 
 
 def write_csv(table: pa.Table, path: Path) -> Path:
@@ -72,7 +106,7 @@ def _fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _fields(value, f"{prefix}{key}.")
-        elif prefix + key != _LINKS and not (value is None and prefix + key in _TABLES):
+        elif prefix + key not in _LEFT_OUT and not (value is None and prefix + key in _TABLES):
             yield prefix + key, value
 
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from meanflock.swarm.errors import BadInput
 
+LEARNER = "training.learner"
+
 
 @dataclass(frozen=True)
 class Swept:
@@ -72,6 +74,17 @@ class Grid:
         keys = tuple(map(Swept.parse, texts))
         refuse_twice([one.key for one in keys])
         return cls(keys)
+
+    def with_learners(self, learners: Sequence[str]) -> "Grid":
+        """The grid with these values of `training.learner` added, if there are any.
+
+        Raises:
+            BadInput: that key is swept already.
+        """
+        if not learners:
+            return self
+        refuse_twice([*(one.key for one in self.keys), LEARNER])
+        return Grid((*self.keys, Swept(LEARNER, tuple(dict.fromkeys(learners)))))
 
     @property
     def has_methods(self) -> bool:

@@ -1,10 +1,10 @@
 """Short studies, small missions and files; tests of studies may use what those of the ground station do."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.groundstation.conftest import run, strict, undrawn
@@ -16,7 +16,7 @@ QUICK = ("--duration", "3", "--jobs", "1", "--quiet", "--out", "out")
 
 
 def flown(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (folder / "runs.jsonl").read_text().splitlines()]
+    return pq.read_table(folder / "flights.parquet").to_pylist()
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -196,7 +196,7 @@ def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
     assert (float(row["arrived_uavs"]), row["n"]) == (arrived, "2")
     for words in (f"{arrived:.4g}/3", f"{expected:.4g}", "counts with the duration"):
         assert words in " ".join(out.split())
-    for name in ("compare.png", "compare.svg", "compare.csv", "runs.jsonl"):
+    for name in ("compare.png", "compare.svg", "compare.csv", "compare.tex", "study.json"):
         assert f"out/{name}" in out
 
 

@@ -1,6 +1,6 @@
 """Plots of many flights: methods side by side, and a parameter swept."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,31 +15,38 @@ from meanflock.results.quantities import COMPARED, FIELDS, number, with_unit
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
+Points = Mapping[tuple[Any, ...], Summaries]
 
 _METHOD = "method"
+_PLUGINS = (_METHOD, "training.learner")
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 
 
-def _panels(metrics: Sequence[str], row_in: float, more_in: float, share: str) -> tuple[Figure, list[Axes]]:
-    """A figure with two panels a row, a metric each, which share an axis; rows are so high, and all so much more."""
-    rows = -(-len(metrics) // 2)
-    figure = plotstyle.figure(plotstyle.PAGE_IN, rows * row_in + more_in)
-    axes = list(figure.subplots(rows, 2, sharex=share == "x", sharey=share == "y").ravel())
-    for letter, metric, ax in zip("abcdefghij", metrics, axes, strict=False):
-        plotstyle.titled(ax, letter, FIELDS[metric].remarked)
-    for ax in axes[len(metrics) :]:
+def panels(
+    titles: Sequence[str], columns: int, row_in: float, more_in: float, share: str = ""
+) -> tuple[Figure, list[Axes]]:
+    """A figure of a printed width with so many panels a row, which share an axis; rows are so high, and all so much
+    more.
+    """
+    across = min(columns, len(titles))
+    rows = -(-len(titles) // across)
+    figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], rows * row_in + more_in)
+    axes = list(figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
+    for place, (title, ax) in enumerate(zip(titles, axes, strict=False)):
+        plotstyle.titled(ax, plotstyle.letter(place), title)
+    for ax in axes[len(titles) :]:
         ax.set_visible(False)
     return figure, axes
 
 
-def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
+def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
     """A panel a metric, a method a row: the mean with its 95 % interval over seeds, and below it a pale dot a run.
 
-    runs: by method the summaries of its runs.
+    runs: by method the summaries of its runs. columns: printed columns, and panels a row.
     """
     methods, looks = list(runs), plotstyle.looks(runs)
     with plotstyle.style():
-        figure, axes = _panels(COMPARED, 0.75 + 0.22 * len(methods), 0.3, "y")
+        figure, axes = panels(_titles(COMPARED), columns, 0.75 + 0.22 * len(methods), 0.3, "y")
         for key, ax in zip(COMPARED, axes, strict=False):
             for place, method in enumerate(methods):
                 values = np.array([number(summary, key) for summary in runs[method]])
@@ -55,8 +62,12 @@ def plot_compare(runs: Mapping[str, Summaries]) -> Figure:
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(0.0, most)
             _never_negative(ax)
-        _explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
+        explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return figure
+
+
+def _titles(metrics: Sequence[str]) -> list[str]:
+    return [FIELDS[metric].remarked for metric in metrics]
 
 
 def _never_negative(ax: Axes) -> None:
@@ -78,25 +89,44 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> No
     ax.plot([estimate.value], [place], color=look.colour, **mean)
 
 
-def _explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
+def explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
     """Explain points and bars, below all panels."""
     least, most = min(flights), max(flights)
     caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
     figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
 
 
-def plot_points(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+def labels(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
+    """The label of each point: its values of the names that vary, or of all if none does.
+
+    Methods and learners come first, without a name. Keys are without their table if that is enough to tell them apart.
+    """
+    points = dict.fromkeys(points)
+    places = sorted(range(len(names)), key=lambda place: names[place] not in _PLUGINS)
+    varying = [place for place in places if len({point[place] for point in points}) > 1] or places
+    ends = [name.rpartition(".")[2] for name in names]
+    shown = [end if ends.count(end) == 1 else name for end, name in zip(ends, names, strict=True)]
+    return {
+        point: ", ".join(
+            str(point[place]) if names[place] in _PLUGINS else f"{shown[place]}={point[place]}" for place in varying
+        )
+        for point in points
+    }
+
+
+def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
     """A study: methods side by side, or a sweep.
 
     Args:
         names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
+        columns: printed columns, and panels a row.
     """
     if tuple(names) == (_METHOD,):
-        return plot_compare({method: summaries for (method,), summaries in points.items()})
-    return plot_sweep(names, points)
+        return plot_compare({method: summaries for (method,), summaries in points.items()}, columns)
+    return plot_sweep(names, points, columns)
 
 
-def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]) -> Figure:
+def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
     """A panel a metric along the first swept key: mean over seeds with 95 % interval, a line for each method and each
     combination of the other keys.
 
@@ -107,27 +137,28 @@ def plot_sweep(names: Sequence[str], points: Mapping[tuple[Any, ...], Summaries]
     values = list(dict.fromkeys(point[along] for point in points))
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     places = np.array(values if numeric else range(len(values)), dtype=np.float64)
-    lines: dict[str, dict[Any, Summaries]] = {}
+    others = [name for name in names if name != key]
+    lines: dict[tuple[Any, ...], dict[Any, Summaries]] = {}
     for point, summaries in points.items():
-        others = [f"{name}={value}" for name, value in zip(names, point, strict=True) if name not in (key, _METHOD)]
-        lines.setdefault(", ".join([str(summaries[0][_METHOD]), *others]), {})[point[along]] = summaries
-    looks = plotstyle.looks(lines)
+        lines.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = summaries
+    named = labels(others, lines)
+    looks = plotstyle.looks(named.values())
     with plotstyle.style():
-        figure, axes = _panels(COMPARED[:4], 1.75, 0.65, "x")
+        figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, (line, flown) in enumerate(lines.items()):
                 offset = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
                 estimates = [
                     statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
                 ]
-                plotstyle.dots(ax, looks[line], places + offset, estimates)
+                plotstyle.dots(ax, looks[named[line]], places + offset, estimates)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:
                 ax.set_xticks(places, [str(value) for value in values])
-        for ax in axes[-2:]:
+        for ax in axes[-columns:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(figure, list(lines), markers=True, looks=looks)
-        _explained(figure, [len(summaries) for summaries in points.values()])
+        plotstyle.legend(figure, list(looks), markers=True, looks=looks)
+        explained(figure, [len(summaries) for summaries in points.values()])
     return figure

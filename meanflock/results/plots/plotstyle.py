@@ -63,6 +63,7 @@ NAMES = {
     "offline": "Offline",
 }
 
+WIDTHS_IN = {1: 3.5, 2: 7.16}  # of figures in one and in two printed columns
 COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is 8 to 9 points here, 6 to 7 in print
 PAGE_IN = 7.6
 DPI = 200
@@ -142,10 +143,17 @@ _RC: Any = {
     "savefig.dpi": DPI,
     "svg.hashsalt": "meanflock",
     "svg.fonttype": "path",  # looks the same on a machine without the font
+    "pdf.fonttype": 42,  # embeds fonts as TrueType, which publishers ask for
 }
 
-_LEGEND_LETTERS = 112  # in a line of a legend
+_LEGEND_LETTERS_IN = 14.7  # in an inch of a legend
 _HANDLE_LETTERS = 8  # that a line and the space beside it take
+_METADATA: dict[str, dict[str, None]] = {  # of each format, without dates and programs
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+FORMATS = tuple(_METADATA)
 _LAID_OUT: Any = {"figure.constrained_layout.use": False, "figure.autolayout": False}
 
 
@@ -210,10 +218,10 @@ def figure(width_in: float, height_in: float) -> Figure:
     return result
 
 
-def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes `name`.png and `name`.svg, each whole or not at all; equal figures give equal bytes.
+def save(drawing: Figure, folder: Path, name: str, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
+    """Writes `name` in each of some FORMATS, each file whole or not at all; equal figures give equal bytes.
 
-    The layout is computed for the PNG, and reused for the SVG.
+    The layout is computed for the first format, and reused for the others.
 
     Raises:
         BadInput: the folder cannot be made.
@@ -225,10 +233,10 @@ def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
         raise BadInput(f"{folder}: {error.strerror}; name a folder that can be written: --out DIR") from error
     paths = []
     layout = drawing.get_layout_engine()
-    for form, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+    for form in formats:
         drawn = io.BytesIO()
         with style():
-            drawing.savefig(drawn, format=form, metadata=metadata)
+            drawing.savefig(drawn, format=form, metadata=_METADATA[form])
         paths.append(durable.put(folder / f"{name}.{form}", drawn.getbuffer()))
         with mpl.rc_context(_LAID_OUT):
             drawing.set_layout_engine()
@@ -236,14 +244,14 @@ def save(drawing: Figure, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def write(figures: Mapping[str, Figure], out: Path) -> list[Path]:
-    """Writes every figure as `out`/name.png and .svg.
+def write(figures: Mapping[str, Figure], out: Path, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
+    """Writes every figure as `out`/name in each format.
 
     Raises:
         BadInput: the folder cannot be made.
         RunFailed: the disk is full.
     """
-    return [path for name, drawing in figures.items() for path in save(drawing, out, name)]
+    return [path for name, drawing in figures.items() for path in save(drawing, out, name, formats)]
 
 
 def axis(field: str) -> str:
@@ -289,7 +297,9 @@ def legend(
         handles.append(handle)
     handles += list(extra)
     longest = max(len(str(handle.get_label())) for handle in handles)
-    columns = max(1, min(len(handles), 4, _LEGEND_LETTERS // (longest + _HANDLE_LETTERS)))
+    columns = max(
+        1, min(len(handles), 4, int(_LEGEND_LETTERS_IN * drawing.get_figwidth()) // (longest + _HANDLE_LETTERS))
+    )
     drawing.legend(handles=handles, loc="outside upper center", ncols=columns, handlelength=2.6, columnspacing=1.4)
 
 

@@ -12,7 +12,7 @@ from meanflock.results.rounds_table import MEAN, METRIC, OVER, rounds_table, sto
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm.errors import BadInput
 
-_LABELS = {"rounds": "round", "seconds": "time (s)", "bits": "payload (bit)", "airtime": "airtime (s)"}
+LABELS = {"rounds": "round", "seconds": "time (s)", "bits": "payload (bit)", "airtime": "airtime (s)"}
 _PANEL_IN = 2.1  # height
 
 
@@ -42,10 +42,15 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
             ax.plot(x, y, color=plotstyle.INK)
             ax.plot(x[averaged], y[averaged], "o", color=plotstyle.INK, markersize=3.0)
             ax.plot(x[~averaged], y[~averaged], "o", color=plotstyle.INK, markersize=3.0, markerfacecolor="white")
-            plotstyle.titled(ax, plotstyle.letter(number), name.removeprefix(METRIC).replace(MEAN, "mean "))
-            ax.set_xlabel(_LABELS[over])
+            plotstyle.titled(ax, plotstyle.letter(number), title(name))
+            ax.set_xlabel(LABELS[over])
             if over == "bits":
                 plotstyle.bit_axis(ax.xaxis)
         for ax in axes[len(names) :]:
             ax.set_visible(False)
     return {f"learning-over-{over}": drawing}
+
+
+def title(column: str) -> str:
+    """The title of a panel: the name of a metric, or the mean of a diagnostic."""
+    return column.removeprefix(METRIC).replace(MEAN, "mean ")
