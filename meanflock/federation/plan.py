@@ -20,7 +20,7 @@ from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_nam
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
-from meanflock.swarm.scenario import Scenario, Sharing, Until, with_payloads
+from meanflock.swarm.scenario import Scenario, Sharing, Until, with_defaults
 
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
@@ -320,7 +320,7 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
 
 def _resolved(scenario: Scenario, declared: Declared) -> Scenario:
     """The scenario with the period of the controller, its recorded options and the payloads of the radio."""
-    whole = with_payloads(scenario)
+    whole = with_defaults(scenario)
     federation = msgspec.structs.replace(whole.federation, period=scenario.federation.period or declared.period_ticks)
     options: dict[str, Any] = scenario.controller | dict(declared.recorded)
     return msgspec.structs.replace(whole, federation=federation, controller=options)

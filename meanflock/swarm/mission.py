@@ -1,6 +1,7 @@
 """The mission of a scenario: start, launch time and goal of each UAV, and the obstacles. Pure functions."""
 
 import math
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -50,11 +51,18 @@ class Mission(Protocol):
 
 
 def starts(mission: Mission) -> state.States:
-    """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
-    start = mission.start
+    """Initial states, (N, 2d) in m and m/s, read-only. All UAVs are at rest."""
+    return _starts(mission.uavs, mission.start, mission.space)
+
+
+@lru_cache(maxsize=4)
+def _starts(uavs: int, start: Any, space: Any) -> state.States:
     if start.positions:
-        return state.at_rest(mission.space.vectors(start.positions, start.height))
-    return state.at_rest(_positions(mission)[:, : mission.space.dimensions])
+        states = state.at_rest(space.vectors(start.positions, start.height))
+    else:
+        states = state.at_rest(_positions(uavs, start)[:, : space.dimensions])
+    states.flags.writeable = False
+    return states
 
 
 def formation(start: Any) -> str:
@@ -63,7 +71,7 @@ def formation(start: Any) -> str:
     return name or "grid"
 
 
-def _positions(mission: Mission) -> Floats:
+def _positions(uavs: int, start: Any) -> Floats:
     """Positions of the UAVs of a formation, (N, 3) in m.
 
     grid: a centred square in each layer, ⌈√n⌉ = w wide: UAV k of the layer's n stands in column k mod w and row
@@ -74,7 +82,6 @@ def _positions(mission: Mission) -> Floats:
     streams: two streams, each four UAVs abreast in each layer, that cross in the centre. The first ⌈N/2⌉ UAVs fly along
     x, the others along y; each stream begins around a point `start.radius` before the centre.
     """
-    start, uavs = mission.start, mission.uavs
     kind, centre = formation(start), np.array((*start.centre, start.height)[:3])
     if kind == "circle":
         angle = 2.0 * math.pi * np.arange(uavs) / uavs

@@ -55,11 +55,20 @@ def test_a_pairwise_method_of_a_large_swarm_is_refused_in_gib() -> None:
 
 
 def test_a_swarm_whose_learners_all_diverge_is_lost_in_words() -> None:
-    """The grid of the paper is far wider than its features bear."""
-    engine = Engine(Scenario(uavs=FEW, duration=1.1, start={"spacing": 1e4}), "diverging", threads=2)
-    summary = engine.complete()
-    assert summary["lost"] > 0
+    """The grid of the paper is far wider than these features bear; most UAVs are near a long segment in each tick."""
+    wide = Scenario(uavs=5000, duration=1.1, start={"spacing": 20.0}, learner={"position_scale": 200.0})
+    summary = Engine(wide, "diverging", threads=2).complete()
+    assert summary["lost"] > 1000
     assert summary["ticks"] == 11
+
+
+def test_features_are_as_wide_as_a_large_swarm() -> None:
+    assert Scenario(uavs=20_000).position_scale_m == 200.0
+    wide = Scenario(uavs=FEW, duration=1.1, start={"spacing": 20.0})
+    assert wide.position_scale_m == pytest.approx(150.0 + 20.0 * 32.0)
+    assert wide.resolved().learner.position_scale == wide.position_scale_m
+    assert wide.sha256() == wide.replace(**{"learner.position_scale": wide.position_scale_m}).sha256()
+    assert Engine(wide, "wide", threads=2).complete()["lost"] == 0
 
 
 def test_goals_of_a_large_swarm_share_fits() -> None:
