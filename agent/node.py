@@ -10,7 +10,7 @@ from meanflock.agent.guarded import Guarded, choose
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults
-from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.declared import most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
@@ -233,7 +233,7 @@ class Agent:
         """The memory of all rows, as a record; empty if it exceeds the room of a checkpoint."""
         memory = self._memory | self._rounds.state()
         size = sum(array.nbytes for array in memory.values())
-        if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
+        if size * self._scenario.uavs > most_memory(self._scenario.uavs) * len(self.uavs):
             return b""
         return encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()})
 
