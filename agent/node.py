@@ -11,7 +11,7 @@ from meanflock.federation.groups import group_number
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults, mission
-from meanflock.swarm.declared import MAX_MEMORY_BYTES, PRESENT
+from meanflock.swarm.declared import PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
@@ -256,7 +256,7 @@ class Agent:
         """The memory of all rows, as a record; empty if it exceeds the room of a checkpoint."""
         memory = self._memory | self._rounds.state()
         size = sum(array.nbytes for array in memory.values())
-        if size * self._scenario.uavs > MAX_MEMORY_BYTES * len(self.uavs):
+        if size * self._scenario.uavs > most_memory(self._scenario.uavs) * len(self.uavs):
             return b""
         return encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()})
 

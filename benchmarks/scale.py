@@ -6,16 +6,18 @@ from statistics import median
 from benchmarks.figure import Effort, Figure, Outcome, Say, in_turns, per_call_ms, per_tick_ms
 from benchmarks.in_process import flight, learner_step
 from benchmarks.processes import meanflock
+from meanflock.swarm.workers import cores, each
 
-TITLE = "From 25 to 1000 UAVs"
+TITLE = "From 25 to 100,000 UAVs"
 ABOUT = (
     "Cost of one UAV's tick, mfgfl-hf, all in one process; the floor is the learner's step alone on as many rows. The "
     "ticks measured are those between rounds, of all sizes in turns; *growth* is 1000 UAVs beside the cheapest. Then "
-    "hjb, where every UAV speaks to every other in every tick, and the networked swarm of 1000 UAVs as four processes "
-    "of 250 rows, recorded."
+    "hjb, where every UAV speaks to every other in every tick; large swarms on all cores, beside the learner's step on "
+    "the same cores and beside real time; and the networked swarm of 1000 UAVs as four processes of 250 rows, recorded."
 )
 SIZES = (25, 50, 100, 250, 500, 1000)
 BEYOND = 4000  # for the cost model of docs/scaling.md
+LARGE, MASSIVE = 10_000, 100_000  # the cores of the process share their rows
 SPEAKING = (25, 50, 100)
 ROWS = 250
 GROWTH = 1.3
@@ -56,6 +58,7 @@ def run(effort: Effort, say: Say) -> Outcome:
         ms_each = [per_tick_ms(ticks, max(2, effort.choose(300, 100) // uavs)) for _ in range(effort.choose(9, 3))]
         keep(uavs, links, ms_each)
         outcome.figures.append(Figure(f"tick, hjb, N = {uavs}, {links} links", "ms/tick", ms_each))
+    outcome.figures += _large(effort, say)
     factors = []
     ticks = effort.choose(100, 30)
     for repeat in range(effort.choose(2, 1)):
@@ -73,3 +76,30 @@ def run(effort: Effort, say: Say) -> Outcome:
         "[Scaling](scaling.md) says what that means for larger swarms."
     )
     return outcome
+
+
+def _large(effort: Effort, say: Say) -> list[Figure]:
+    """10,000 UAVs beside the learner's step on the same cores, and 100,000 beside real time."""
+    say(f"{LARGE} UAVs in one process")
+    ticks, parts = flight("mfgfl-hf", LARGE).fly(), cores()
+    steps = [learner_step("mfgfl-hf", -(-LARGE // parts)) for _ in range(parts)]
+    chunk = effort.choose(10, 3)
+    per_tick_ms(ticks, 3)
+    measures = {
+        "tick": lambda: per_tick_ms(ticks, chunk),
+        "step": lambda: per_call_ms(lambda: each(_call, steps), chunk),
+    }
+    ms = in_turns(effort.choose(9, 3), measures)
+    floor = Figure(f"learner step alone, {LARGE} rows on all cores", "ms", ms["step"])
+    figures = [Figure(f"tick, N = {LARGE}", "ms/tick", ms["tick"], floor=floor), floor]
+    if effort is Effort.FULL:
+        say(f"{MASSIVE} UAVs in one process")
+        ticks_of_all = flight("mfgfl-hf", MASSIVE).fly()
+        per_tick_ms(ticks_of_all, 2)
+        factors = [100.0 / per_tick_ms(ticks_of_all, 5) for _ in range(5)]
+        figures.append(Figure(f"real-time factor, {MASSIVE} UAVs in one process", "×", factors, "higher", target=1.0))
+    return figures
+
+
+def _call(step: Callable[[], object]) -> object:
+    return step()

@@ -32,7 +32,7 @@ from meanflock.channel.meter import Links, Meter
 from meanflock.channel.serving import Serving
 from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
-from meanflock.swarm.declared import MAX_MEMORY_BYTES
+from meanflock.swarm.declared import most_memory
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_array, check_memory
 from meanflock.swarm.scenario import Scenario
@@ -370,10 +370,10 @@ def _begun(channel: Channel, name: str, scenario: Scenario) -> Memory:
     except FAILURES as error:
         raise BadInput(f"channel {name!r}: {last_line(error)}") from error
     size = sum(array.nbytes for array in memory.values())
-    if size > MAX_MEMORY_BYTES:
+    if size > (most := most_memory(scenario.uavs)):
         raise BadInput(
             f"channel {name!r}: a memory of {size / 2**20:.0f} MiB for {scenario.uavs} UAVs; a checkpoint keeps up to "
-            f"{MAX_MEMORY_BYTES >> 20} MiB: fly fewer UAVs, or let it keep less"
+            f"{most >> 20} MiB: fly fewer UAVs, or let it keep less"
         )
     return memory
 

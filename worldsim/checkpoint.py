@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from meanflock.federation.groups import Group, group_number
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
-from meanflock.swarm.declared import MAX_MEMORY_BYTES, PRESENT
+from meanflock.swarm.declared import PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
@@ -26,9 +26,14 @@ from meanflock.swarm.wire import control
 SCHEMA = 15
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
-MAX_BYTES = 512 * 2**20
+_WORLD_SHARE = 2  # of a checkpoint, by the memories that it may have: the rest is of the world, and mail of rounds
 _PART = struct.Struct(">BHH")  # mark, number, parts
 _MARK = 0xC1  # no MessagePack object begins with it, so no whole checkpoint does
+
+
+def most_bytes(uavs: int) -> int:
+    """Most bytes of a checkpoint of so many UAVs; a longer one is not stored."""
+    return _WORLD_SHARE * most_memory(uavs)
 
 
 def split(body: bytes) -> list[bytes]:
@@ -98,7 +103,7 @@ class Memories:
         group = self._groups[number].uavs
         if not self.present[group].any():  # the first node decides the form
             row_bytes = sum(array.nbytes for array in record.values()) // len(uavs)
-            if row_bytes * len(self.present) > MAX_MEMORY_BYTES:
+            if row_bytes * len(self.present) > most_memory(len(self.present)):
                 raise MessageRejected("oversized", f"a memory of {row_bytes} bytes of each of {len(self.present)} UAVs")
             try:
                 self.arrays[number] = {

@@ -1,7 +1,10 @@
 """Counters of the protocol, which world and crew share, and the spread of the models."""
 
 import logging
+import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +33,7 @@ class Counters(Stateful):
         uploads_refused: models that a node did not average.
         states_refused: implausible states that nodes received, one for each tick and sending UAV.
         implausible: the UAVs that sent them.
+        world_s: wall-clock time that the world itself took: physics, encounters, radio, rounds.
         wall_s: wall-clock time flown before the run was resumed.
         spread: distance of the models from their mean when last measured; None if never.
         drops: messages that world and crew rejected, by reason.
@@ -38,7 +42,7 @@ class Counters(Stateful):
 
     stored = (
         *("held", "deadline_misses", "steered", "nodes_lost", "nodes_rejoined", "uploads_refused", "states_refused"),
-        *("implausible", "spread", "drops"),
+        *("implausible", "spread", "drops", "world_s"),
     )
 
     def __init__(self) -> None:
@@ -51,9 +55,17 @@ class Counters(Stateful):
         self.uploads_refused = 0
         self.states_refused = 0
         self.implausible: set[int] = set()
+        self.world_s = 0.0
         self.wall_s = 0.0
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
+
+    @contextmanager
+    def world_time(self) -> Iterator[None]:
+        """Count the wall-clock time of a block as the world's."""
+        begun = time.perf_counter()
+        yield
+        self.world_s += time.perf_counter() - begun
 
     def drop(self, error: MessageRejected, where: str, tick: int, peer: str = "") -> Dropped | None:
         """Count a message that is rejected, and log the first ones.

@@ -59,12 +59,15 @@ def fly(world: World, crew: Crew, sinks: Sequence[Sink] = ()) -> Iterator[Row]:
         RunFailed: the crew or the vehicle failed.
     """
     while not world.over:
-        yield move(world, crew.answer(world.ask()), sinks)
+        with world.counters.world_time():
+            senses = world.ask()
+        yield move(world, crew.answer(senses), sinks)
 
 
 def move(world: World, answer: tuple[Acts, Mask], sinks: Sequence[Sink]) -> Row:
     """Fly the tick that was asked for, by the answer of a crew."""
-    row = world.move(*answer)
+    with world.counters.world_time():
+        row = world.move(*answer)
     for sink in sinks:
         sink.write(row)
     return row

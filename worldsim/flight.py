@@ -5,12 +5,14 @@ UAVs move straight within a tick, so encounters are closest approaches of segmen
 
 import functools
 import math
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
+from meanflock.kernels.all_pairs import MANY
 from meanflock.swarm import mission, state
 from meanflock.swarm.events import (
     Arrived,
@@ -37,6 +39,7 @@ from meanflock.worldsim.vehicles.fleet import Fleet
 
 Pair = tuple[int, int]
 
+FASTEST_M_S = 1e4  # beyond it no UAV of a large swarm has a segment: many of them would be near all others
 _ROOM = 64  # pairs that there is room for, beyond one for each UAV and those that are expected
 
 
@@ -112,15 +115,21 @@ class Encounters(Stateful):
         """
         self.nearest_m = seen.nearest_m
         self.expected = 2 * len(seen.touching)
-        new: list[Pair] = []
-        for first, second in seen.touching.tolist():
-            self.touched.add((first, second))
-            if on_way[first] and on_way[second]:
-                if math.dist(state.position(after[first]), state.position(after[second])) < self._radius:
-                    self.collided_at_ticks.add((first, second))
-                if (first, second) not in self.collided:
-                    self.collided.add((first, second))
-                    new.append((first, second))
+        if not len(seen.touching):
+            return []
+        first, second = seen.touching.T
+        together = list(zip(first.tolist(), second.tolist(), strict=True))
+        self.touched.update(together)
+        both = on_way[first] & on_way[second]
+        new = [pair for pair in compress(together, both.tolist()) if pair not in self.collided]
+        self.collided.update(new)
+        places = state.position(after)
+        both &= state.length(places[first] - places[second]) < self._radius * (1.0 + 1e-9)
+        self.collided_at_ticks.update(
+            pair
+            for pair in compress(together, both.tolist())
+            if pair not in self.collided_at_ticks and math.dist(*places[[*pair]]) < self._radius
+        )
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
@@ -437,6 +446,8 @@ class Flight(Stateful):
         difference = speed_difference(aloft, self.scenario.seed, self.tick)
         self.speed_difference_sum += difference.mean
         self.speed_difference_squared_error += difference.squared_error
+        if self.scenario.uavs > MANY and (is_fast := state.speed(after) > FASTEST_M_S).any():
+            before = np.where(is_fast[:, None], np.nan, before)
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
         for first, second in self.encounters.meet(seen, on_way, after):

@@ -11,7 +11,7 @@ from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Status, Telemetry
-from meanflock.worldsim.checkpoint import MAX_BYTES, split
+from meanflock.worldsim.checkpoint import most_bytes, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
 from meanflock.worldsim.world import World
@@ -147,7 +147,7 @@ class Blocks:
         is_free = not (self._parts or self._mailer.holds_checkpoint or world.over)
         if row.memories is not None and is_free:
             body = world.checkpoint(row.memories, self._watch.seconds, self.block)
-            if len(body) <= MAX_BYTES:
+            if len(body) <= most_bytes(world.scenario.uavs):
                 self._parts = deque(split(body))
                 self._flush()
         elif self._parts and self._mailer.has_room and not world.over:

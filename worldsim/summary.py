@@ -237,6 +237,7 @@ def summary(
         "mode": mode,
         "backend": kernels.BACKEND,
         "wall_time_s": wall_time_s,
+        "world_time_s": world.counters.world_s,
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
         **radio_summary(world, all_arrived=bool((flight.arrival_tick >= 0).all())),

@@ -61,6 +61,11 @@ def export(
     flight = FlightSoFar(folder, take_off_ns)
     if not flight.finished:
         logs.show(f"{folder}: the run did not finish; this is the flight up to tick {flight.ticks - 1}")
+    if (mcap or rosbag) and flight.scenario.uavs > instants.MOST_UAVS:
+        logs.show(
+            f"{flight.scenario.uavs} UAVs: frames, markers and diagnostics are those of {instants.MOST_UAVS}, evenly "
+            "chosen; /series/ has all"
+        )
     for flag, path, write in writers:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -17,6 +17,7 @@ from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.state import Floats
 
 NANOSECONDS = 1_000_000_000
+MOST_UAVS = 2000  # that an instant has; of more UAVs it has so many, evenly chosen by number
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST = datetime(2038, 1, 1, tzinfo=UTC)  # messages of ROS 2 count seconds in 32 bits
 
@@ -24,13 +25,14 @@ _LAST = datetime(2038, 1, 1, tzinfo=UTC)  # messages of ROS 2 count seconds in 3
 class Instant(NamedTuple):
     """A tick.
 
-    time_ns: see `time_ns`. row: in the table of its piece. places, velocities: [x, y, z] of each UAV; z is 0 in the
-    plane. turns: the quaternion [x, y, z, w] of each UAV: its attitude, of a vehicle that shows one, or the heading of
-    its velocity. events: since the tick before.
+    time_ns: see `time_ns`. row: in the table of its piece. uavs: the numbers of the UAVs that it has. places,
+    velocities: [x, y, z] of each UAV; z is 0 in the plane. turns: the quaternion [x, y, z, w] of each UAV: its
+    attitude, of a vehicle that shows one, or the heading of its velocity. events: since the tick before.
     """
 
     time_ns: int
     row: int
+    uavs: list[int]
     places: list[list[float]]
     velocities: list[list[float]]
     turns: list[list[float]]
@@ -63,15 +65,17 @@ def take_off(text: str, folder: Path) -> int:
 
 def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     """The ticks of a piece of a flight; the last one has all events that are left."""
-    states = states_of(piece.rows)
+    uavs = flight.scenario.uavs
+    shown = np.linspace(0, uavs - 1, min(uavs, MOST_UAVS)).astype(np.intp)
+    states = states_of(piece.rows)[:, shown]
     places, velocities = state.in_three(state.position(states)), state.in_three(state.velocity(states))
     if set(ATTITUDE) <= {*piece.rows.schema.names}:
-        roll, pitch, yaw = np.moveaxis(per_uav(piece.rows, *ATTITUDE).astype(np.float64), -1, 0)
+        roll, pitch, yaw = np.moveaxis(per_uav(piece.rows, *ATTITUDE)[:, shown].astype(np.float64), -1, 0)
     else:
         yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
         roll = pitch = np.zeros_like(yaw)
     turns = _quaternions(roll, pitch, yaw)
-    status = per_uav(piece.rows, "status")[..., 0]
+    status = per_uav(piece.rows, "status")[:, shown, 0]
     times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
     ticks = piece.rows["tick"].to_pylist()
     events = piece.events
@@ -81,6 +85,7 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
         yield Instant(
             times[row],
             row,
+            shown.tolist(),
             places[row].tolist(),
             velocities[row].tolist(),
             turns[row].tolist(),

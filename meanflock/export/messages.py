@@ -41,7 +41,7 @@ def transforms(at: Instant) -> Any:
     header = _header(at.time_ns)
     each = [
         ros.geometry_msgs__msg__TransformStamped(header, _name(uav), transform)
-        for uav, transform in enumerate(_transforms(at))
+        for uav, transform in zip(at.uavs, _transforms(at), strict=True)
     ]
     return ros.tf2_msgs__msg__TFMessage(each)
 
@@ -57,18 +57,18 @@ def poses(at: Instant) -> Any:
 
 def states(at: Instant) -> Any:
     """Name, transform and velocity over ground of each UAV."""
-    names = [_name(uav) for uav in range(len(at.places))]
+    names = [_name(uav) for uav in at.uavs]
     velocities = [
         ros.geometry_msgs__msg__Twist(ros.geometry_msgs__msg__Vector3(*velocity), _STILL) for velocity in at.velocities
     ]
     return ros.sensor_msgs__msg__MultiDOFJointState(_header(at.time_ns), names, _transforms(at), velocities, [])
 
 
-def uavs(status: Sequence[int]) -> Any:
+def uavs(numbers: Sequence[int], status: Sequence[int]) -> Any:
     """An arrow and a label for each UAV, in its frame."""
     size = (_LENGTH_M, _LENGTH_M / 6, _LENGTH_M / 6)
     markers = []
-    for uav, now in enumerate(map(Status, status)):
+    for uav, now in zip(numbers, map(Status, status), strict=True):
         label = str(uav) if now == Status.FLYING else f"{uav} {now.name.lower()}"
         arrow = ros.visualization_msgs__msg__Marker.ARROW
         markers.append(_marker("uavs", uav, arrow, (0.0, 0.0, 0.0), size, _COLORS[now], frame=_name(uav)))
@@ -124,7 +124,7 @@ def _sides(corners: Sequence[tuple[float, float]], low: float, high: float) -> I
 def diagnostics(at: Instant, totals: Mapping[str, Any], reports: Mapping[str, Sequence[Any]]) -> Any:
     """The totals of the swarm, and the status and the reports of each UAV."""
     entries = [_diagnostic("swarm", "", 0, totals)]
-    for uav, status in enumerate(map(Status, at.status)):
+    for uav, status in zip(at.uavs, map(Status, at.status), strict=True):
         level = 2 if status == Status.LOST else 0  # ERROR, OK
         values = {key: each[uav] for key, each in reports.items()}
         entries.append(_diagnostic(_name(uav), status.name.lower(), level, values))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm import mission
 from meanflock.swarm.declared import Declared, controller, declarations_of
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario, with_payloads
+from meanflock.swarm.scenario import Scenario, with_defaults
 from meanflock.swarm.state import contains
 
 
@@ -92,7 +92,7 @@ def _declared(scenario: Scenario) -> Declared:
 
 def _resolved(scenario: Scenario, declared: Declared) -> Scenario:
     """The scenario with the period of the controller and the payloads of the radio."""
-    whole = with_payloads(scenario)
+    whole = with_defaults(scenario)
     federation = msgspec.structs.replace(whole.federation, period=scenario.federation.period or declared.period_ticks)
     return msgspec.structs.replace(whole, federation=federation)
 

@@ -9,7 +9,8 @@
 #include "axes.h"
 #include "pairwise.h"
 
-enum { MANY = 4096 }; /* UAVs above which the sweep goes by strips */
+enum { MANY = 4096 };             /* UAVs above which the sweep goes by strips */
+enum { LEVELS = 8, LONGER = 8 }; /* levels of the extents of segments; each has extents so many times as long */
 static const double MARGIN = 1.0 + 1e-6; /* more than rounding errors, by which no pair may be missed */
 enum { TOGETHER = 16 }; /* boxes that are compared at once; any number gives the same result */
 
@@ -26,7 +27,7 @@ typedef struct { /* a UAV in the order of the sweep; the order of the keys is th
     int64_t uav;
 } Place;
 
-ptrdiff_t pairs_room(int axes, ptrdiff_t n) { return 2 * axes * n + 4 * axes * (n + TOGETHER) + 4 * n + n + 2; }
+ptrdiff_t pairs_room(int axes, ptrdiff_t n) { return 2 * axes * n + 4 * axes * (n + TOGETHER) + 4 * n + n + 2 * LEVELS; }
 
 typedef struct { /* columns in the order of the sweeps, one for each axis: the box around each segment, and its ends */
     double *low[MOST_AXES], *high[MOST_AXES], *from[MOST_AXES], *to[MOST_AXES];
@@ -127,30 +128,60 @@ FOR_AXES double closest(const int axes, const Sweep *s, ptrdiff_t i, ptrdiff_t j
     return larger(apart, approach(axes, from, to));
 }
 
-/* Largest extent of a box along an axis. */
-static double largest_extent(const Sweep *s, int axis, ptrdiff_t count) {
-    double most = 0.0;
-    for (ptrdiff_t i = 0; i < count; i++) most = larger(s->high[axis][i] - s->low[axis][i], most);
-    return most;
+typedef struct { /* UAVs whose segments have a like extent: places in the order, by strips along x */
+    ptrdiff_t first, end, strips;
+    ptrdiff_t *begin;             /* where each strip begins, and the end of the last */
+    double low, width;            /* least y, and the width of a strip */
+    double along, across;         /* largest extents along x and y */
+} Level;
+
+/* Level of the box of a place, by its extent. */
+static int level_of(const Sweep *s, ptrdiff_t i, double reach) {
+    const double extent = larger(s->high[0][i] - s->low[0][i], s->high[1][i] - s->low[1][i]);
+    int level = 0;
+    for (double most = LONGER * reach; level + 1 < LEVELS && extent > most; most *= LONGER) level++;
+    return level;
 }
 
-/* Sorts places, which are in the order of x, by strips along x, each as wide as `width`, or wider; returns their number.
- * `begin`: where each begins, and the end of the last. */
-static ptrdiff_t sort_by_strips(ptrdiff_t count, const Sweep *s, double width, Place *place, Place *other,
-                                ptrdiff_t *begin) {
-    double low = INFINITY, high = -INFINITY;
-    for (ptrdiff_t i = 0; i < count; i++) low = smaller(s->low[1][i], low), high = larger(s->low[1][i], high);
-    width = larger(width, (high - low) / (double)count);
-    const ptrdiff_t strips = (ptrdiff_t)((high - low) / width) + 1;
-    memset(begin, 0, (strips + 1) * sizeof *begin);
-    for (ptrdiff_t i = 0; i < count; i++) begin[(ptrdiff_t)((s->low[1][i] - low) / width) + 1]++;
-    for (ptrdiff_t strip = 0; strip < strips; strip++) begin[strip + 1] += begin[strip];
+/* Sorts places, which are in the order of x, by levels. */
+static void sort_by_levels(ptrdiff_t count, const Sweep *s, double reach, Place *place, Place *other, Level *levels) {
+    ptrdiff_t next[LEVELS] = {0}, end = 0;
+    for (ptrdiff_t i = 0; i < count; i++) next[level_of(s, i, reach)]++;
+    for (int k = 0; k < LEVELS; k++) {
+        levels[k].first = end, end += next[k], levels[k].end = end;
+        next[k] = levels[k].first;
+    }
     memcpy(other, place, count * sizeof *place);
-    for (ptrdiff_t i = count - 1; i >= 0; i--)
-        place[--begin[(ptrdiff_t)((s->low[1][i] - low) / width) + 1]] = other[i];
+    for (ptrdiff_t i = 0; i < count; i++) place[next[level_of(s, i, reach)]++] = other[i];
+}
+
+/* Strip of a level in which a number along y lies, or the nearest one. */
+static ptrdiff_t strip_of(const Level *level, double y) {
+    const double strip = (y - level->low) / level->width, last = (double)(level->strips - 1);
+    return strip > 0.0 ? (ptrdiff_t)smaller(strip, last) : 0;
+}
+
+/* Sorts the places of a level, which are in the order of x, by strips that are as wide as `reach` and a box, or wider. */
+static void sort_by_strips(const Sweep *s, double reach, Place *place, Place *other, Level *level) {
+    const ptrdiff_t first = level->first, end = level->end;
+    ptrdiff_t *begin = level->begin;
+    double low = INFINITY, high = -INFINITY;
+    level->along = level->across = 0.0;
+    for (ptrdiff_t i = first; i < end; i++) {
+        low = smaller(s->low[1][i], low), high = larger(s->low[1][i], high);
+        level->along = larger(s->high[0][i] - s->low[0][i], level->along);
+        level->across = larger(s->high[1][i] - s->low[1][i], level->across);
+    }
+    level->low = low, level->width = larger((reach + level->across) * MARGIN, (high - low) / (double)(end - first));
+    const ptrdiff_t strips = level->strips = (ptrdiff_t)((high - low) / level->width) + 1;
+    memset(begin, 0, (strips + 1) * sizeof *begin);
+    for (ptrdiff_t i = first; i < end; i++) begin[strip_of(level, s->low[1][i]) + 1]++;
+    begin[0] = first;
+    for (ptrdiff_t strip = 0; strip < strips; strip++) begin[strip + 1] += begin[strip];
+    memcpy(other, place + first, (end - first) * sizeof *place);
+    for (ptrdiff_t i = end - 1; i >= first; i--) place[--begin[strip_of(level, s->low[1][i]) + 1]] = other[i - first];
     for (ptrdiff_t strip = 0; strip < strips; strip++) begin[strip] = begin[strip + 1];
-    begin[strips] = count;
-    return strips;
+    begin[strips] = end;
 }
 
 typedef struct { /* what was found, and what is looked for in which order */
@@ -193,6 +224,42 @@ FOR_AXES void compare(const int axes, Search *search, ptrdiff_t i, ptrdiff_t fir
     }
 }
 
+/* How far pairs are looked for. */
+static double reach_of(const Search *search) { return sqrt(larger(search->radius, search->seen.nearest)); }
+
+/* Compares the places of a level with each other: those of a strip, and those of the next one. */
+FOR_AXES void compare_within(const int axes, Search *search, const Level *level) {
+    const double *low = search->sweep->low[0];
+    for (ptrdiff_t strip = 0; strip < level->strips; strip++) {
+        const ptrdiff_t end = level->begin[strip + 1];
+        const ptrdiff_t stop = strip + 1 < level->strips ? level->begin[strip + 2] : end;
+        ptrdiff_t next = end; /* the first place of the next strip that may be within reach */
+        for (ptrdiff_t i = level->begin[strip]; i < end; i++) {
+            compare(axes, search, i, i + 1, end);
+            const double reach = (reach_of(search) + level->along) * MARGIN;
+            while (next < stop && low[i] - low[next] > reach) next++;
+            compare(axes, search, i, next, stop);
+        }
+    }
+}
+
+/* Compares a place with those of a level of longer segments. */
+FOR_AXES void compare_with(const int axes, Search *search, ptrdiff_t i, const Level *level) {
+    const Sweep *s = search->sweep;
+    const double reach = reach_of(search), least = s->low[0][i] - (reach + level->along) * MARGIN;
+    const ptrdiff_t last = strip_of(level, s->high[1][i] + reach * MARGIN);
+    for (ptrdiff_t strip = strip_of(level, s->low[1][i] - (reach + level->across) * MARGIN); strip <= last; strip++) {
+        const ptrdiff_t end = level->begin[strip + 1];
+        ptrdiff_t first = level->begin[strip], left = end - first; /* the first place that may be within reach */
+        while (left > 0) {
+            const ptrdiff_t half = left / 2;
+            if (s->low[0][first + half] < least) first += half + 1, left -= half + 1;
+            else left = half;
+        }
+        compare(axes, search, i, first, end);
+    }
+}
+
 FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double hazard, double collision, double nearest,
                            char *found, ptrdiff_t most) {
     const ptrdiff_t length = n + TOGETHER;
@@ -201,32 +268,33 @@ FOR_AXES Measured measured(const int axes, ptrdiff_t n, double *room, double haz
     for (int k = 0; k < axes; k++, at += 4 * length)
         s.low[k] = at, s.high[k] = at + length, s.from[k] = at + 2 * length, s.to[k] = at + 3 * length;
     Place *place = (Place *)at;
-    ptrdiff_t *begin = (ptrdiff_t *)(place + 2 * n), strips = 1;
     const ptrdiff_t present = order_by_x(axes, n, room, place);
-    begin[0] = 0, begin[1] = present;
     line_up(axes, n, present, room, place, &s);
     hazard *= hazard, collision *= collision;
     Search search = {{0, 0, nearest * nearest}, larger(hazard, collision), hazard, collision, &s, place, found, most};
-    double back = 0.0;
+    ptrdiff_t *begin = (ptrdiff_t *)(place + 2 * n);
+    Level levels[LEVELS] = {{0, present, 1, begin, 0.0, 0.0, 0.0, 0.0}};
+    begin[0] = 0, begin[1] = present;
     if (present > MANY) {
         for (ptrdiff_t i = 0; i + 1 < present; i++) { /* some distances: strips are as wide as the least of them */
             const double some = closest(axes, &s, i, i + 1, box(axes, &s, i, i + 1));
             if (some < search.seen.nearest) search.seen.nearest = some;
         }
-        const double width = sqrt(larger(search.radius, search.seen.nearest)) + largest_extent(&s, 1, present);
-        back = largest_extent(&s, 0, present);
-        strips = sort_by_strips(present, &s, width * MARGIN, place, place + n, begin);
+        const double reach = reach_of(&search);
+        sort_by_levels(present, &s, reach, place, place + n, levels);
+        if (levels[0].end < present) line_up(axes, n, present, room, place, &s);
+        for (Level *level = levels; level < levels + LEVELS; level++) {
+            level->begin = begin, level->strips = 0;
+            if (level->first < level->end) sort_by_strips(&s, reach, place, place + n, level);
+            begin += level->end - level->first + 2;
+        }
         line_up(axes, n, present, room, place, &s);
     }
-    for (ptrdiff_t strip = 0; strip < strips; strip++) {
-        const ptrdiff_t end = begin[strip + 1], stop = strip + 1 < strips ? begin[strip + 2] : end;
-        ptrdiff_t next = end; /* the first place of the next strip that may be within reach */
-        for (ptrdiff_t i = begin[strip]; i < end; i++) {
-            compare(axes, &search, i, i + 1, end);
-            const double reach = (sqrt(larger(search.radius, search.seen.nearest)) + back) * MARGIN;
-            while (next < stop && s.low[0][i] - s.low[0][next] > reach) next++;
-            compare(axes, &search, i, next, stop);
-        }
+    for (const Level *level = levels; level < levels + LEVELS; level++) {
+        compare_within(axes, &search, level);
+        for (const Level *other = level + 1; other < levels + LEVELS; other++)
+            for (ptrdiff_t i = level->first; other->first < other->end && i < level->end; i++)
+                compare_with(axes, &search, i, other);
     }
     qsort(found, search.seen.touching < most ? search.seen.touching : most, 2 * sizeof(int64_t), by_pair);
     search.seen.nearest = sqrt(search.seen.nearest);

@@ -10,6 +10,7 @@ from meanflock.kernels.state import Floats
 
 FEW = 100  # UAVs up to which all pairs are compared at once
 MANY = 4096  # UAVs above which the sweep goes by strips
+LEVELS, LONGER = 8, 8.0  # levels of the extents of segments; each has extents so many times as long
 _MARGIN = 1.0 + 1e-6  # more than rounding errors, by which no pair may be missed
 
 
@@ -20,8 +21,8 @@ def pairs(
 
     Distances are those of the closest approach within the tick, and no less than those of the boxes around both
     segments. So a sweep along x that leaves out distant boxes finds what a comparison of all pairs would. Of more than
-    `MANY` UAVs it goes by strips along x, so wide that near UAVs are in the same or in the next strip: time grows with
-    N as long as the flock does not get denser.
+    `MANY` UAVs it goes by strips along x, so wide that near UAVs are in the same or in the next strip. UAVs with long
+    segments have strips of their own. So time grows with N and with the pairs whose boxes are near each other.
 
     Args:
         before: (N, 4), states at the beginning of the tick; NaN: the UAV has no segment, so it approaches no other.
@@ -78,31 +79,66 @@ def _boxes_apart(low: Floats, high: Floats, i: NDArray[np.intp], j: NDArray[np.i
     return state.squared(state.parts(gap))
 
 
+class _Level:
+    """UAVs whose segments have a like extent, in strips along x that are as wide as a box and the distance up to which
+    pairs are looked for, or wider.
+
+    order: by strips, in each by x. strip: that of each. begin: place of the first UAV in the order of all levels.
+    """
+
+    def __init__(self, order: NDArray[np.intp], low: Floats, high: Floats, within: float, begin: int) -> None:
+        """`order`: the UAVs in the order of x."""
+        self.along, self.across = np.max((high - low)[order, :2], axis=0)
+        self._low = low[order, 1].min()
+        beyond = low[order, 1] - self._low
+        self._width = max((within + self.across) * _MARGIN, float(beyond.max()) / len(order))
+        strip = (beyond / self._width).astype(np.intp)
+        by_strip = np.argsort(strip, kind="stable")
+        self.order, self.strip, self.begin = order[by_strip], strip[by_strip], begin
+        self.places = begin + np.arange(len(order))
+        self._keys = self.strip + 1j * low[self.order, 0]  # complex numbers are sorted by their real parts first
+
+    def strip_of(self, y: Floats) -> NDArray[np.intp]:
+        """The strips in which numbers (K,) along y lie, or the nearest ones."""
+        return np.clip((y - self._low) / self._width, 0, self.strip[-1]).astype(np.intp)
+
+    def window(self, strip: NDArray[np.intp], least: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """First and end of the places (K,) that have a strip and at least some x."""
+        first = np.searchsorted(self._keys, strip + 1j * least)
+        return self.begin + first, self.begin + np.searchsorted(self.strip, strip + 1)
+
+
 def _by_strips(
     order: NDArray[np.intp], low: Floats, high: Floats, within: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """The UAVs of `order`, which is that of x, strip by strip; and what the sweep compares.
+    """The UAVs of `order`, which is that of x, by levels of the extents of their segments; and what the sweep compares.
 
     Args:
         low, high: (N, d), the boxes. within: distance up to which pairs are looked for, m.
 
     Returns:
-        The order; places of it, each with the first and the end of the places that it is compared with: those behind it
-        in its own strip, and those of the next strip that are not too far behind along x.
+        The order; places of it, each with the first and the end of the places that it is compared with. Of its own
+        level these are those behind it in its strip and in the next one, of each level of longer segments those of
+        all strips within reach.
     """
-    extent = np.max(high[order] - low[order], axis=0)
-    across = low[order, 1] - low[order, 1].min()
-    width = max((within + extent[1]) * _MARGIN, float(across.max()) / len(order))
-    strip = (across / width).astype(np.intp)
-    by_strip = np.argsort(strip, kind="stable")
-    order, strip = order[by_strip], strip[by_strip]
-    begin = np.searchsorted(strip, np.arange(strip[-1] + 3))  # of each strip, and of two empty ones behind the last
-    along, places = low[order, 0], np.arange(len(order))
-    behind = np.empty_like(places)
-    for one in range(strip[-1] + 1):
-        own, beside = places[begin[one] : begin[one + 1]], along[begin[one + 1] : begin[one + 2]]
-        behind[own] = begin[one + 1] + np.searchsorted(beside, along[own] - (within + extent[0]) * _MARGIN)
-    left = np.concatenate([places, places])
-    right, ends = np.concatenate([places + 1, behind]), np.concatenate([begin[strip + 1], begin[strip + 2]])
+    extent = (high - low)[order, :2].max(axis=1)
+    number = (extent[:, None] > within * LONGER ** np.arange(1.0, LEVELS)).sum(axis=1)
+    levels: list[_Level] = []
+    for one in np.unique(number):
+        levels.append(_Level(order[number == one], low, high, within, sum(len(level.order) for level in levels)))
+    windows = []
+    for n, level in enumerate(levels):
+        x, bottom, top = low[level.order, 0], low[level.order, 1], high[level.order, 1]
+        _, end = level.window(level.strip, x)
+        windows.append((level.places, level.places + 1, end))
+        windows.append((level.places, *level.window(level.strip + 1, x - (within + level.along) * _MARGIN)))
+        for longer in levels[n + 1 :]:
+            least = x - (within + longer.along) * _MARGIN
+            strip = longer.strip_of(bottom - (within + longer.across) * _MARGIN)
+            last = longer.strip_of(top + within * _MARGIN)
+            for ahead in range(int((last - strip).max()) + 1):
+                some = strip + ahead <= last
+                windows.append((level.places[some], *longer.window((strip + ahead)[some], least[some])))
+    left, right, ends = (np.concatenate(parts) for parts in zip(*windows, strict=True))
     some = right < ends
-    return order, left[some], right[some], ends[some]
+    return np.concatenate([level.order for level in levels]), left[some], right[some], ends[some]

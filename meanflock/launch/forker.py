@@ -80,6 +80,7 @@ class Server:
             if isinstance(order, Signal):
                 self._forks.signal(order.number, order.signal)
             elif isinstance(order, Prepare):
+                os.environ.update(order.variables)
                 if prepare(Path(order.scenario)):
                     self._reports.append(Loaded(forks.is_alone()))
             elif self._forks.fork(order.number):

@@ -5,7 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from meanflock.launch import orders
@@ -48,15 +48,15 @@ class Forker(Family):
         self._forked[number] = Forked(self, number)
         return self._forked[number]
 
-    def prepare(self, scenario: str, *, has_learner: bool) -> None:
+    def prepare(self, scenario: str, variables: Mapping[str, str], *, has_learner: bool) -> None:
         """Compute what every agent of a flight would compute at its start.
 
-        scenario: its file. has_learner: whether a learner is loaded, which may start threads; it then says again
-        whether it may fork.
+        scenario: its file. variables: of the environment of all forks. has_learner: whether a learner is loaded, which
+        may start threads; it then says again whether it may fork.
         """
         if has_learner:
             self._loaded = None
-        self._send(Prepare(scenario))
+        self._send(Prepare(scenario, dict(variables)))
 
     def signal(self, number: int, which: int) -> None:
         """Send a signal to a process."""

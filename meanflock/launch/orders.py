@@ -20,9 +20,13 @@ class StartOrder(msgspec.Struct, frozen=True, tag=True):
 
 
 class Prepare(msgspec.Struct, frozen=True, tag=True):
-    """Order: compute what every agent of a flight would compute at its start. `scenario`: its file."""
+    """Order: compute what every agent of a flight would compute at its start.
+
+    scenario: its file. variables: of the environment of all forks.
+    """
 
     scenario: str
+    variables: dict[str, str]
 
 
 class Signal(msgspec.Struct, frozen=True, tag=True):

@@ -15,7 +15,7 @@ from meanflock.launch.children import Child, Family, Log, environment, kill_all,
 from meanflock.launch.forking import Forker
 from meanflock.net.access import STATION, Address, Identity
 from meanflock.net.process import READY, Restarts, end_all, how_it_ended
-from meanflock.net.session import ZenohBus
+from meanflock.net.session import LEASE, ZenohBus
 from meanflock.swarm import logs
 from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied
 
@@ -52,6 +52,7 @@ class Swarm(Family):
         self._restarts = Restarts()
         self._forker = forker
         self._closed = False
+        self._variables: dict[str, str] = {}  # of the environment of all processes
         self._ready = -1  # where the world says that others can join
 
     @property
@@ -74,10 +75,14 @@ class Swarm(Family):
         metrics: Address | None = None,
         steer: Address | None = None,
         has_learner: bool = False,
+        lease_s: float | None = None,
     ) -> None:
         """Start the world with a scenario as TOML. `resume`: encoded Resumption. `metrics`: address for Prometheus.
-        `steer`: address for MAVLink clients. `has_learner`: whether the scenario has a learner.
+        `steer`: address for MAVLink clients. `has_learner`: whether the scenario has a learner. `lease_s`:
+        how long a link may be silent; None, or where the user has set the variable: as long as that says.
         """
+        if lease_s is not None and LEASE not in os.environ:
+            self._variables[LEASE] = f"{lease_s:g}"
         path = self.folder / "scenario.toml"
         path.write_text(scenario, encoding="utf-8")
         extra = [f"--realtime={realtime or ''}", f"--metrics={metrics or ''}", f"--steer={steer or ''}"]
@@ -89,7 +94,7 @@ class Swarm(Family):
         flags = ["--scenario", str(path), "--wait", str(wait_s), "--stations", "1", *extra]
         if self.forks:
             assert self._forker is not None
-            self._forker.prepare(str(path), has_learner=has_learner)
+            self._forker.prepare(str(path), self._variables, has_learner=has_learner)
         self._ready, says = os.pipe()
         try:
             self._start("worldsim", "world", flags, ready=says)
@@ -233,7 +238,9 @@ class Swarm(Family):
         else:
             says = {} if ready is None else {READY: str(ready)}
             inherited = [] if ready is None else [ready]
-            child.process = self.popen(child.command, child.log.path, environment() | says, pass_fds=inherited)
+            child.process = self.popen(
+                child.command, child.log.path, environment() | self._variables | says, pass_fds=inherited
+            )
 
 
 def _failed(child: Child) -> MeanflockError:

@@ -151,6 +151,8 @@ def summary_table(summary: dict[str, object]) -> Table:
         add("isolated UAVs", summary["rounds_isolated"], "summed over rounds")
     add("simulated time", summary["sim_time_s"], "s", 1)
     add("real-time factor", summary["real_time_factor"], "×", 1)
+    if (world_s := summary.get("world_time_s")) is not None:
+        add("time of the world", world_s, f"of {shown(summary['wall_time_s'])} s")
     if isinstance(realtime := summary["realtime"], dict):
         jitter = realtime["tick_start_jitter_ms"]
         add("commands held", summary["held_commands"], "came late", 0)

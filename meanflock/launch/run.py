@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from meanflock.federation.plan import plan_of
 from meanflock.launch import doctor
+from meanflock.launch.memory import learner_memory
 from meanflock.launch.options import Options
 from meanflock.net.access import STATION, Address, Identity, free, secured
 from meanflock.net.process import Interrupted
@@ -35,6 +36,7 @@ _STEP_S = 0.2  # between two looks at the processes
 _JOIN_S = 60.0
 _LAST_WORDS_S = 15.0
 _ON_ITS_WAY_S = 2.0  # after the world has ended
+_SLOW_BYTES_S = 10e6  # of the replies of a process with many UAVs
 _OVERDUE = "interrupted; the flight is still being completed, or a plug-in hangs: Ctrl-C again ends it at once"
 _LOST_NODES_S = 2.0  # a lost node may be stopped, and is then killed
 
@@ -174,6 +176,15 @@ def _in_process(
         return engine.finish()
 
 
+def _lease_s(scenario: Scenario, rows: int) -> float | None:
+    """How long a link of a process with so many UAVs may be silent: longer if its replies are long, because the world
+    reads one after the other; None: the default."""
+    from meanflock.net.session import LEASE_S
+
+    reply_s = min(rows, scenario.uavs) * learner_memory(scenario).uav_bytes / _SLOW_BYTES_S
+    return None if reply_s < LEASE_S.default else min(LEASE_S.default + reply_s, LEASE_S.most)
+
+
 def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption | None) -> "Swarm":
     """A swarm whose world is starting."""
     from meanflock.launch.processes import Swarm  # it loads Zenoh
@@ -189,6 +200,7 @@ def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption 
             metrics=options.metrics,
             steer=options.steer,
             has_learner=scenario.training.learner != NO_LEARNER,
+            lease_s=_lease_s(scenario, options.uavs_per_process),
         )
     except BaseException:
         swarm.close()

@@ -24,7 +24,6 @@ _NO_NODE = Quota("", 0)  # of keys that belong to no node
 _OVERHEAD_BYTES = 1024
 _FRAME_BYTES = 64  # of a batch, around its numbers
 _NUMBER_BYTES = 8
-_MOST_BYTES = 512 * 2**20  # of an Act, whatever the scenario
 
 
 class Limits:
@@ -102,8 +101,8 @@ class Quotas:
         """`rows_at_most`: UAVs one agent may hold; None: as many as there are."""
         self._run = run
         rows = min(rows_at_most or scenario.uavs, scenario.uavs)
-        self._agent = min(limits.act(rows), _MOST_BYTES)
-        self._leader = min(limits.act(0), _MOST_BYTES)
+        self._agent = min(limits.act(rows), control.MAX_BYTES)
+        self._leader = min(limits.act(0), control.MAX_BYTES)
         self.largest = max(self._agent, self._leader, JOIN_BYTES, RECEIVED_BYTES)  # of all, bytes
         self._cached = lru_cache(maxsize=4096)(self._quota)
 

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 # The runtime reads this once, when zenoh is loaded. The cost of a small message is a switch of threads, so the thread
 # that waits for the sockets also reads them. Sending needs a thread of its own, because the receiving thread also sends
@@ -36,8 +36,17 @@ from meanflock.swarm.wire.control import MAX_BYTES
 
 log = logging.getLogger("meanflock.bus")
 
+
+class Bounds(NamedTuple):
+    """Bounds of a setting, and its default."""
+
+    least: float
+    default: float
+    most: float
+
+
+LEASE_S = Bounds(1.0, 10.0, 600.0)
 LEASE = "MEANFLOCK_LEASE"  # variable: seconds of silence after which a link counts as lost
-_LEASE_S = (1.0, 10.0, 600.0)  # least, default, most
 _WAITING_MESSAGES = 256  # limit for one sender; an honest node has two or three
 _WAITING_BYTES = 2**16  # limit for one sender, at least
 _WAITING_LONGEST = 4  # or so many of its longest messages, if that is more
@@ -50,6 +59,7 @@ _COMMON: Mapping[str, Any] = {
     "timestamping/enabled": False,
     # Shared memory is on by default from 3 KiB and can drop messages silently.
     "transport/shared_memory/enabled": False,
+    # Clients receive what the world sends, and of others what it lets through, see `router`.
     "transport/link/rx/max_message_size": MAX_BYTES,
     # Each message is read into new memory of the size of a batch. The default of 64 KiB, cleared for each small
     # message, would evict all other data from the caches, and each fragment of a message takes as much.
@@ -78,7 +88,7 @@ def _lease() -> dict[str, int]:
     Raises:
         BadInput: the variable is not a number in this range.
     """
-    least, default, most = _LEASE_S
+    least, default, most = LEASE_S
     text = os.environ.get(LEASE) or str(default)
     try:
         lease_s = float(text)

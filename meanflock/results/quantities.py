@@ -165,6 +165,12 @@ SUMMARY = (
     Field("mode", "", "`processes`, or `in-process` if all nodes were in one process"),
     Field("backend", "", "kernels of the world: `compiled` or `numpy`"),
     Field("wall_time_s", "s", "wall time of the flight"),
+    Field(
+        "world_time_s",
+        "s",
+        "wall time that the world took; the rest is that of the UAVs, their messages and telemetry",
+        optional=True,
+    ),
     Field("real_time_factor", "1", "simulated seconds per second of the wall clock"),
     Field("ticks", "ticks", "ticks flown"),
     Field("sim_time_s", TIME, "simulated time flown"),

@@ -7,7 +7,8 @@ from meanflock.results.quantities import SUMMARY
 from meanflock.results.scenario_keys import changed_keys, flat
 from meanflock.results.stored_run import StoredFolder, unit_of
 
-_NO_FIGURES = ("schema", "uavs", "seed", "wall_time_s", "real_time_factor", "realtime")  # keys, or of the computer
+# Keys, or of the computer.
+_NO_FIGURES = ("schema", "uavs", "seed", "wall_time_s", "world_time_s", "real_time_factor", "realtime")
 _ORDER = list(dict.fromkeys(field.key.partition(".")[0] for field in SUMMARY))
 
 

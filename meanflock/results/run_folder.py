@@ -393,7 +393,7 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     try:
-        whole = control.decode_record(paths.read(path, paths.LOG_BYTES))
+        whole = control.decode_record(paths.read(path, paths.CHECKPOINT_BYTES))
         if whole["sha256"] != _digest(whole["record"]):
             raise MessageRejected("malformed", "its checksum is wrong")
         record = control.decode_record(whole["record"])

@@ -89,8 +89,9 @@ def _shipped() -> tuple[str, ...]:
 
 @cache
 def _defaults(name: str) -> dict[str, Any]:
-    """All keys of a shipped scenario that are set, also those that its file leaves out."""
-    return flat(_values(scenario.load(Path(name))))
+    """All keys of a shipped scenario that are set or left out with a default, and the scale of its features."""
+    loaded = scenario.load(Path(name))
+    return flat(_values(loaded)) | {"learner.position_scale": loaded.position_scale_m}
 
 
 def _values(table: msgspec.Struct) -> dict[str, Any]:

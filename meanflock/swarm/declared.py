@@ -16,10 +16,15 @@ MAX_DIAGNOSTICS = 100  # a message counts its columns in one byte
 MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = NO_LEARNER = "none"
-MAX_MEMORY_BYTES = 256 * 2**20  # of all UAVs together; a flight with more memory has no checkpoints
+_MEMORY_BYTES, _UAV_MEMORY_BYTES = 256 * 2**20, 2**13  # of a swarm, and of a UAV of a large swarm
 PRESENT = "meanflock.present"  # (M,) in the memory of a node: rows that have one; the others begin anew
 MAX_NOTE_BYTES = 65_000  # of a note that is sent with a model
 MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule
+
+
+def most_memory(uavs: int) -> int:
+    """Most bytes of the memories of so many UAVs together; a flight with more memory has no checkpoints."""
+    return max(_MEMORY_BYTES, _UAV_MEMORY_BYTES * uavs)
 
 
 class Declared(msgspec.Struct, frozen=True):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -80,19 +81,26 @@ def uavs_of(mission: Mission, radio: Any) -> list[int]:
 
 
 def starts(mission: Mission) -> state.States:
-    """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
-    places = _places(mission.space, mission.start, mission.uavs)
+    """Initial states, (N, 2d) in m and m/s, read-only. All UAVs are at rest."""
+    whole = _starts(mission.uavs, mission.start, mission.space)
+    if all(group.start is None for group in mission.groups):
+        return whole
+    states = whole.copy()
     for group, rows in parts(mission):
         if group.start is not None:
-            places[rows] = _places(mission.space, group.start, group.count)
-    return state.at_rest(places)
+            states[rows] = _starts(group.count, group.start, mission.space)
+    states.flags.writeable = False
+    return states
 
 
-def _places(space: Any, start: Any, uavs: int) -> state.Vectors:
-    """Where so many UAVs start by a `[start]`, (n, d) in m."""
+@lru_cache(maxsize=16)
+def _starts(uavs: int, start: Any, space: Any) -> state.States:
     if start.positions:
-        return np.array(space.vectors(start.positions, start.height))
-    return _positions(start, uavs)[:, : space.dimensions]
+        states = state.at_rest(space.vectors(start.positions, start.height))
+    else:
+        states = state.at_rest(_positions(start, uavs)[:, : space.dimensions])
+    states.flags.writeable = False
+    return states
 
 
 def has_starts(mission: FlownMission) -> bool:

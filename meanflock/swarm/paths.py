@@ -9,7 +9,8 @@ from pathlib import Path
 from meanflock.swarm.errors import BadInput, printable
 
 RECORD_BYTES = 2**26  # most bytes of a scenario, a summary or a result
-LOG_BYTES = 2**30  # most bytes of a file of events, a checkpoint or a job
+LOG_BYTES = 2**30  # most bytes of a file of events or a job
+CHECKPOINT_BYTES = 2**34  # most bytes of a checkpoint
 
 
 def given(path: "str | os.PathLike[str]") -> Path:

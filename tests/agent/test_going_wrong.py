@@ -252,7 +252,7 @@ def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_t
 
 
 def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on(monkeypatch) -> None:
-    monkeypatch.setattr(node, "MAX_MEMORY_BYTES", 2**20)
+    monkeypatch.setattr(node, "most_memory", lambda uavs: 2**20)
     large = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"map": np.zeros((len(uavs), 100_000))})
     for rows in (None, 1):
         summary, sink = fly(flown(large, "duration=1"), rows=rows)

@@ -13,7 +13,7 @@ from meanflock.results.run_folder import RunFolder
 from meanflock.swarm.scenario import Scenario
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
-TIMING = {"wall_time_s", "real_time_factor", "mode"}
+TIMING = {"wall_time_s", "world_time_s", "real_time_factor", "mode"}
 
 
 class Died(Exception):

@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 import meanflock as mf
+from meanflock.export import instants
 from meanflock.export.bag import write_bag, write_mcap
 from meanflock.results import flown as flown_flights
 from meanflock.results.flown import FlightSoFar
@@ -84,6 +85,20 @@ def test_the_file_has_every_number_with_its_bits_and_every_event(run, flown) -> 
     assert len(topics["/mission"]) == len(topics["/uavs"]) == len(topics["/diagnostics"]) == 21  # one a second
     with Path("out/r.mcap").open("rb") as file:
         assert [file.name for file in make_reader(file).iter_attachments()] == ["scenario.toml", "summary.json"]
+
+
+def test_a_file_of_many_uavs_has_frames_of_some_and_series_of_all(run, flown, monkeypatch) -> None:
+    monkeypatch.setattr(instants, "MOST_UAVS", 3)
+    code, _, told = run("export", str(flown.folder), "--mcap", "some.mcap", "--quiet")
+    assert code == EXIT_DONE
+    assert "5 UAVs: frames, markers and diagnostics are those of 3, evenly chosen; /series/ has all" in told
+    last = {topic: message for topic, _, message in read("some.mcap")}
+    assert last["/swarm/states"].joint_names == ["uav_0", "uav_2", "uav_4"]
+    assert [one.child_frame_id for one in last["/tf"].transforms] == ["uav_0", "uav_2", "uav_4"]
+    assert [marker.text for marker in last["/uavs"].markers if marker.text] == ["0", "2 lost", "4"]
+    assert [one.hardware_id for one in last["/diagnostics"].status] == ["swarm", "uav_0", "uav_2", "uav_4"]
+    assert last["/swarm/lost"].data == 1
+    assert len(last["/series/x_m"].data) == 5
 
 
 def test_a_bag_has_every_state_with_its_bits(run, flown) -> None:

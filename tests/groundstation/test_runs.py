@@ -111,7 +111,7 @@ def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> N
     assert found["keys"] == {"seed": {"a": 1, "b": 2}, "wind.sigma": {"a": 0.1, "b": 0.2}}
     a, b = (json.loads((folder / "summary.json").read_text()) for folder in (first, second))
     plain = [field.key for field in SUMMARY if isinstance(a.get(field.key), int | float)]
-    others = {"seed", "wall_time_s", "real_time_factor"}
+    others = {"seed", "wall_time_s", "world_time_s", "real_time_factor"}
     assert {key for key in found["figures"] if "." not in key} == {key for key in plain if a[key] != b[key]} - others
     assert found["figures"]["phi_A"]["change"] == b["phi_A"] - a["phi_A"]
     assert (found["same_flight"], found["figures"]["phi_A"]["unit"]) == (False, "m/s")

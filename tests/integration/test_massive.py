@@ -2,15 +2,19 @@
 
 import math
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meanflock.launch import memory
+from meanflock.launch import memory, run
 from meanflock.launch.engine import Engine
+from meanflock.results.run_folder import CHECKPOINT
 from meanflock.swarm import declared, mission, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.checkpoint import PART_BYTES
+from tests.faults.dying import dead, resumed
 
 FEW, MANY = 4200, 8400  # both above the numbers from which on things are done in another way
 TICKS = 1
@@ -55,11 +59,32 @@ def test_a_pairwise_method_of_a_large_swarm_is_refused_in_gib() -> None:
 
 
 def test_a_swarm_whose_learners_all_diverge_is_lost_in_words() -> None:
-    """The grid of the paper is far wider than its features bear."""
-    engine = Engine(Scenario(uavs=FEW, duration=1.1, start={"spacing": 1e4}), "diverging", threads=2)
-    summary = engine.complete()
-    assert summary["lost"] > 0
+    """The grid of the paper is far wider than these features bear; most UAVs are near a long segment in each tick."""
+    wide = Scenario(uavs=5000, duration=1.1, start={"spacing": 20.0}, learner={"position_scale": 200.0})
+    summary = Engine(wide, "diverging", threads=2).complete()
+    assert summary["lost"] > 1000
     assert summary["ticks"] == 11
+
+
+def test_features_are_as_wide_as_a_large_swarm() -> None:
+    assert Scenario(uavs=20_000).position_scale_m == 200.0
+    wide = Scenario(uavs=FEW, duration=1.1, start={"spacing": 20.0})
+    assert wide.position_scale_m == pytest.approx(150.0 + 20.0 * 32.0)
+    assert wide.resolved().learner.position_scale == wide.position_scale_m
+    assert wide.sha256() == wide.replace(**{"learner.position_scale": wide.position_scale_m}).sha256()
+    assert Engine(wide, "wide", threads=2).complete()["lost"] == 0
+
+
+def test_a_killed_flight_of_a_large_swarm_resumes_to_the_same_bits(tmp_path: Path) -> None:
+    flown = Scenario(uavs=FEW, duration=11.5, federation={"period": 40})
+    folder = dead(tmp_path, flown, 108)
+    assert (folder / CHECKPOINT).stat().st_size > PART_BYTES
+    assert resumed(folder)["trajectory_sha256"] == Engine(flown, "whole").complete()["trajectory_sha256"]
+
+
+def test_links_of_large_nodes_may_be_silent_for_longer() -> None:
+    scenario = Scenario(uavs=100_000)
+    assert [run._lease_s(scenario, rows) for rows in (1, 5000, 10**9)] == [None, None, pytest.approx(182.2)]
 
 
 def test_goals_of_a_large_swarm_share_fits() -> None:

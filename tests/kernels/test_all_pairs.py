@@ -113,18 +113,28 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike
 
 @pytest.mark.parametrize("axes", [2, 3])
 @pytest.mark.parametrize(
-    ("spread", "step", "bound"),
-    [(60.0, 0.1, math.inf), (60.0, 0.1, 0.01), (8.0, 0.02, math.inf), (1e6, 0.1, math.inf), (0.2, 0.0, math.inf)],
+    ("spread", "step", "longest", "bound"),
+    [
+        (60.0, 0.1, 0.0, math.inf),
+        (60.0, 0.1, 0.0, 0.01),
+        (60.0, 0.1, 3.0, math.inf),
+        (60.0, 1e-9, 12.0, 0.01),
+        (8.0, 0.02, 0.0, math.inf),
+        (1e6, 0.1, 0.0, math.inf),
+        (1e6, 0.1, 9.0, math.inf),
+        (0.2, 0.0, 0.0, math.inf),
+    ],
 )
 def test_a_sweep_by_strips_finds_what_a_comparison_of_all_pairs_does(
-    backend: ModuleType, axes: int, spread: float, step: float, bound: float
+    backend: ModuleType, axes: int, spread: float, step: float, longest: float, bound: float
 ) -> None:
-    """Dense and scattered; one UAV flies across everything, and some have the same place."""
+    """Dense and scattered; segments of all lengths, and one across everything; some UAVs have the same place."""
     draw = np.random.default_rng(4)
     before = np.zeros((MANY + 100, 2 * axes))
     before[:, :axes] = draw.normal(size=(len(before), axes)) * spread
     before[100:150] = before[:50]
-    after = before + draw.normal(size=before.shape) * step
+    lengths = step * 10.0 ** draw.uniform(0.0, longest, size=(len(before), 1))
+    after = before + draw.normal(size=before.shape) * lengths
     after[7, :axes] += 0.5 * spread
     before[11], after[13] = np.nan, np.nan
     found = np.empty((10**6 if spread > 1.0 else 0, 2), dtype=np.intp)

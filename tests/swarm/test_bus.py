@@ -65,6 +65,17 @@ def test_messages_of_one_publisher_arrive_in_order_and_whole(network: Open) -> N
     assert [next_of(hub, "message").payload for _ in sent] == sent
 
 
+def test_a_message_may_be_longer_than_a_hundred_megabytes(network: Open) -> None:
+    """As the uploads of a round of 100,000 UAVs to their leader."""
+    hub, one = network(), network()
+    one.subscribe("t/sense")
+    put_until_heard(hub, one, "t/sense", b"first")
+    drain(one)
+    long = bytes(101 * 10**6)
+    hub.put("t/sense", long)
+    assert next_of(one, "message").payload == long
+
+
 def test_a_message_that_is_taken_when_offered_is_not_received(network: Open) -> None:
     hub, one = network(), network()
     offered: list[tuple[str, bytes]] = []

@@ -16,7 +16,7 @@ from meanflock.net.barrier import Barrier, Replies
 from meanflock.net.bus import MemoryNetwork
 from meanflock.net.members import Member
 from meanflock.net.outbox import MAX_WAITING_BYTES
-from meanflock.swarm.declared import MAX_BROADCASTS, MAX_MEMORY_BYTES
+from meanflock.swarm.declared import MAX_BROADCASTS, most_memory
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.state import BEYOND_SENSE
@@ -116,7 +116,7 @@ def memory(rows: int, first: float = 0.0) -> dict[str, np.ndarray]:
 WRONG_MEMORIES: list[tuple[dict[str, Any], str]] = [
     ({"model": np.zeros((2, 3))}, "wrong-shape"),  # the first three may come first of all
     ({"model": "learned"}, "wrong-shape"),
-    ({"model": np.zeros((1, MAX_MEMORY_BYTES // 8 // ROWS)), "more": np.zeros((1, 1))}, "oversized"),
+    ({"model": np.zeros((1, most_memory(ROWS) // 8 // ROWS)), "more": np.zeros((1, 1))}, "oversized"),
     ({}, ".*as of the others"),
     (memory(1) | {"more": np.zeros(1)}, ".*as of the others"),
     (memory(1) | {"model": np.zeros((1, 4))}, ".*as of the others"),

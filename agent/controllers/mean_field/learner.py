@@ -16,6 +16,7 @@ from math import factorial, perm, prod
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,7 +84,8 @@ def offsets(spread: mean_field.Density, axes: int) -> Floats:
 
 def keys(scenario: Scenario) -> Keys:
     """Returns the parts of a scenario that its tables depend on."""
-    parts = scenario.learner, scenario.cost, scenario.wind, scenario.density
+    learner = msgspec.structs.replace(scenario.learner, position_scale=scenario.position_scale_m)
+    parts = learner, scenario.cost, scenario.wind, scenario.density
     return Keys(*parts, scenario.destination.radius, scenario.space)
 
 

@@ -8,7 +8,7 @@ from meanflock.swarm.scenario.scenario import (  # noqa: F401
     load,
     read_faults,
     schema,
-    with_payloads,
+    with_defaults,
 )
 from meanflock.swarm.scenario.tables import (  # noqa: F401
     Destination,

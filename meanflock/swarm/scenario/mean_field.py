@@ -64,9 +64,20 @@ class LearnerTable(_MeanFieldTable, frozen=True):
             lt=1,
         ),
     ] = 0.01
-    position_scale: Annotated[
-        float, key("L_r, features see x / L_r", SILENT, "the learner diverges at once on raw metres", unit="m", gt=0)
-    ] = 200.0
+    position_scale: (
+        Annotated[
+            float,
+            key(
+                "L_r, features see x / L_r; unset: 200, or, if a UAV starts more than 250 m from its goal along an "
+                "axis, the largest such distance",
+                SILENT,
+                "the learner diverges at once on raw metres, and where x / L_r is beyond 1.25",
+                unit="m",
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
     velocity_scale: Annotated[
         float, key("L_v, features see v / L_v", SILENT, "the learner diverges at once on raw m/s", unit="m/s", gt=0)
     ] = 20.0

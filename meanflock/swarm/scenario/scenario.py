@@ -22,6 +22,7 @@ from meanflock.swarm.toml import Table as _Table
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 _LEAST_BYTES = 1000  # of a UAV: states, links and commands, without a controller
+_POSITION_SCALE_M, _WIDEST_M = 200.0, 250.0  # of the features, and the farthest start that it bears
 _LEAST_FROM_STATION_M = 1.0  # between a station and a UAV at its start
 _MOST_WITH_DOWNWASH = 2000  # UAVs: their wakes take a fifth of a second and 120 MB in each tick
 
@@ -447,6 +448,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return f"float{self.radio.bits_per_float}"
 
     @property
+    def position_scale_m(self) -> float:
+        """Scale of positions in the features of the mean-field methods, L_r, m."""
+        if self.learner.position_scale is not None:
+            return self.learner.position_scale
+        farthest = float(np.abs(state.position(mission.starts(self)) - mission.goals(self)).max())
+        return _POSITION_SCALE_M if farthest <= _WIDEST_M else farthest
+
+    @property
     def max_ticks(self) -> int:
         """Number of ticks until `duration`."""
         return max(1, round(self.duration / self.dt))
@@ -495,13 +504,13 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         except BadInput:
             if self.federation.period is None:
                 raise
-            whole = with_payloads(self)  # of a run whose plug-in or file is not here
+            whole = with_defaults(self)  # of a run whose plug-in or file is not here
         return whole
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
         # The default payloads depend on the radio's floats.
-        plain = with_payloads(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
+        plain = with_defaults(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
         whole = self.resolved()
         table, default = msgspec.to_builtins(whole), msgspec.to_builtins(plain)
         table["vehicle"]["options"] = msgspec.to_builtins(whole.vehicle.recorded)
@@ -519,10 +528,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
 
 
-def with_payloads(scenario: Scenario) -> Scenario:
-    """The same scenario, with the codings of models written out."""
+def with_defaults(scenario: Scenario) -> Scenario:
+    """The same scenario, with the codings of models and the scale of the features written out."""
     payloads = {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
-    return msgspec.structs.replace(scenario, federation=msgspec.structs.replace(scenario.federation, **payloads))
+    return msgspec.structs.replace(
+        scenario,
+        federation=msgspec.structs.replace(scenario.federation, **payloads),
+        learner=msgspec.structs.replace(scenario.learner, position_scale=scenario.position_scale_m),
+    )
 
 
 def _plan_of(scenario: Scenario) -> Any:

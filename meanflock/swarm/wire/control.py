@@ -16,7 +16,7 @@ import numpy as np
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.wire.messages import Message
 
-MAX_BYTES = 64 * 2**20  # far more than any valid message
+MAX_BYTES = 512 * 2**20  # of any message; the world has a lower limit for each node, by the scenario
 
 _ARRAY = 1  # the extension code
 _DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))

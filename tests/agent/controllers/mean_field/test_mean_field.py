@@ -63,7 +63,7 @@ def direct(flown: Scenario, weights: np.ndarray, at: np.ndarray) -> float:
     """Σ ω_q K(s, s + δ_q) with m̂ evaluated term by term at every node."""
     spread, learner = flown.density, flown.learner
     std = np.array([spread.node_position_std] * 2 + [spread.node_velocity_std] * 2)
-    scale = np.array([learner.position_scale] * 2 + [learner.velocity_scale] * 2)
+    scale = np.array([flown.position_scale_m] * 2 + [learner.velocity_scale] * 2)
     offsets = NODES * std
     points = (at + offsets) / scale
     mass = np.maximum([weights @ np.prod(point**EXPONENTS, axis=1) for point in points], 0.0)
