@@ -174,6 +174,24 @@ class Guarded:
             self._break([row for row in places if row not in by_row], error)
             return _with_rows(memory, by_row)
 
+    def guided(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
+        """The memory after some rows were given other goals, (len(rows), d)."""
+        try:
+            return self._directed(memory, rows, goals)
+        except FAILURES as error:
+            first = np.zeros(1, dtype=np.intp)
+            places = {row: place for place, row in enumerate(rows.tolist())}
+            by_row = _each_row(
+                places, lambda row: self._directed(_row(memory, row), first, goals[places[row] : places[row] + 1])
+            )
+            self._break([row for row in places if row not in by_row], error)
+            return _with_rows(memory, by_row)
+
+    def _directed(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
+        after = self.controller.guide(memory, rows, goals)
+        check_same_form("memory", after, memory)
+        return after
+
     def break_not_finite(self, memory: Memory) -> None:
         """Break the rows whose memory has numbers that are not finite, so that no checkpoint stores them."""
         for name, array in memory.items():

@@ -16,7 +16,7 @@ from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
-from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense, Welcome
+from meanflock.swarm.wire.messages import NOBODY, Act, FrameKind, Frames, Sense, Welcome
 
 
 class Agent:
@@ -87,6 +87,8 @@ class Agent:
         """Compute the rest of a tick, in which the frames `received` were heard."""
         tick = sense.tick
         before, controller = self._memory, self._controller
+        if sense.memory:
+            self._memory = controller.guided(self._memory, *self._goals_in(sense.memory))
         # 1. Take part in the rounds.
         outbox, refused = self._rounds.act(tick)
         # 2. Let the controller fly.
@@ -206,6 +208,19 @@ class Agent:
         elif self._scenario.stations and frames.source.max() >= self._scenario.uavs:
             raise MessageRejected("wrong-shape", "states of a station")
         return links
+
+    def _goals_in(self, record: bytes) -> tuple[NDArray[np.intp], Floats]:
+        """The rows (K,) that get another goal, and these goals (K, d), m.
+
+        Raises:
+            MessageRejected: the record does not fit this node.
+        """
+        told = decode_record(record)
+        uavs = expect("uavs", told.get("uavs", NOBODY), (None,), np.dtype(np.intp))
+        goals = expect("goals", told.get("goals", NOBODY), (len(uavs), self._scenario.dimensions), np.dtype(float))
+        if not ((uavs >= 0) & (uavs < self._scenario.uavs)).all() or (self._row[uavs] < 0).any():
+            raise MessageRejected("wrong-shape", "goals of UAVs that are not here")
+        return self._row[uavs], goals
 
     # -- rounds: the methods of `NodeModels` --------------------------------------------------
 

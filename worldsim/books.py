@@ -15,7 +15,7 @@ from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.state import Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.worldsim.vehicles.base import Hidden
-from meanflock.worldsim.vehicles.fleet import Fleet
+from meanflock.worldsim.vehicles.flown import FlownVehicles
 
 _HASHED = np.dtype("<f8")
 _BLOCK_TICKS = 50
@@ -64,7 +64,7 @@ class Books(Stateful):
 
     stored = ("energy", "distance", "effort", "speed_sum", "ticks_on_way", "speed_max")
 
-    def __init__(self, scenario: Scenario, fleet: Fleet, states: state.States) -> None:
+    def __init__(self, scenario: Scenario, vehicles: FlownVehicles, states: state.States) -> None:
         """`states`: (N, 4), those of tick 0."""
         uavs = scenario.uavs
         self.energy = np.zeros(uavs)
@@ -75,7 +75,7 @@ class Books(Stateful):
         self.speed_max = 0.0
         self._energies: list[Floats] | None = None  # arrays (k, N) after each tick, if somebody takes them
         self._dt = scenario.dt
-        self._fleet = fleet
+        self._vehicles = vehicles
         self._most = block_ticks(uavs)
         self._hash = TrajectoryHash(states)
         # The entered ticks: states and hidden state after them, commands, and accelerations with gusts.
@@ -134,7 +134,7 @@ class Books(Stateful):
         for block in (self._states, self._hidden, self._commands, self._felt):
             block.clear()
         self._hash.add(states)
-        power = self._fleet.power(states, hidden, felt).reshape(shape)
+        power = self._vehicles.power(states, hidden, felt).reshape(shape)
         if self._waiting is not None:
             power = np.where(self._waiting, 0.0, power)
         energies = sums(self.energy, power * self._dt)

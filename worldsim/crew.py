@@ -91,6 +91,14 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
     return tuple(own)
 
 
+def goals_of(senses: Senses, uavs: NDArray[np.intp]) -> bytes:
+    """The goals that an agent with some UAVs, ascending, is told, as a record; empty if none of them changes."""
+    if not len(senses.guided):
+        return b""
+    own = contains(uavs, senses.guided)
+    return encode_record({"uavs": senses.guided[own], "goals": senses.goals[own]}) if own.any() else b""
+
+
 def no_models(plan: Plan) -> Floats:
     """Learned weights (N, W) of a swarm of which no UAV has answered yet: NaN."""
     return np.full((plan.scenario.uavs, plan.declared.weights), np.nan)
@@ -191,7 +199,7 @@ class LocalCrew:
             inbox = inbox_of(senses, agent.uavs, self._read[number])
             self._read[number] = senses.newest
             states = senses.states[place].copy()  # a controller may write to its own
-            sense = Sense(0, senses.tick, states, senses.report, senses.checkpoint, inbox)
+            sense = Sense(0, senses.tick, states, senses.report, senses.checkpoint, inbox, goals_of(senses, agent.uavs))
             self._senses.append((number, sense))
             self.received.append(agent.hear(sense))
 

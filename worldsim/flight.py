@@ -34,8 +34,9 @@ from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.altitude import Altitude
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.ground import Ground
+from meanflock.worldsim.guide import Guide
 from meanflock.worldsim.obstacles import entered
-from meanflock.worldsim.vehicles.fleet import Fleet
+from meanflock.worldsim.vehicles.flown import FlownVehicles
 
 Pair = tuple[int, int]
 
@@ -170,6 +171,7 @@ class Flight(Stateful):
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
         noise: of the motion.
+        guide: the goals.
         ground: of a flight in space. altitude: its floor and ceiling.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
@@ -195,7 +197,7 @@ class Flight(Stateful):
             "near_sum",
         ),
         *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters"),
-        *("ground", "altitude", "noise"),
+        *("ground", "altitude", "noise", "guide"),
     )
 
     def __init__(self, scenario: Scenario) -> None:
@@ -209,13 +211,13 @@ class Flight(Stateful):
         self.speed_difference_squared_error = 0.0
         self.near_sum = 0
         self.events: list[FlightEvent] = []
-        self._fleet = Fleet(scenario)
+        self._vehicles = FlownVehicles(scenario)
         self.states: state.States = mission.starts(scenario)
-        self.hidden = self._fleet.init()
+        self.hidden = self._vehicles.init()
         self.encounters = Encounters(scenario)
         self.ground = Ground(scenario)
         self.altitude = Altitude(scenario)
-        self._goals = mission.goal_states(scenario)
+        self.guide = Guide(scenario)
         radii = mission.radii(scenario)
         self._discs = [(float(radius), radii == radius) for radius in np.unique(radii)]  # of arrival, and their UAVs
         self.launch_tick = mission.launches(scenario)
@@ -224,7 +226,7 @@ class Flight(Stateful):
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
         self.last_arrival = -1
-        self.books = Books(scenario, self._fleet, self.states)
+        self.books = Books(scenario, self._vehicles, self.states)
         self.noise = Noise(scenario)
         self._max_ticks = scenario.max_ticks
         self._ends_with_arrivals = scenario.stop == "arrival"
@@ -331,6 +333,7 @@ class Flight(Stateful):
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
             self._sort()
+            self.guide.forget(uavs)
             self.events.append(Rejoined(self.tick, tuple(uavs.tolist()), node))
 
     def land(self, uavs: NDArray[np.intp], reason: str) -> None:
@@ -358,15 +361,15 @@ class Flight(Stateful):
         waiting = self.waiting
         if self.idle is not None:
             accelerations = np.where(self.idle[:, None], 0.0, accelerations)
-        if (limit := self._fleet.limit) is not None:
+        if (limit := self._vehicles.limit) is not None:
             accelerations = self._limited(accelerations, limit)
         self.steps += len(accelerations)
         if self.off is not None:
             self.steps -= int(np.count_nonzero(self.off))
             self.off_ticks += self.off
-        felt = self._fleet.felt(accelerations, gust)
+        felt = self._vehicles.felt(accelerations, gust)
         before = self.states if waiting is None else np.where(waiting[:, None], np.nan, self.states)
-        moved = self._fleet.step(self.states, self.hidden, felt, self.noise.next(), waiting, gust)
+        moved = self._vehicles.step(self.states, self.hidden, felt, self.noise.next(), waiting, gust)
         self.tick += 1
         self.states = self.ground.above(moved.states) if self.ground.is_there else moved.states
         self.hidden = moved.hidden
@@ -393,7 +396,7 @@ class Flight(Stateful):
 
     def shown(self) -> Floats:
         """The numbers (N, C) that the vehicles show of the UAVs."""
-        return self._fleet.shown(self.hidden)
+        return self._vehicles.shown(self.hidden)
 
     def restored(self) -> None:
         self._sort()
@@ -457,15 +460,21 @@ class Flight(Stateful):
 
     def _arrive(self, on_way: Mask, diverged: NDArray[np.intp]) -> None:
         """Change the status of UAVs that were `on_way` (N,), did not diverge, and have reached the destination."""
+        if self.guide.is_there:
+            on_way = on_way | (self.guide.homeward & (self.status == ARRIVED))
         reached, found = on_way.copy(), 0
         for radius, uavs in self._discs:
             own = reached if len(self._discs) == 1 else on_way & uavs
-            found += kernels.reached(self.states, self._goals, radius, own)
+            found += kernels.reached(self.states, self.guide.goals, radius, own)
             reached[uavs] = own[uavs]
         if not found:
             return
         reached[diverged] = False
         new = np.flatnonzero(reached)
+        if self.guide.is_there:
+            new = self.guide.reach(new, self.tick)
+            if not len(new):
+                return
         self.status[new] = ARRIVED
         self.arrival_tick[new] = self.last_arrival = self.tick
         self.arrival_energy[new] = self.energy[new]

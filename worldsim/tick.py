@@ -24,7 +24,8 @@ class Senses(NamedTuple):
     heard: frames that arrived at UAVs that are awake, with their links. letters: models that wait to be averaged, see
     `mailbox.mail_for`. newest: number of the last letter. leads: whether a round needs the leader in this tick.
     rule_record: state of the aggregation rule, for a leader that takes over. report: whether learned weights are
-    reported. checkpoint: whether memories are. killed: UAVs that the fault script kills now. leaders_killed: number of
+    reported. checkpoint: whether memories are. guided: UAVs (K,) that are told another goal. goals: (K, d), these, m.
+    killed: UAVs that the fault script kills now. leaders_killed: number of
     leaders that it kills now.
     """
 
@@ -41,6 +42,8 @@ class Senses(NamedTuple):
     rule_record: bytes
     report: bool
     checkpoint: bool
+    guided: Uavs
+    goals: Vectors
     killed: Uavs
     leaders_killed: int
 

@@ -13,7 +13,7 @@ from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, only
 from meanflock.federation.plan import Plan
 from meanflock.federation.seat import name_of, ticks_until_lost
-from meanflock.swarm import mission
+from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
     Diverged,
@@ -25,6 +25,7 @@ from meanflock.swarm.events import (
     Rejoined,
     RoundEnded,
     StatesRefused,
+    TurnedBack,
     UploadsRefused,
 )
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
@@ -59,12 +60,24 @@ class World(Stateful):
         backhaul: the wire between stations.
         models: the hash of the models that were shared.
         target: the metric at which the flight ends.
+        batteries_empty: number of UAVs whose battery was empty.
         over_duty: nodes whose radio has sent for longer than it may.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
     """
 
-    stored = ("over_duty", "flight", "air", "counters", "ledger", "backhaul", "models", "target", "commands")
+    stored = (
+        "over_duty",
+        "batteries_empty",
+        "flight",
+        "air",
+        "counters",
+        "ledger",
+        "backhaul",
+        "models",
+        "target",
+        "commands",
+    )
 
     def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
@@ -95,6 +108,7 @@ class World(Stateful):
         self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every if plan.is_resumable else 0
         self.over_duty: list[int] = []
+        self.batteries_empty = 0
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
         if resume is not None:
@@ -120,22 +134,21 @@ class World(Stateful):
 
         Stations have their own power.
         """
-        flight, constants = self.flight, self.scenario.energy
+        flight = self.flight
         radio = float(self.radio_energy_J[: self.scenario.uavs].sum())
-        compute = constants.step_J * flight.steps + self._training_J()
+        compute = float(self._compute_J().sum())
         total = float(flight.energy.sum()) + radio + compute
         return {"energy_radio_J": radio, "energy_compute_J": compute, "energy_total_J": total}
 
-    def _training_J(self) -> float:
-        """Energy of all computers so far while they trained, J."""
-        busy, dt, power = self.commands.busy_ticks, self.scenario.dt, self.scenario.training.power_W
-        if not self.scenario.groups:
-            return float(power * dt * busy.sum())
-        parts = mission.parts(self.scenario)
-        return sum(
-            float((group.training.power_W if group.training else power) * dt * busy[rows].sum())
-            for group, rows in parts
-        )
+    def _compute_J(self) -> Floats:
+        """Energy of the computer of each UAV so far, (N,), J."""
+        flight, training = self.flight, np.full(self.scenario.uavs, self.scenario.training.power_W)
+        for group, rows in mission.parts(self.scenario):
+            if group.training is not None:
+                training[rows] = group.training.power_W
+        ticks = flight.tick - flight.off_ticks
+        found: Floats = self.scenario.energy.step_J * ticks + self.scenario.dt * training * self.commands.busy_ticks
+        return found
 
     @property
     def duty(self) -> Floats:
@@ -161,6 +174,7 @@ class World(Stateful):
         present = self._present(tick, awake)
         due = self.ledger.deliver(tick, self.backhaul.gathered(self.air.due(tick), present), present)
         report = tick % REPORT_EVERY_TICKS == 0
+        guided, goals = flight.guide.news(awake)
         every = self._checkpoint_every
         self._senses = Senses(
             tick=tick,
@@ -176,6 +190,8 @@ class World(Stateful):
             rule_record=self.ledger.rule_record,
             report=report,
             checkpoint=report and every > 0 and tick % every == 0,
+            guided=guided,
+            goals=goals,
             killed=killed,
             leaders_killed=leaders_killed,
         )
@@ -192,6 +208,8 @@ class World(Stateful):
         flight, ledger, (tick, states, awake, present, *_) = self.flight, self.ledger, self._senses
         self.learn(acts.news)
         self._take(acts)
+        if len(self._senses.guided):
+            flight.guide.told(awake & ~absent)
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
         if len(diverged):
             flight.lose(diverged, Diverged, "an answer beyond all bounds")
@@ -301,6 +319,8 @@ class World(Stateful):
         """
         flight = self.flight
         self._begin_groups(tick)
+        if flight.guide.is_there:
+            self._guide(tick)
         if not self.scenario.faults:
             return _NOBODY, 0, self._all if flight.off is None else ~flight.off
         flight.events += self._script.events(tick)
@@ -308,6 +328,30 @@ class World(Stateful):
         flight.lose(killed, Lost, KILLED)
         awake = ~self._script.paused(tick)
         return killed, self._script.leaders_lost(tick), awake if flight.off is None else awake & ~flight.off
+
+    def _guide(self, tick: int) -> None:
+        """Move goals, send UAVs home whose battery is low, and land those that are there or whose battery is empty."""
+        flight, guide, energy = self.flight, self.flight.guide, self.scenario.energy
+        guide.move(tick)
+        if guide.landing.any():
+            flight.land(np.flatnonzero(guide.landing), "at a landing place, with a low battery")
+            guide.landing[:] = False
+        if energy.battery_J is None or tick % REPORT_EVERY_TICKS:
+            return
+        spent = flight.energy + self.radio_energy_J[: self.scenario.uavs] + self._compute_J()
+        aloft = np.ones_like(self._all) if flight.idle is None else ~flight.idle
+        empty = np.flatnonzero(aloft & (spent >= energy.battery_J))
+        if energy.empty == "falls":
+            flight.lose(empty, Lost, "with an empty battery, which lets it fall")
+        else:
+            flight.land(empty, "with an empty battery")
+        self.batteries_empty += len(empty)
+        low = aloft & ~guide.homeward & (spent >= (1.0 - energy.reserve) * energy.battery_J)
+        low[empty] = False
+        if low.any():
+            uavs = np.flatnonzero(low)
+            guide.send_home(uavs, state.position(flight.states[uavs]))
+            self.note(TurnedBack(tick, tuple(uavs.tolist())))
 
     def _begin_groups(self, tick: int) -> None:
         """Let groups join and leave as they are to."""

@@ -118,6 +118,7 @@ class Controller:
     broadcast_numbers: int = 64  # limit of the numbers that a UAV broadcasts in a tick, all frames together
     pairwise: bool = False  # whether a UAV has memory for each other UAV; memory grows with N²
     shares: bool = False  # whether UAVs broadcast their states according to `scenario.sharing`
+    guided: bool = False  # whether `guide` changes goals in flight
     recorded: Mapping[str, Any] = MappingProxyType({})  # options that a resolved scenario has too: hashes of files
     weighted: bool = False  # whether each model is sent with the number that `samples` returns, 32 bits more
     note_bytes: int = 0  # most bytes of a note that is sent with a model, 48 bits more
@@ -145,6 +146,13 @@ class Controller:
                 tick.
         """
         raise NotImplementedError
+
+    def guide(self, memory: Memory, rows: Rows, goals: NDArray[np.float64]) -> Memory:
+        """Returns the memory after some rows were given other goals, (len(rows), d) m.
+
+        Called only if the controller is `guided`, in flights with waypoints or batteries, see `Scenario.is_guided`.
+        """
+        raise NotImplementedError("a controller that is `guided` must override `guide`")
 
     def get(self, memory: Memory) -> NDArray[np.float64]:
         """Returns the models to upload, (M, parameters)."""
@@ -188,6 +196,13 @@ class Controller:
     def report(self, memory: Memory) -> NDArray[np.float64]:
         """Returns all learned floats of each UAV for the recording, (M, weights); by default the model of `get`."""
         return self.get(memory)
+
+
+def replaced(table: NDArray[Any], rows: Rows, values: Any) -> NDArray[Any]:
+    """A copy of a table, with other values in some rows."""
+    after = table.copy()
+    after[rows] = values
+    return after
 
 
 def of_kind(

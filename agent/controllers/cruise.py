@@ -8,7 +8,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step, replaced
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
@@ -30,12 +30,23 @@ class Travel:
         self._stays_inside = stays_inside
         self._radius = scenario.destination.radius
         self._goals = mission.goal_states(scenario)
+        self._is_guided = scenario.is_guided
 
     def init(self, uavs: NDArray[np.intp]) -> Memory:
         """Memory of rows with numbers (M,): the point to which each flies. Names begin with `travel_`."""
         memory: Memory = {"travel_end": state.position(self._goals[uavs])}
         if self._stays_inside:
             memory |= {"travel_uav": uavs.astype(np.int32), "travel_arrived": np.zeros(len(uavs), dtype=bool)}
+            if self._is_guided:
+                memory["travel_goal"] = self._goals[uavs]
+        return memory
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        """Memory after some rows were given other goals, (len(rows), d) m."""
+        memory = memory | {"travel_end": replaced(memory["travel_end"], rows, goals)}
+        if self._stays_inside:
+            memory["travel_arrived"] = replaced(memory["travel_arrived"], rows, False)
+            memory["travel_goal"] = replaced(memory["travel_goal"], rows, state.at_rest(goals))
         return memory
 
     def velocity(self, memory: Memory, own: States) -> tuple[Memory, Vectors]:
@@ -46,7 +57,8 @@ class Travel:
 
     def _arrive(self, memory: Memory, own: States) -> Memory:
         arrived = memory["travel_arrived"]
-        reached = state.norm(own - self._goals[memory["travel_uav"]]) <= self._radius
+        goals = memory["travel_goal"] if self._is_guided else self._goals[memory["travel_uav"]]
+        reached = state.norm(own - goals) <= self._radius
         reached &= ~arrived
         if not reached.any():
             return memory
@@ -84,6 +96,7 @@ class Cruise(Controller):
     """
 
     name = "cruise"
+    guided = True
     dimensions = (2, 3)
     broadcast_numbers = 0
 
@@ -100,6 +113,9 @@ class Cruise(Controller):
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._travel.init(uavs)
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        return self._travel.guide(memory, rows, goals)
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         memory, wanted = self._travel.velocity(memory, own)

@@ -49,6 +49,7 @@ class Filter:
         self.dated = inner.dated
         self.busy = inner.busy
         self.recorded = dict(inner.recorded)
+        self.guided = inner.guided
         if isinstance(self.columns, str):
             raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
@@ -127,6 +128,11 @@ class Filter:
         """See `Controller.set`."""
         inner_memory, own_memory = _split(memory)
         return self.inner.set(inner_memory, rows, models) | _prefixed(own_memory)
+
+    def guide(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
+        """See `Controller.guide`."""
+        inner_memory, own_memory = _split(memory)
+        return self.inner.guide(inner_memory, rows, goals) | _prefixed(own_memory)
 
     def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
         """See `Controller.arrived`."""

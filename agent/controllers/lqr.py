@@ -13,11 +13,11 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step, replaced
 from meanflock.agent.controllers.cruise import against_the_air
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import States
+from meanflock.swarm.state import States, Vectors
 
 
 class Lqr(Controller):
@@ -27,6 +27,7 @@ class Lqr(Controller):
     """
 
     name = "lqr"
+    guided = True
     dimensions = (2, 3)
     broadcast_numbers = 0
 
@@ -42,11 +43,16 @@ class Lqr(Controller):
         self._goals = mission.goals(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        return {"uav": uavs.astype(np.int32)}
+        memory: Memory = {"uav": uavs.astype(np.int32)}
+        return memory | {"goal": self._goals[uavs]} if self.scenario.is_guided else memory
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        return memory | {"goal": replaced(memory["goal"], rows, goals)}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         k_r, k_v = self.gains
-        feedback = -k_r * (state.position(own) - self._goals[memory["uav"]]) - k_v * state.velocity(own)
+        goals = memory["goal"] if self.scenario.is_guided else self._goals[memory["uav"]]
+        feedback = -k_r * (state.position(own) - goals) - k_v * state.velocity(own)
         return Step(memory, feedback + against_the_air(self.scenario, own))
 
 

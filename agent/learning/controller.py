@@ -95,7 +95,7 @@ class Learning:
         own = tuple(PREFIX + name if name in inner_names else name for name in own)
         self.diagnostics, self.busy = (*inner_names, *own), own[-1]
         self.broadcast_numbers, self.pairwise, self.shares = inner.broadcast_numbers, inner.pairwise, inner.shares
-        self.recorded = dict(inner.recorded)
+        self.recorded, self.guided = dict(inner.recorded), inner.guided
         self._learners: dict[int, Learner] = {}
         self._jobs: dict[int, tuple[int, Job]] = {}  # of each UAV: the tick in which its training began, and the call
 
@@ -165,6 +165,10 @@ class Learning:
             diagnostics=np.concatenate([*reported, *columns], axis=1),
             news=(*flown.news, *news),
         )
+
+    def guide(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
+        """See `Controller.guide`."""
+        return memory | self.inner.guide(_split(memory)[0], rows, goals)
 
     def get(self, memory: Memory) -> Floats:
         """The trained models; where there is none, the newest global model."""

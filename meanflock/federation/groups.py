@@ -157,6 +157,7 @@ def _joint(scenario: Scenario, each: Sequence[Declared], taking_part: Sequence[b
         note_bytes=max((each[number].note_bytes for number in sharing), default=0),
         dated=any(each[number].dated for number in sharing),
         busy="".join(busy),
+        guided=all(declared.guided for declared in each),
         recorded={},
     )
 

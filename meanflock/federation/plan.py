@@ -57,6 +57,7 @@ class Plan:
                 f"`[sharing]` is set, but controller {self.method!r} shares no states; remove that table, or set a "
                 "filter, which shares them: filter.kind=ecbf"
             )
+        self._check_guided()
         self._check_codings()
         self._check_resumable()
         self._check_until()
@@ -171,6 +172,18 @@ class Plan:
         """Returns whether a checkpoint has all of a flight."""
         rule = plugins.load("aggregator", self.scenario.federation.aggregation)
         return not self.declared.is_federated or bool(getattr(rule, "resumable", True))
+
+    def _check_guided(self) -> None:
+        """Validates that the controllers of UAVs whose goals change know what to do."""
+        for group in self.groups if self.scenario.is_guided else ():
+            if not group.declared.guided:
+                cause = (
+                    "`energy.battery_J` sends UAVs home" if self.scenario.energy.battery_J else "there are waypoints"
+                )
+                raise BadInput(
+                    f"scenario: {cause}, and controller {group.scenario.method!r} flies to one goal only; take one "
+                    "that is `guided`, for example cruise, orca or mfgfl-hf"
+                )
 
     def _check_resumable(self) -> None:
         """Validates that no leader takes over a rule whose state it cannot get."""

@@ -200,7 +200,7 @@ class Barrier:
             states: (M, 4), the states of its UAVs.
             received: the frames that reached it.
             checkpoint: whether the reply must contain the memory of the controller.
-            memory: state of the aggregation rule, for a new leader.
+            memory: a record: of a new leader, the state of the aggregation rule; of others, the goals that change.
         """
         report = self.reporting and len(states) > 0
         request = wire.write_sense(Sense(self._fingerprint, self._tick, states, report, checkpoint, received, memory))

@@ -23,7 +23,7 @@ from meanflock.swarm.wire.control import decode_record
 from meanflock.swarm.wire.messages import Act
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import Durations, TickSchedule
-from meanflock.worldsim.crew import inbox_of, no_models
+from meanflock.worldsim.crew import goals_of, inbox_of, no_models
 from meanflock.worldsim.tick import Acts, Senses
 from meanflock.worldsim.world import KILLED, World
 
@@ -214,7 +214,9 @@ class RemoteCrew:
         for member in asked:
             inbox = inbox_of(senses, member.uavs, member.read)
             member.read = senses.newest
-            self._barrier.ask(member, senses.states[member.place], inbox, senses.checkpoint)
+            self._barrier.ask(
+                member, senses.states[member.place], inbox, senses.checkpoint, goals_of(senses, member.uavs)
+            )
 
     def _ask_leader(self, senses: Senses) -> None:
         """Ask the elected leader if a round needs it, and it was not asked yet; the next one if it is lost at once."""

@@ -1,5 +1,6 @@
 """The mission of a scenario: start, launch time and goal of each UAV, and the obstacles. Pure functions."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -194,6 +195,8 @@ def _goals(space: Any, start: Any, destination: Any, from_there: state.Vectors) 
     """Goals by a `[destination]` of UAVs that start by a `[start]`, at the places `from_there` (n, d); likewise."""
     if destination.positions:
         return np.array(space.vectors(destination.positions, start.height))
+    if destination.waypoints:
+        return np.tile(space.vectors(destination.waypoints[:1], start.height), (len(from_there), 1))
     centre = space.vector(start.centre, start.height)
     if destination.goals == "opposite":
         return 2.0 * centre - from_there
@@ -206,6 +209,29 @@ def _goals(space: Any, start: Any, destination: Any, from_there: state.Vectors) 
     if destination.goals == "parallel":
         return from_there - (centre - origin)
     return np.tile(origin, (len(from_there), 1))
+
+
+def destinations(mission: Mission) -> list[tuple[slice, Any]]:
+    """The `[destination]` of all UAVs, by their rows."""
+    if not mission.groups:
+        return [(slice(0, mission.uavs), mission.destination)]
+    return [(rows, group.destination or mission.destination) for group, rows in parts(mission)]
+
+
+def farthest_from_landing(mission: Any) -> float:
+    """The longest way from a goal to the nearest landing place, or without any to the UAV's start, m.
+
+    `mission`: a scenario.
+    """
+    home, space = state.position(starts(mission)), mission.space
+    landings = np.array(space.vectors(mission.energy.landings, mission.start.height))
+    ways = [0.0]
+    for rows, destination in destinations(mission):
+        for place in [goals(mission)[rows], *space.vectors(destination.waypoints, mission.start.height)]:
+            apart = place - home[rows] if not len(landings) else np.atleast_2d(place)[:, None] - landings
+            length = state.length(apart)
+            ways.append(float(length.max() if not len(landings) else length.min(axis=1).max()))
+    return max(ways)
 
 
 def radii(mission: Mission) -> Floats:
@@ -373,10 +399,35 @@ def _check_start(start: Any, uavs: int, is_space: bool) -> None:
 def _check_goals(destination: Any, start: Any, uavs: int, is_space: bool) -> None:
     """Raises ValueError if a `[destination]` of so many UAVs contradicts itself, or their `[start]`."""
     _check_positions("destination", destination, "goals", uavs)
+    _check_waypoints(destination, is_space)
     if destination.goals == "vertical" and not is_space:
         raise ValueError('`destination.goals` "vertical" needs space; set `space.dimensions` to 3, or take other goals')
     if destination.goals == "across" and formation(start) != "streams":
         raise ValueError('`destination.goals` "across" needs streams; set `start.formation` to streams, or other goals')
+
+
+def _check_waypoints(destination: Any, is_space: bool) -> None:
+    """Raises ValueError if the waypoints of a `[destination]` contradict its other keys."""
+    points, times = destination.waypoints, destination.times_s
+    if not points:
+        for key, is_set in (("times_s", bool(times)), ("patrol", destination.patrol)):
+            if is_set:
+                raise ValueError(f"`destination.{key}` has no effect without `destination.waypoints`; set that too")
+        return
+    for key in ("goals", "positions"):
+        if getattr(destination, key):
+            raise ValueError(f"`destination.waypoints` and `destination.{key}` are both given; leave one of them out")
+    if not is_space and any(len(point) > state.PLANE for point in points):
+        raise ValueError(
+            "`destination.waypoints` has three numbers, and the flight is in the plane; set `space.dimensions` to 3, "
+            "or leave the third out"
+        )
+    if destination.patrol and len(points) < 2:
+        raise ValueError("`destination.patrol` needs two `destination.waypoints` or more; add one, or leave it out")
+    if times and (len(times) != len(points) or times[0] != 0.0 or any(b <= a for a, b in itertools.pairwise(times))):
+        raise ValueError(
+            f"`destination.times_s` {list(times)} must ascend from 0, one for each of the {len(points)} waypoints"
+        )
 
 
 def _check_positions(name: str, table: Any, other: str, uavs: int) -> None:

@@ -23,6 +23,7 @@ from meanflock.agent.controllers.base import (
     believed,
     of_kind,
     plausible,
+    replaced,
 )
 from meanflock.agent.controllers.mean_field.learner import MeanFieldLearner
 from meanflock.kernels.mean_field.layout import layout_of
@@ -81,6 +82,7 @@ class MeanField(Controller):
     """Base class of the paper's learning methods."""
 
     dimensions = (2, 3)
+    guided = True
     weights: int
     learns_density = True
     shares_value = shares_density = False  # whether the federation averages these networks
@@ -119,7 +121,7 @@ class MeanField(Controller):
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         goals = mission.goal_states(self.scenario)
-        if goals.any():
+        if goals.any() or self.scenario.is_guided:
             memory: Memory = {"weights": self.learner.init_to(goals, uavs, plan), "goal": goals[uavs]}
         else:
             memory = {"weights": self.learner.init(len(uavs), plan)}
@@ -128,6 +130,9 @@ class MeanField(Controller):
         if self.separation is not None:
             memory |= self.separation.init(uavs, plan)
         return memory
+
+    def guide(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
+        return memory | {"goal": replaced(memory["goal"], rows, state.at_rest(goals))}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         weights = memory["weights"]

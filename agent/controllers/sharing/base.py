@@ -37,7 +37,7 @@ from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
 from meanflock.agent.controllers.sharing.nearby import Obstacles
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, States
+from meanflock.swarm.state import Floats, States, Vectors
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 FAR_M = 1e6  # position along x and y of a UAV whose state is unknown: far from all others
@@ -223,6 +223,8 @@ class Travelling(Options, frozen=True):
 class TravellingController(SharingController):
     """Base class of controllers that fly like `cruise` without other UAVs; options derive from `Travelling`."""
 
+    guided = True
+
     stays_inside: ClassVar[bool] = False  # whether a UAV stays where it entered the destination
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
@@ -231,3 +233,6 @@ class TravellingController(SharingController):
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return super().init(uavs, plan) | self._travel.init(uavs)
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        return self._travel.guide(memory, rows, goals)

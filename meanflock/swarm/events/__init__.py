@@ -26,6 +26,7 @@ from meanflock.swarm.events.mission import (
     StatesRefused,
     SteeringBegan,
     SteeringEnded,
+    TurnedBack,
 )
 from meanflock.swarm.events.nodes import (
     AgentFailed,
@@ -76,6 +77,7 @@ FlightEvent: TypeAlias = (
     | Arrived
     | Landed
     | Joined
+    | TurnedBack
     | SteeringBegan
     | SteeringEnded
     | Collided

@@ -40,6 +40,18 @@ class Landed(BaseEvent, frozen=True):
         return f"{listed(self.uavs)} landed: {self.reason}"
 
 
+class TurnedBack(BaseEvent, frozen=True):
+    """UAVs have a low battery, and return."""
+
+    meanings = {"low": "UAVs have a low battery, and fly to the nearest landing place"}
+    level = "WARN"
+    uavs: Uavs
+
+    @property
+    def text(self) -> str:
+        return f"{listed(self.uavs)} turned back: low battery"
+
+
 class Joined(BaseEvent, frozen=True):
     """UAVs of a group take off, after others."""
 

@@ -212,6 +212,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             )
         self._check_stations()
         self._check_radios()
+        self._check_batteries()
         if self.until is not None:
             Until.of_text(self.until)
         if self.duration < self.dt:
@@ -301,6 +302,29 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                     f"`groups[{number}].start.height` is {group.start.height:g} m, and in the plane all fly at "
                     f"`start.height`, {self.start.height:g} m; make them equal, or set `space.dimensions` to 3"
                 )
+
+    def _check_batteries(self) -> None:
+        """Raises ValueError where a reserve cannot carry a UAV from a goal to a landing place, or keys of batteries
+        have no effect."""
+        energy, default = self.energy, tables.Energy()
+        if energy.battery_J is None:
+            for name in ("reserve", "landings", "empty"):
+                if getattr(energy, name) != getattr(default, name):
+                    raise ValueError(f"`energy.{name}` has no effect without `energy.battery_J`; set that too")
+            return
+        if self.dimensions == state.PLANE and any(len(place) > state.PLANE for place in energy.landings):
+            raise ValueError("`energy.landings` has three numbers, and the flight is in the plane; leave the third out")
+        if self.vehicle.model != tables.VehicleTable().model or not mission.has_starts(self):
+            return  # another vehicle has a power of its own
+        speeds = np.linspace(0.5, 50.0, 100)
+        least = float((self.vehicle.power(speeds * speeds, speeds) / speeds).min())  # J/m
+        farthest = mission.farthest_from_landing(self)
+        if (left := energy.reserve * energy.battery_J) < least * farthest:
+            raise ValueError(
+                f"`energy.battery_J` {energy.battery_J:g} J leaves a reserve of {left:g} J, and the way of "
+                f"{farthest:.4g} m from a goal to the nearest landing place takes {least * farthest:.4g} J at least; take a larger "
+                "battery or reserve, or add a place to `energy.landings`"
+            )
 
     def _check_memory(self) -> None:
         """Raises ValueError where the memory of this machine could not even hold the states of the UAVs.
@@ -481,10 +505,22 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return int(self.delivery_ticks(np.array(self.federation.deadline / self.radio.coherence_time_s)))
 
     def known(self) -> "Scenario":
-        """The scenario that agents and leader get: without `[truth]` and `[energy]`, which no controller may use."""
-        if self.truth == tables.Truth() and self.energy == tables.Energy():
+        """The scenario that agents and leader get: without `[truth]`, and of `[energy]` with the battery alone. No
+        controller may use the rest."""
+        battery = msgspec.structs.replace(self.energy, radio_W=0.0, receive_W=0.0, idle_W=0.0, step_J=0.0)
+        if self.truth == tables.Truth() and self.energy == battery:
             return self
-        return msgspec.structs.replace(self, truth=tables.Truth(), energy=tables.Energy())
+        return msgspec.structs.replace(self, truth=tables.Truth(), energy=battery)
+
+    @property
+    def is_guided(self) -> bool:
+        """Returns whether goals may change in flight: there are waypoints or batteries."""
+        return self.energy.battery_J is not None or self.has_waypoints
+
+    @property
+    def has_waypoints(self) -> bool:
+        """Returns whether any UAV has waypoints."""
+        return any(len(table.waypoints) > 0 for _, table in mission.destinations(self))
 
     def flown(self) -> "Scenario":
         """The scenario of the world's vehicles, with drag and wind of `[truth]`."""

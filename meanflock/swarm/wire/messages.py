@@ -114,7 +114,7 @@ class Sense(msgspec.Struct, frozen=True, eq=False):
     report: bool = False  # the reply must have the learned weights
     checkpoint: bool = False  # the reply must have the memory
     inbox: tuple[Frames, ...] = ()
-    memory: bytes = b""  # to a leader that takes over: the state of the aggregation rule, a record
+    memory: bytes = b""  # a record: to a leader that takes over, the state of the rule; to an agent, goals that change
 
 
 class Act(msgspec.Struct, frozen=True, eq=False):

@@ -139,6 +139,31 @@ class Destination(_Table, frozen=True):
     positions: Annotated[
         Places, key("the goal of each UAV, instead of `goals`", OURS, "for a mission of your own", unit="m", later=True)
     ] = ()
+    waypoints: Annotated[
+        Places,
+        key(
+            "goals of every UAV, one after another, instead of `goals`; it has arrived at the last one",
+            OURS,
+            "the paper's UAVs have one goal",
+            unit="m",
+            later=True,
+            max_length=10000,
+        ),
+    ] = ()
+    times_s: Annotated[
+        tuple[Annotated[float, Meta(ge=0, le=1e9)], ...],
+        key(
+            "times at which the goal is at the waypoints; it moves straight between them; unset: a UAV that reaches a "
+            "waypoint flies to the next",
+            OURS,
+            "likewise",
+            unit="s",
+            later=True,
+        ),
+    ] = ()
+    patrol: Annotated[
+        bool, key("whether the first waypoint follows the last, so that no UAV arrives", OURS, "likewise", later=True)
+    ] = False
 
 
 class Obstacle(_Table, frozen=True, omit_defaults=True):

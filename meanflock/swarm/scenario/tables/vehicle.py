@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import field
 
 from meanflock.swarm.scenario.described import OURS, PRINTED, key
+from meanflock.swarm.scenario.tables.mission import Places
 from meanflock.swarm.state import Floats
 from meanflock.swarm.toml import Table as _Table
 
@@ -86,7 +87,7 @@ class VehicleTable(_Table, frozen=True):
 
 
 class Energy(_Table, frozen=True):
-    """Energy of the radio and of the computer; it is in the summary only."""
+    """Energy of the radio and of the computer, which is in the summary; and the batteries of the UAVs."""
 
     radio_W: Annotated[
         float,
@@ -116,3 +117,42 @@ class Energy(_Table, frozen=True):
     step_J: Annotated[
         float, key("energy of one tick of the controller of one UAV", OURS, "likewise", unit="J", ge=0)
     ] = 0.0
+    battery_J: (
+        Annotated[
+            float,
+            key(
+                "energy in the battery of a UAV at take-off, for motion, radio and computing; unset: without end",
+                OURS,
+                "the paper's UAVs fly as long as they need",
+                unit="J",
+                later=True,
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+    reserve: Annotated[
+        float,
+        key(
+            "share of a battery at which it is low: its UAV then flies to the nearest landing place, and lands there",
+            OURS,
+            "no effect without a battery",
+            later=True,
+            gt=0,
+            lt=1,
+        ),
+    ] = 0.2
+    landings: Annotated[
+        Places,
+        key(
+            "landing places of UAVs with a low battery; none: the start of each UAV",
+            OURS,
+            "likewise",
+            unit="m",
+            later=True,
+        ),
+    ] = ()
+    empty: Annotated[
+        Literal["lands", "falls"],
+        key("a UAV whose battery is empty lands where it is, or falls and is lost", OURS, "likewise", later=True),
+    ] = "lands"

@@ -21,7 +21,7 @@ class _Kind(NamedTuple):
     columns: list[int]
 
 
-class Fleet:
+class FlownVehicles:
     """The vehicles of a scenario. The UAVs of one kind move in one call, and their hidden arrays have their rows only.
 
     Attributes:
