@@ -32,7 +32,7 @@ NUMPY = {
     *("short-orca", "short-bvc", "short-braking", "short-crowd-mfgfl-h", "short-windmap", "short-events"),
     *("short-int8", "short-clusters-hf", "short-doubles", "short-quiet", "short-waves", "short-discs"),
     *("short-space-cruise", "short-space-orca", "short-space-braking", "short-space-hf", "short-space-mast"),
-    *("short-space-quadrotor", "short-space-multirotor", "short-groups", "short-space-groups"),
+    *("short-space-quadrotor", "short-space-multirotor", "short-groups", "short-space-groups", "short-patrol"),
 }
 FLY = """
 import json, sys

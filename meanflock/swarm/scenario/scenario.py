@@ -321,9 +321,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         farthest = mission.farthest_from_landing(self)
         if (left := energy.reserve * energy.battery_J) < least * farthest:
             raise ValueError(
-                f"`energy.battery_J` {energy.battery_J:g} J leaves a reserve of {left:g} J, and the way of "
-                f"{farthest:.4g} m from a goal to the nearest landing place takes {least * farthest:.4g} J at least; take a larger "
-                "battery or reserve, or add a place to `energy.landings`"
+                f"`energy.battery_J` {energy.battery_J:g} J leaves a reserve of {left:g} J, and {farthest:.4g} m from "
+                f"a goal to the nearest landing place take {least * farthest:.4g} J at least; take a larger battery or "
+                "reserve, or add a place to `energy.landings`"
             )
 
     def _check_memory(self) -> None:
