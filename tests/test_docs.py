@@ -34,6 +34,7 @@ EXECUTED = [
     "your-channel",
     "your-vehicle",
     "your-study",
+    "lasting-missions",
     "recorded-movement",
     "train-in-flight",
     "train-a-policy",
