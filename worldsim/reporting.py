@@ -89,6 +89,7 @@ class Blocks:
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
         scenario, self._declared, self._names = world.scenario, world.plan.declared, world.plan.columns
+        self._has = None if (has := world.plan.has_column) is None else has.astype(np.uint8)
         uavs = scenario.uavs
         self._world = world
         self._mailer = mailer
@@ -194,6 +195,7 @@ class Blocks:
                 events=tuple(self._events),
                 checkpoint=self._parts.popleft() if self._parts else b"",
                 diagnostic_names=self._names,
+                has_diagnostic=self._has,
             )
         )
         self._begin(self.block + 1, self._first_tick + n)

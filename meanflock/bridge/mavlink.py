@@ -40,6 +40,7 @@ _SYSTEM_STATUS = {
     Status.FLYING: mavlink.MAV_STATE_ACTIVE,
     Status.ARRIVED: mavlink.MAV_STATE_STANDBY,
     Status.LOST: mavlink.MAV_STATE_EMERGENCY,
+    Status.LANDED: mavlink.MAV_STATE_STANDBY,
 }
 
 

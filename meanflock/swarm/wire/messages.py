@@ -167,6 +167,7 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     events: tuple[FlightEvent, ...] = ()
     checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
     diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics and columns
+    has_diagnostic: np.ndarray | None = None  # (N, K) u1, 0 where a UAV has no such number; None: every UAV has all
 
 
 class Acknowledgement(_ControlMessage, frozen=True, tag="received"):
