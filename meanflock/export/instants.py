@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
+from meanflock.results.groups import method
 from meanflock.results.quantities import ATTITUDE
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
@@ -65,11 +66,11 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     """The ticks of a piece of a flight; the last one has all events that are left."""
     states = states_of(piece.rows)
     places, velocities = state.in_three(state.position(states)), state.in_three(state.velocity(states))
+    yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
+    roll = pitch = np.zeros_like(yaw)
     if set(ATTITUDE) <= {*piece.rows.schema.names}:
-        roll, pitch, yaw = np.moveaxis(per_uav(piece.rows, *ATTITUDE).astype(np.float64), -1, 0)
-    else:
-        yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
-        roll = pitch = np.zeros_like(yaw)
+        shown = np.moveaxis(per_uav(piece.rows, *ATTITUDE).astype(np.float64), -1, 0)
+        roll, pitch, yaw = np.where(np.isnan(shown), (roll, pitch, yaw), shown)  # NaN: of another vehicle
     turns = _quaternions(roll, pitch, yaw)
     status = per_uav(piece.rows, "status")[..., 0]
     times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
@@ -99,7 +100,7 @@ def _quaternions(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
 def about(flown: FlownKeys, finished: bool) -> dict[str, str]:
     """The scenario in a few words."""
     return {
-        "method": flown.method,
+        "method": method(flown),
         "uavs": str(flown.uavs),
         "seed": str(flown.seed),
         "finished": str(finished).lower(),
