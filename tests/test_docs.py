@@ -35,6 +35,7 @@ EXECUTED = [
     "your-vehicle",
     "your-study",
     "recorded-movement",
+    "groups",
     "train-in-flight",
     "train-a-policy",
     "flower",

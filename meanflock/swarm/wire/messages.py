@@ -206,7 +206,7 @@ SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "phi_C",
     "phi_C_distinct",
     "collisions",
-    "arrived",  # now
+    "arrived",
     "round",  # now
     "held_commands",  # in real time, as the next
     "deadline_misses",
