@@ -137,7 +137,7 @@ class MavlinkVehicle:
         return frame
 
 
-class Fleet:
+class MavlinkFleet:
     """The UAVs of a flight that have a system id, as vehicles: a datagram of each in a tick."""
 
     def __init__(self, uavs: int, dt: float, home: Home | None = None, base: Base | None = None) -> None:
