@@ -46,6 +46,9 @@ def page() -> str:
             ("column", "unit", "", "cumulative", "what"), map(_column, map(quantities.diagnostic, quantities.SHOWN))
         ),
         "",
+        "With [groups](groups.md) these columns are those of all groups. A number that a UAV does not have is null:",
+        "its controller has no such diagnostic, or its vehicle no such column.",
+        "",
         "The remaining columns are the same for all controllers and vehicles:",
         "",
         *_table(("column", "unit", "", "cumulative", "what"), map(_column, quantities.COLUMNS_AFTER)),

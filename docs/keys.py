@@ -42,6 +42,7 @@ def page() -> str:
         "",
         *_entries(schema, "obstacles", "Obstacle"),
         *_entries(schema, "stations", "Station"),
+        *_entries(schema, "groups", "GroupTable"),
         *_entries(schema, "radios", "UnequalRadio"),
         "## [[faults]]",
         "",
@@ -85,7 +86,7 @@ def completed() -> str:
         described = schema["Scenario"]["properties"]
         if table:
             described = schema[described[table]["$ref"].rpartition("/")[2]]["properties"]
-        if key not in ("controller", "faults", "obstacles", "radios", "stations") and name != "options":
+        if key not in ("controller", "faults", "groups", "obstacles", "radios", "stations") and name != "options":
             values = [*_values(described[name])]
             if kind := named.get(key):
                 default = described[name].get("default")
@@ -123,13 +124,15 @@ def _faults(schema: dict[str, Any]) -> Iterator[str]:
 def _entries(schema: dict[str, Any], name: str, table: str) -> list[str]:
     """A section about a list of tables, whose keys have descriptions."""
     properties = schema[table]["properties"].items()
-    rows = [f"| `{key}` | {_described(of_key)} |" for key, of_key in properties]
-    return [f"## [[{name}]]", "", schema[table]["description"], "", "| key | what |", "|---|---|", *rows, ""]
+    rows = [f"| `{key}` | {_described(key, of_key)} |" for key, of_key in properties]
+    about = " ".join(schema[table]["description"].split())
+    return [f"## [[{name}]]", "", about, "", "| key | what |", "|---|---|", *rows, ""]
 
 
-def _described(of_key: dict[str, Any]) -> str:
-    """The description of a key, which may be that of one of its types."""
-    found = of_key.get("description") or next(one["description"] for one in of_key["anyOf"] if "description" in one)
+def _described(key: str, of_key: dict[str, Any]) -> str:
+    """The description of a key, which may be that of one of its types; a table is described where it stands alone."""
+    texts = [of_key, *of_key.get("anyOf", ())]
+    found = next((one["description"] for one in texts if "description" in one), f"as `[{key}]`, for this group")
     return " ".join(found.split())
 
 

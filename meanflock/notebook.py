@@ -22,6 +22,7 @@ _RIGHT, _LEFT = "text-align:right", "text-align:left"
 def html_of_run(flown: Mapping[str, Any], folder: Path | None, shown: "Callable[[], RunPicture]") -> str:
     """A picture of what is `shown` of a run, if it can be drawn, and the main figures of its summary `flown`."""
     rows = [("arrived", f"{flown['arrived']} of {flown['uavs']} UAVs; {flown['lost']} lost")]
+    rows += [("landed for good", f"{flown['landed']} UAVs")] if flown.get("landed") else []
     rows += [("collisions", f"{flown['collisions']} pairs")]
     rows += [(quantity(key).name, _with_unit(figure(flown, key), quantity(key))) for key in _FIGURES]
     if folder is not None:

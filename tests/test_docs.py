@@ -36,6 +36,7 @@ EXECUTED = [
     "your-study",
     "lasting-missions",
     "recorded-movement",
+    "groups",
     "train-in-flight",
     "train-a-policy",
     "flower",

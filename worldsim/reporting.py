@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Telemetry
 from meanflock.worldsim.checkpoint import most_bytes, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -24,7 +24,6 @@ _BLOCK_ROWS = 20  # rows of a block of telemetry at least, of a swarm that is no
 _BLOCK_BYTES = 16 * 2**20  # no block has more rows than fit, so that a few blocks may wait
 _BLOCK_STATES = 2500  # a block has more rows as long as it has fewer states than this
 _BLOCK_ROWS_REALTIME = 2
-_ARRIVED = bytes([Status.ARRIVED])
 _STATE = int(FrameKind.STATE)  # comparing with the member of the enumeration converts it each time
 
 
@@ -89,6 +88,7 @@ class Blocks:
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
         scenario, self._declared, self._names = world.scenario, world.plan.declared, world.plan.columns
+        self._has = None if (has := world.plan.has_column) is None else has.astype(np.uint8)
         uavs = scenario.uavs
         self._world = world
         self._mailer = mailer
@@ -129,7 +129,7 @@ class Blocks:
             flight.phi_c,
             flight.phi_c_distinct or 0.0,
             flight.collisions,
-            row.status.tobytes().count(_ARRIVED),
+            np.count_nonzero(flight.arrival_tick >= 0),
             world.ledger.rounds,
             counters.held,
             counters.deadline_misses,
@@ -194,6 +194,7 @@ class Blocks:
                 events=tuple(self._events),
                 checkpoint=self._parts.popleft() if self._parts else b"",
                 diagnostic_names=self._names,
+                has_diagnostic=self._has,
             )
         )
         self._begin(self.block + 1, self._first_tick + n)

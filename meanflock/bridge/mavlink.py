@@ -40,6 +40,7 @@ _SYSTEM_STATUS = {
     Status.FLYING: mavlink.MAV_STATE_ACTIVE,
     Status.ARRIVED: mavlink.MAV_STATE_STANDBY,
     Status.LOST: mavlink.MAV_STATE_EMERGENCY,
+    Status.LANDED: mavlink.MAV_STATE_STANDBY,
 }
 
 
@@ -136,7 +137,7 @@ class MavlinkVehicle:
         return frame
 
 
-class Fleet:
+class MavlinkFleet:
     """The UAVs of a flight that have a system id, as vehicles: a datagram of each in a tick."""
 
     def __init__(self, uavs: int, dt: float, home: Home | None = None, base: Base | None = None) -> None:

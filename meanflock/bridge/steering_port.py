@@ -7,7 +7,7 @@ from types import TracebackType
 
 import numpy as np
 
-from meanflock.bridge.mavlink import Fleet, Reader
+from meanflock.bridge.mavlink import MavlinkFleet, Reader
 from meanflock.net.access import Address
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.state import States
@@ -30,7 +30,7 @@ class SteeringPort:
         """
         self._clock = clock
         self._reader = Reader(uavs)
-        self._fleet = Fleet(uavs, dt)
+        self._fleet = MavlinkFleet(uavs, dt)
         self._clients: dict[tuple[str, int], float] = {}  # when each was last heard
         try:
             self._socket = address.bind()

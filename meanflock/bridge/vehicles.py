@@ -8,7 +8,7 @@ from types import TracebackType
 
 import numpy as np
 
-from meanflock.bridge.mavlink import Base, Fleet, Home
+from meanflock.bridge.mavlink import Base, Home, MavlinkFleet
 from meanflock.net.access import Address
 from meanflock.results.flown import FlightSoFar
 from meanflock.results.series import per_uav, states_of
@@ -35,7 +35,7 @@ class Vehicles:
         Raises:
             BadInput: nothing can be sent to an address.
         """
-        self._fleet = Fleet(uavs, dt, home, base)
+        self._fleet = MavlinkFleet(uavs, dt, home, base)
         self.count = len(self._fleet)
         self._clock = clock
         self._sockets: list[socket.socket] = []

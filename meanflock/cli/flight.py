@@ -120,13 +120,15 @@ def _fly(
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
-    from meanflock.launch.progress import summary_table
+    from meanflock.launch.progress import groups_table, summary_table
     from meanflock.results.run_folder import EVENTS, first_loss, lost_everyone
 
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
         Console().print(summary_table(done.summary))
+        if groups := done.summary["groups"]:
+            Console().print(groups_table(groups))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:

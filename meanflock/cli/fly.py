@@ -85,8 +85,8 @@ def run(
     SCENARIO is a TOML file, or the name of one that comes with meanflock:
 
     \b
-    crowd, faults, gusts, hierarchical, lossy, massive, obstacles, paper,
-    paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
+    crowd, faults, groups, gusts, hierarchical, lossy, massive, obstacles,
+    paper, paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
     radio-street, radio-thin, streams, swap, unknown, windmap, windy.
 
     \b

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from meanflock.cli.tables import WIDTH, console_for
-from meanflock.launch.progress import summary_table
+from meanflock.launch.progress import groups_table, summary_table
 from meanflock.results.flown import flown_keys
 from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
 from meanflock.results.rounds_table import MEAN, METRIC, rounds_table, stored_rounds
@@ -44,11 +44,12 @@ _MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON r
 def list_table(runs: Sequence[StoredFolder]) -> Table:
     """Table of runs. In a narrow terminal it leaves out columns that the names of all runs repeat."""
     rows = [_cells(run) for run in runs]
-    repeated = all(re.match(rf"\d{{8}}-\d{{6}}-{re.escape(named(run, 'method'))}-s", run.folder.name) for run in runs)
+    names = [re.match(r"\d{8}-\d{6}-(.+)-s\d", run.folder.name) for run in runs]
     whole = _table(rows, ())
-    if not repeated or Console(width=_WIDE).measure(whole).maximum <= Console().width:
+    if None in names or Console(width=_WIDE).measure(whole).maximum <= Console().width:
         return whole
-    return _table(rows, _IN_THE_NAME)
+    has_method = all(name is not None and name[1] == row["method"] for name, row in zip(names, rows, strict=True))
+    return _table(rows, _IN_THE_NAME if has_method else [name for name in _IN_THE_NAME if name != "method"])
 
 
 def _table(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
@@ -118,6 +119,8 @@ def print_run(run: StoredFolder) -> None:
         results.box = None
         results.pad_edge = False
         _print_titled("Results", results)
+    if groups := run.figure("groups"):
+        _print_titled("Groups", groups_table(groups))
     files = _headed("file", "size", "")
     files.columns[1].justify = "right"
     for name, size in _files(run).items():

@@ -122,7 +122,8 @@ class _Export:
         self._counts: Counter[str] = Counter()
         self._first_ns = self._last_ns = flight.take_off_ns
         self._mission = _serialized(messages.goals_and_obstacles(flight.scenario))
-        self._uavs = _serialized(messages.uavs([], []))  # the last scene
+        self._uavs = _serialized(messages.uavs([], [], flight.scenario))  # the last scene
+        self._groups = [group.name for group in flight.scenario.groups for _ in range(group.count)]
         self._shown: tuple[int, list[int]] = (0, [])  # its time, and the status of each UAV
 
     def write(self, piece: Piece) -> None:
@@ -148,12 +149,13 @@ class _Export:
     def _show(self, at: Instant, piece: Piece) -> None:
         """Append the scene and the diagnostics."""
         if at.status != self._shown[1]:  # else the frames alone move the UAVs
-            self._uavs = _serialized(messages.uavs(at.uavs, at.status))
+            self._uavs = _serialized(messages.uavs(at.uavs, at.status, self._flight.scenario))
         self._shown = at.time_ns, at.status
         self._append("/mission", at.time_ns, *self._mission)
         self._append("/uavs", at.time_ns, *self._uavs)
         (row,) = piece.rows.slice(at.row, 1).select(self._totals + self._reports).to_pylist()
         totals = {key: row.pop(key) for key in self._totals}
+        row |= {"group": self._groups} if self._groups else {}
         self._log("/diagnostics", at.time_ns, messages.diagnostics(at, totals, row))
 
     def _log(self, topic: str, time_ns: int, message: Any) -> None:

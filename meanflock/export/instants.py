@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
+from meanflock.results.groups import method
 from meanflock.results.quantities import ATTITUDE
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
@@ -69,11 +70,11 @@ def instants(flight: FlightSoFar, piece: Piece) -> Iterator[Instant]:
     shown = np.linspace(0, uavs - 1, min(uavs, MOST_UAVS)).astype(np.intp)
     states = states_of(piece.rows)[:, shown]
     places, velocities = state.in_three(state.position(states)), state.in_three(state.velocity(states))
+    yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
+    roll = pitch = np.zeros_like(yaw)
     if set(ATTITUDE) <= {*piece.rows.schema.names}:
-        roll, pitch, yaw = np.moveaxis(per_uav(piece.rows, *ATTITUDE)[:, shown].astype(np.float64), -1, 0)
-    else:
-        yaw = np.arctan2(velocities[..., 1], velocities[..., 0])
-        roll = pitch = np.zeros_like(yaw)
+        attitude = np.moveaxis(per_uav(piece.rows, *ATTITUDE)[:, shown].astype(np.float64), -1, 0)
+        roll, pitch, yaw = np.where(np.isnan(attitude), (roll, pitch, yaw), attitude)  # NaN: of another vehicle
     turns = _quaternions(roll, pitch, yaw)
     status = per_uav(piece.rows, "status")[:, shown, 0]
     times = [time_ns(flight, seconds) for seconds in piece.rows["sim_time_s"].to_pylist()]
@@ -104,7 +105,7 @@ def _quaternions(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
 def about(flown: FlownKeys, finished: bool) -> dict[str, str]:
     """The scenario in a few words."""
     return {
-        "method": flown.method,
+        "method": method(flown),
         "uavs": str(flown.uavs),
         "seed": str(flown.seed),
         "finished": str(finished).lower(),

@@ -8,6 +8,7 @@ import numpy as np
 from rosbags.typesys.stores import ros2_kilted as ros
 
 from meanflock.export.instants import NANOSECONDS, Instant
+from meanflock.results import groups
 from meanflock.results.event_log import event_level, event_text
 from meanflock.swarm import mission, state
 from meanflock.swarm.events import FlightEvent
@@ -23,6 +24,14 @@ _COLORS: dict[Status, Color] = {
     Status.LOST: (0.85, 0.25, 0.22),
     Status.LANDED: (0.55, 0.55, 0.55),
 }
+_GROUPS: tuple[Color, ...] = (  # of UAVs of groups that fly or have arrived
+    (0.26, 0.56, 0.96),
+    (1.00, 0.71, 0.33),
+    (0.73, 0.60, 1.00),
+    (0.90, 0.90, 0.35),
+    (1.00, 0.56, 0.64),
+    (0.93, 0.94, 0.96),
+)
 _GOAL: Color = (0.20, 0.73, 0.40)
 _OBSTACLE: Color = (0.55, 0.55, 0.58)
 _STATION: Color = (0.93, 0.94, 0.96)
@@ -64,15 +73,20 @@ def states(at: Instant) -> Any:
     return ros.sensor_msgs__msg__MultiDOFJointState(_header(at.time_ns), names, _transforms(at), velocities, [])
 
 
-def uavs(numbers: Sequence[int], status: Sequence[int]) -> Any:
-    """An arrow and a label for each UAV, in its frame."""
+def uavs(numbers: Sequence[int], status: Sequence[int], flown: Mission) -> Any:
+    """An arrow and a label for each UAV, in its frame. Arrows of a group have its colour, and its name as namespace."""
     size = (_LENGTH_M, _LENGTH_M / 6, _LENGTH_M / 6)
     markers = []
-    for uav, now in zip(numbers, map(Status, status), strict=True):
+    group = groups.numbers(flown)
+    for uav, now, number in zip(numbers, map(Status, status), group[list(numbers)].tolist(), strict=True):
         label = str(uav) if now == Status.FLYING else f"{uav} {now.name.lower()}"
         arrow = ros.visualization_msgs__msg__Marker.ARROW
-        markers.append(_marker("uavs", uav, arrow, (0.0, 0.0, 0.0), size, _COLORS[now], frame=_name(uav)))
-        markers.append(_text(uav, (0.0, 0.0, 0.0), label, _COLORS[now], frame=_name(uav)))
+        color, namespace = _COLORS[now], "uavs"
+        if flown.groups:
+            namespace = flown.groups[number].name
+            color = _GROUPS[number % len(_GROUPS)] if now < Status.LOST else color
+        markers.append(_marker(namespace, uav, arrow, (0.0, 0.0, 0.0), size, color, frame=_name(uav)))
+        markers.append(_text(uav, (0.0, 0.0, 0.0), label, color, frame=_name(uav)))
     return ros.visualization_msgs__msg__MarkerArray(markers)
 
 

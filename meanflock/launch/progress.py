@@ -1,7 +1,10 @@
-"""Progress bar of a flight on standard error, and the table of its summary."""
+"""Progress bar of a flight on standard error, and the tables of its summary."""
 
+from collections.abc import Mapping
 from types import TracebackType
+from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
@@ -106,7 +109,8 @@ def summary_table(summary: dict[str, object]) -> Table:
         if summary["nodes_rejoined"]:
             rejoined += ": agents among them began anew, without what they had learned"
         table.add_row("processes lost", f"{summary['nodes_lost']}", rejoined)
-    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+    landed = f", {summary['landed']} landed for good" if summary.get("landed") else ""
+    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost{landed}")
 
     def quantity(field: str, statistic: str, digits: int) -> None:
         known = FIELDS[field]
@@ -163,4 +167,30 @@ def summary_table(summary: dict[str, object]) -> Table:
     if isinstance(steered := summary["steered"], dict):
         remark = "" if steered["replayable"] else "so the flight cannot be replayed"
         add("commands steered", steered["uav_ticks"], remark, 0)
+    return table
+
+
+_OF_GROUP = {  # fields of a group: heading and digits
+    "uavs": ("UAVs", 0),
+    "arrived": ("arrived", 0),
+    "lost": ("lost", 0),
+    "landed": ("landed", 0),
+    "t_avg_s": ("T mean\n(s)", 1),
+    "energy_mean_J": ("E mean\n(J)", 2),
+    "collisions": ("colli-\nsions", 0),
+    "airtime_s": ("airtime\n(s)", 2),
+}
+
+
+def groups_table(groups: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Table of the groups of a summary in 80 columns; `lost` and `landed` only if any UAV is."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    table.add_column("group", overflow="fold")
+    table.add_column("method", overflow="fold")
+    fields = [name for name in _OF_GROUP if name not in ("lost", "landed") or any(g[name] for g in groups.values())]
+    for name in fields:
+        table.add_column(_OF_GROUP[name][0], justify="right", no_wrap=True)
+    for name, group in groups.items():
+        numbers = ("–" if group[each] is None else f"{group[each]:,.{_OF_GROUP[each][1]}f}" for each in fields)
+        table.add_row(name, group["method"], *numbers)
     return table

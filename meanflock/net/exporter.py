@@ -22,7 +22,7 @@ from meanflock.channel.meter import TRAFFIC
 from meanflock.net.access import Address
 from meanflock.net.outbox import Outbox
 from meanflock.net.remote import RemoteCrew
-from meanflock.swarm import __version__
+from meanflock.swarm import __version__, mission
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.clocks import Durations, Stopwatch
 from meanflock.worldsim.tick import Row
@@ -87,15 +87,19 @@ class Exporter(Collector):
     def _flight(self) -> Iterator[Metric]:
         flight = self._world.flight
         about = {"run": self._run, "mode": self._mode, "version": __version__}
-        yield InfoMetricFamily("meanflock_run", "Which run this is.", {**about, "method": str(flight.scenario.method)})
+        yield InfoMetricFamily("meanflock_run", "Which run this is.", {**about, "method": self._world.plan.method})
         yield _counter("ticks", "Ticks flown.", flight.tick)
         yield _counter("simulated_seconds", "Simulated time.", flight.time_s)
         if flight.tick:
             factor = flight.time_s / self._watch.seconds
             yield GaugeMetricFamily("meanflock_real_time_factor", "Simulated seconds a second, since take-off.", factor)
-        uavs = GaugeMetricFamily("meanflock_uavs", "UAVs by state of the mission.", labels=["status"])
-        for status in Status:
-            uavs.add_metric([status.name.lower()], float(np.count_nonzero(flight.status == status)))
+        parts = [([group.name], rows) for group, rows in mission.parts(flight.scenario)] or [([], slice(None))]
+        labels = ["status", "group"][: 1 + len(parts[0][0])]
+        uavs = GaugeMetricFamily("meanflock_uavs", "UAVs by state of the mission, and by group.", labels=labels)
+        for name, rows in parts:
+            for status in Status:
+                count = np.count_nonzero(flight.status[rows] == status)
+                uavs.add_metric([status.name.lower(), *name], float(count))
         yield uavs
 
     def _radio(self) -> Iterator[Metric]:

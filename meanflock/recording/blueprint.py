@@ -21,6 +21,7 @@ from meanflock.recording import drawing, mission_map, plots, space
 from meanflock.recording.branches import IN_SPACE, MARKS, ON_MAP, Branch
 from meanflock.recording.drawing import Part, circle
 from meanflock.results.disk import LARGE_SWARM
+from meanflock.results.groups import numbers, uav_names
 from meanflock.results.series import Reported
 from meanflock.swarm import state
 from meanflock.swarm.errors import BadInput
@@ -73,6 +74,7 @@ class Lane(enum.IntEnum):
     LANDED = Status.LANDED
     FROZEN = len(Status)
     CUT_OFF = len(Status) + 1
+    WAITING = len(Status) + 2  # its group has not joined
 
 
 LANE_COLORS = {
@@ -82,6 +84,7 @@ LANE_COLORS = {
     Lane.LANDED: drawing.DISC,
     Lane.FROZEN: drawing.FROZEN,
     Lane.CUT_OFF: drawing.CUT,
+    Lane.WAITING: drawing.DISC,
 }
 
 
@@ -96,9 +99,20 @@ OUTCOMES = {  # of the uploads of a round: name and colour of a node
 CENTRE = drawing.WHITE  # of the node that averages for all
 
 
-def lane(uav: int, now: Lane) -> str:
-    """The text of a UAV's lane, with its number because lanes have no names."""
-    return f"UAV {uav}: {now.name.lower().replace('_', ' ')}"
+def lane(name: str, now: Lane) -> str:
+    """The text of a UAV's lane, with its name because lanes have none."""
+    return f"{name}: {now.name.lower().replace('_', ' ')}"
+
+
+def _lanes(scenario: Scenario) -> tuple[list[str], list[int]]:
+    """The texts of all lanes, and their colours: that of its group for a UAV of a group that flies."""
+    lanes = [now for now in Lane if now is not Lane.WAITING or scenario.groups]
+    texts = [lane(name, now) for name in uav_names(scenario) for now in lanes]
+    colors = [LANE_COLORS[now] for now in lanes] * scenario.uavs
+    if scenario.groups:
+        own = [drawing.group_color(number) for number in numbers(scenario).tolist()]
+        colors[lanes.index(Lane.FLYING) :: len(lanes)] = own
+    return texts, colors
 
 
 def centre(scenario: Scenario) -> int | None:
@@ -111,6 +125,14 @@ def nodes(scenario: Scenario) -> list[str]:
     """Names of the nodes in the graph of a round: the UAVs by number, then the stations."""
     stations = [f"station {number}" for number in range(len(scenario.stations))]
     return [*map(str, range(scenario.uavs)), *stations]
+
+
+def resolved(scenario: Scenario) -> Scenario:
+    """The scenario with the groups that take part in rounds; as given if a plug-in of the flight is not installed."""
+    try:
+        return plan_of(scenario).scenario
+    except BadInput:
+        return scenario
 
 
 def _hops(scenario: Scenario) -> tuple[Hop, ...]:
@@ -140,8 +162,8 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
     """Logs the fixed look of everything that moves, names and colours of all lines, and the view around the leader."""
     log, size = part.log, rr.Radius.ui_points
     log(MAP, rr.Transform3D(scale=[1.0, -1.0, 1.0]))  # 2-D views are y-down
-    numbers = [f"UAV {uav}" for uav in range(scenario.uavs)]  # shown under the mouse
-    log(UAVS, rr.Points2D.from_fields(radii=size(3.0), labels=numbers, show_labels=False, draw_order=30.0))
+    names = uav_names(scenario)  # shown under the mouse
+    log(UAVS, rr.Points2D.from_fields(radii=size(3.0), labels=names, show_labels=False, draw_order=30.0))
     log(VELOCITY, rr.Arrows2D.from_fields(colors=[drawing.WHITE], radii=size(0.6), draw_order=25.0))
     log(TRAILS, rr.LineStrips2D.from_fields(radii=size(0.9), draw_order=10.0))
     log(MODEL_LINKS, rr.LineStrips2D.from_fields(radii=size(1.0), draw_order=15.0))
@@ -175,9 +197,8 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
         shades = drawing.viridis(np.linspace(0.0, 1.0, len(names)))
         log(plots.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
-        texts = [lane(uav, now) for uav in range(scenario.uavs) for now in Lane]
-        colors = _rgba(tuple(LANE_COLORS[now] for now in Lane) * scenario.uavs)
-        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=colors))
+        texts, colors = _lanes(scenario)
+        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=_rgba(tuple(colors))))
         names, places = graph(scenario)
         log(ROUND, rr.GraphNodes(node_ids=names, positions=places))
     _log_close_up(part, scenario)
@@ -196,12 +217,13 @@ def _log_close_up(part: Part, scenario: Scenario) -> None:
 def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.Blueprint:
     """The views of one flight."""
     leader, radius = scenario.federation.leader, scenario.metrics.collision_radius
-    trails = f"trails coloured by {'φ_G' if reported.has_phi_g else 'speed'}"
+    trails = f"trails coloured by {'group' if scenario.groups else 'φ_G' if reported.has_phi_g else 'speed'}"
     legend = f"{trails}, arrows reach {ARROW_S:g} s ahead"
     shown = flight_view(scenario, f"swarm map, m: {legend}", f"swarm in space, m: {legend}")
+    words = [f"- /{entity}{'/**' * bool(scenario.groups)}" for entity in ("map/start/label", "map/goal/label")]
     close_up = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
-        contents=[f"/{MAP}/**", "- /map/legend/**", "- /map/start/label", "- /map/goal/label", f"- /{WORDS}"],
+        contents=[f"/{MAP}/**", "- /map/legend/**", *words, f"- /{WORDS}"],
         name=f"{'leader, ' * (scenario.federation.station is None)}UAV {leader}; discs: r_coll {radius:g} m",
         background=_CANVAS,
         visual_bounds=rrb.VisualBounds2D(x_range=[-CLOSE_UP_M, CLOSE_UP_M], y_range=[-CLOSE_UP_M, CLOSE_UP_M]),

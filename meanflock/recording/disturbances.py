@@ -15,6 +15,7 @@ from meanflock.federation.topology.clusters import Division
 from meanflock.recording import blueprint, drawing, mission_map
 from meanflock.recording.blueprint import Lane
 from meanflock.recording.drawing import Sent, Ticks, circle
+from meanflock.results.groups import uav_names
 from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Fault, Gust, Interference, Jam, Kill, Partition, Pause, nodes_hit
 from meanflock.swarm.scenario import Scenario
@@ -70,6 +71,7 @@ class Disturbances:
         self._dt, self._script = scenario.dt, Script(scenario)
         self._faults = [fault for fault in scenario.faults if isinstance(fault, Lasting)]
         self._kills = [fault for fault in scenario.faults if isinstance(fault, Kill) and fault.stations]
+        self._names, self._joins = uav_names(scenario), mission.joins(scenario)
         self._stations, self._uavs = mission.stations(scenario)[:, :2], scenario.uavs
         self._heads = Division(scenario).heads if scenario.federation.clusters > 1 else np.zeros(0, dtype=np.intp)
         self._shown: list[Fault] | None = None  # faults in the last row; None: there is no row
@@ -84,12 +86,13 @@ class Disturbances:
         changed = (np.concatenate([self._lanes[None], lanes[:-1]]) != lanes).any(axis=1)
         self._lanes = lanes[-1].copy()
         if changed.any():
-            texts = [blueprint.lane(uav, Lane(int(now))) for row in lanes[changed] for uav, now in enumerate(row)]
+            named = [zip(self._names, row.tolist(), strict=True) for row in lanes[changed]]
+            texts = [blueprint.lane(name, Lane(now)) for row in named for name, now in row]
             counts = np.full(int(changed.sum()), len(self._lanes))
             yield blueprint.LANES, ticks[changed], [*rr.StateChange.columns(state=texts).partition(counts)]
 
     def _lanes_at(self, ticks: Ticks, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """`Lane` of every UAV, (T, N): its status, or the fault that holds it."""
+        """`Lane` of every UAV, (T, N): its status, or what holds it: a fault, or that its group has not joined."""
         lanes = status.copy()
         for fault in self._faults:
             if isinstance(fault, Pause | Partition):
@@ -97,6 +100,7 @@ class Disturbances:
                 hit = np.ix_(rows.nonzero()[0], np.array(fault.uavs, dtype=np.intp))
                 lane = Lane.FROZEN if isinstance(fault, Pause) else Lane.CUT_OFF
                 lanes[hit] = np.where(lanes[hit] == Lane.LOST, Lane.LOST, lane)
+        lanes[ticks[:, None] < self._joins] = Lane.WAITING
         return lanes
 
     def rows(self, ticks: Ticks, states: States) -> Iterator[Sent]:

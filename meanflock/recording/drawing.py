@@ -42,6 +42,7 @@ GROUNDED = VIOLET
 HEAD = BLUE
 STATION = WHITE
 LINES = (ORANGE, BLUE, GREEN, VIOLET, WHITE, GREY, RED, PINK, ICE)  # of a plot, in this order, then from the start
+GROUPS = (BLUE, 0xFFB454FF, 0xB99AFFFF, 0xE6E65AFF, 0xFF8FA3FF, WHITE)  # of the groups of a flight, in their order
 DISC, BREEZE = 0x3A4150FF, 0xF4A25966  # an obstacle; the wind at a place
 FROZEN = ICE
 CUT = RED  # faults of the radio have the colour of outages
@@ -90,6 +91,16 @@ def phi_g_colors(phi_g: NDArray[np.float32]) -> Colors:
 def speed_colors(speed_m_s: NDArray[Any]) -> Colors:
     """RGBA colours, shape `(...)`, of speeds on the linear scale that the map's legend shows."""
     return viridis(speed_m_s / SPEED_HIGH)
+
+
+def group_color(number: int) -> int:
+    """RGBA colour of a group by its number; the colours begin again after the last."""
+    return GROUPS[number % len(GROUPS)]
+
+
+def dimmed(colors: Colors) -> Colors:
+    """RGBA colours at half their brightness: those of UAVs on the ground."""
+    return (colors >> np.uint32(1)) & np.uint32(0x7F7F7F00) | np.uint32(0xFF)
 
 
 def circle(centre: Point, radius: float) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from meanflock.recording.branches import MARK_M, MARKS, ON_MAP, Branch
 from meanflock.recording.drawing import Colors, Floats, Sent, Ticks, cut
 from meanflock.results.disk import LARGE_SWARM
 from meanflock.results.event_log import event_level, event_text
+from meanflock.results.groups import numbers
 from meanflock.results.quantities import PHI_G
 from meanflock.results.series import COLUMN, Reported
 from meanflock.swarm import mission, state
@@ -39,6 +40,15 @@ def uav_colors(states: state.States, diagnostics: Floats, status: NDArray[np.uin
     else:
         colors = drawing.speed_colors(state.speed(states))
     colors[status >= Status.LOST] = drawing.GREY  # or landed
+    return colors
+
+
+def group_colors(scenario: Scenario, ticks: Ticks, status: NDArray[np.uint8]) -> Colors:
+    """Colours (T, N) of UAVs with status (T, N) at ticks (T,): those of their groups, dark on the ground."""
+    groups = np.array([drawing.group_color(number) for number in numbers(scenario)], dtype=np.uint32)
+    waiting = ticks[:, None] < mission.joins(scenario)
+    colors = np.where(waiting | (status == Status.LANDED), drawing.dimmed(groups), groups)
+    colors[status == Status.LOST] = drawing.GREY
     return colors
 
 

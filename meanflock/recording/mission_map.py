@@ -110,16 +110,25 @@ def layout(scenario: Scenario, words: int, maps: int = 1) -> KeyLayout:
     """
     low, high = key_box(scenario, maps)
     column = float(high[0] - low[0]) / _COLUMNS
-    lines = 2 + math.ceil(words / _COLUMNS)
+    lines = _rows_above(scenario) + math.ceil(words / _COLUMNS)
     row = float(high[1] - low[1]) * min(_ROW * shape(maps)[0], 1 / lines)
     mission_low, mission_high = box(scenario)
     top = max(float(mission_high[1]), float(mission_low[1] + mission_high[1] + lines * row) / 2)
     return KeyLayout(low[0] + column / 2, top - row / 2, column, row, _SAMPLE * column)
 
 
+def _rows_above(scenario: Scenario) -> int:
+    """Rows of the key above its samples: wind and scale, and without groups the colours of the trails."""
+    return 1 if scenario.groups else 2
+
+
 def _way_m(scenario: Scenario) -> float:
     low, high = start_box(scenario)
     return math.hypot(*(_middle(state.flat(mission.goals(scenario))) - (low + high) / 2))
+
+
+def _below(places: NDArray[np.float64]) -> Point:
+    return float(_middle(places)[0]), float(places[:, 1].min())
 
 
 def _middle(places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,6 +149,9 @@ def log(part: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> No
 
 
 def _log_start(part: Part, scenario: Scenario) -> None:
+    if scenario.groups:
+        _log_starts_of_groups(part, scenario)
+        return
     low, high = start_box(scenario)
     if not scenario.start.positions and mission.formation(scenario.start) in mission.GRIDS:
         corners = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
@@ -149,8 +161,25 @@ def _log_start(part: Part, scenario: Scenario) -> None:
     part.label("map/start/label", (float(low[0] + high[0]) / 2, float(low[1])), "start", drawing.GREY)
 
 
+def _log_starts_of_groups(part: Part, scenario: Scenario) -> None:
+    """Logs a dot at each start, and a label below the starts of each group, and of those that share a formation."""
+    starts = state.flat(mission.starts(scenario))
+    sharing = np.ones(scenario.uavs, dtype=bool)
+    for number, (group, rows) in enumerate(mission.parts(scenario)):
+        if group.start is not None:
+            sharing[rows] = False
+            part.dots(f"map/start/{group.name}", starts[rows], drawing.GREY, 2.0)
+            part.label(f"map/start/label/{group.name}", _below(starts[rows]), group.name, drawing.group_color(number))
+    if sharing.any():
+        part.dots("map/start", starts[sharing], drawing.GREY, 2.0)
+        part.label("map/start/label", _below(starts[sharing]), "start", drawing.GREY)
+
+
 def _log_goals(part: Part, scenario: Scenario) -> None:
     goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
+    if scenario.groups:
+        _log_goals_of_groups(part, scenario, goals)
+        return
     if (goals == goals[0]).all():
         x, y = goals[0].tolist()
         part.line("map/goal", circle((x, y), radius), drawing.GREEN, 1.5)
@@ -159,6 +188,20 @@ def _log_goals(part: Part, scenario: Scenario) -> None:
     part.dots("map/goal", goals, drawing.GREEN, 1.2)
     edge = goals[:, 1].max() if is_about_its_start(scenario) else goals[:, 1].min()  # the other has the start's label
     part.label("map/goal/label", (float(_middle(goals)[0]), float(edge)), "goals", drawing.GREEN)
+
+
+def _log_goals_of_groups(part: Part, scenario: Scenario, goals: NDArray[np.float64]) -> None:
+    """Logs the goal of each group, once for groups that share it, or a dot in its colour at each goal of a UAV."""
+    logged: set[tuple[float, float, float]] = set()
+    for number, (group, rows) in enumerate(mission.parts(scenario)):
+        places, radius = goals[rows], (group.destination or scenario.destination).radius
+        x, y = places[0].tolist()
+        if (places != places[0]).any():
+            part.dots(f"map/goal/{group.name}", places, drawing.group_color(number), 1.2)
+        elif (x, y, radius) not in logged:
+            logged.add((x, y, radius))
+            part.line(f"map/goal/{group.name}", circle((x, y), radius), drawing.GREEN, 1.5)
+            part.label(f"map/goal/label/{group.name}", (x, y - radius), "goal", drawing.GREEN)
 
 
 def _log_obstacles(part: Part, scenario: Scenario) -> None:
@@ -216,9 +259,11 @@ def _log_key(part: Part, scenario: Scenario, reported: Reported, maps: int) -> N
     left, top, column, row, size = layout(scenario, len(samples), maps)
     _log_mean_wind(part, scenario, (left, top), 0.6 * row)
     _log_scale(part, (left + column, top), _SCALE * column)
-    _log_colours(part, left, left + column, top - row, 0.2 * size, reported.has_phi_g)
+    if not scenario.groups:
+        _log_colours(part, left, left + column, top - row, 0.2 * size, reported.has_phi_g)
+    above = _rows_above(scenario)
     for number, (word, color, outline, thickness) in enumerate(samples):
-        at = left + number % _COLUMNS * column, top - (2 + number // _COLUMNS) * row
+        at = left + number % _COLUMNS * column, top - (above + number // _COLUMNS) * row
         entity = f"map/legend/{word.replace(' ', '_')}"
         part.line(entity, outline * size / 2 + at, color, thickness)
         part.label(f"{entity}/word", (at[0], at[1] - 0.2 * size), word, color)
@@ -228,6 +273,7 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
     """The entries of the key: word, colour, a sample of size 1 and its thickness in points."""
     across, ring = np.array([(-1.0, 0.0), (1.0, 0.0)]), circle((0.0, 0.0), 0.5)
     samples = [
+        *((group.name, drawing.group_color(number), across, 3.0) for number, group in enumerate(scenario.groups)),
         ("delivered", drawing.GREEN, across, 1.5),
         ("outage", drawing.RED, across, 1.5),
         ("collision", drawing.COLLISION, 0.7 * drawing.STAR, 1.2),
@@ -237,6 +283,8 @@ def _samples(scenario: Scenario) -> list[tuple[str, int, NDArray[np.float64], fl
         samples.append(("obstacle hit", drawing.HIT, 0.7 * drawing.CROSS, 1.5))
     if scenario.space.dimensions == state.SPACE:
         samples.append(("grounded", drawing.GROUNDED, -0.7 * drawing.TRIANGLE, 1.5))
+    if any(group.joins_at_s or group.leaves_at_s is not None for group in scenario.groups):
+        samples.append(("dark: on the ground", drawing.GREY, circle((0.0, 0.0), 0.3), 3.0))
     if scenario.federation.clusters > 1:
         samples.append(("head", drawing.HEAD, ring, 2.0))
     of_faults = {

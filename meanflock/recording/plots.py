@@ -124,12 +124,14 @@ def plot_rows(
     energy: Floats,
     status: NDArray[np.uint8],
     names: Sequence[str],
+    computed: NDArray[np.bool_] | None = None,
 ) -> Iterator[Sent]:
     """Values of all plots at ticks (T,), those of `LAST` at the end.
 
     Args:
         states: (T, N, 2d). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
-        energy: (T, N), J. status: (T, N).
+        energy: (T, N), J. status: (T, N). computed: diagnostics that UAVs had in these ticks, (T, N, K), as far as
+            they are not lost; None: all.
     """
 
     def columns(*names: str) -> NDArray[np.float64]:
@@ -143,12 +145,13 @@ def plot_rows(
     yield from scalars(RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
     yield from scalars(FAILURES.entity, ticks, columns("outages", "collisions"))
     for number, name in enumerate(names):
-        yield from _diagnostic_rows(diagnostic(name), ticks, diagnostics[..., number], status != Status.LOST)
+        active = status < Status.LOST if computed is None else (status < Status.LOST) & computed[..., number]
+        yield from _diagnostic_rows(diagnostic(name), ticks, diagnostics[..., number], active)
     yield from scalars(LAST.entity, ticks, span(energy))
 
 
 def _diagnostic_rows(plot: Plot, ticks: Ticks, values: NDArray[Any], active: NDArray[np.bool_]) -> Iterator[Sent]:
-    """Values of a diagnostic over the UAVs `active` (T, N), which are not lost; none at take-off."""
+    """Values of a diagnostic over the UAVs `active` (T, N), which have it and fly; none at take-off."""
     if plot.log10:
         computed, lines = log_sizes(values)
         yield from scalars(plot.entity, ticks if computed.all() else ticks[computed], lines)

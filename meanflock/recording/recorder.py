@@ -15,6 +15,7 @@ from types import TracebackType
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from meanflock.federation.plan import plan_of
@@ -22,13 +23,22 @@ from meanflock.recording import blueprint, mission_map, space
 from meanflock.recording.branches import IN_SPACE, ON_MAP
 from meanflock.recording.disturbances import Disturbances
 from meanflock.recording.drawing import Part, Sent, Ticks
-from meanflock.recording.flight import Trails, event_rows, link_rows, mark_rows, uav_colors, uav_rows, with_stations
+from meanflock.recording.flight import (
+    Trails,
+    event_rows,
+    group_colors,
+    link_rows,
+    mark_rows,
+    uav_colors,
+    uav_rows,
+    with_stations,
+)
 from meanflock.recording.plots import plot_rows, report_rows
 from meanflock.recording.rounds import RoundRows
 from meanflock.recording.viewer import await_listener, listening_address
 from meanflock.results.disk import LARGE_SWARM, LARGE_SWARM_STRIDE
 from meanflock.results.series import Reported
-from meanflock.swarm import durable, state
+from meanflock.swarm import durable, mission, state
 from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Telemetry
@@ -123,7 +133,12 @@ class Writer:
         links = np.concatenate([block.links for block in blocks])
         events = [event for block in blocks for event in block.events]
         positions = state.position(states).astype(np.float32)
-        colors = uav_colors(states, diagnostics, status, self._reported)
+        computed = None
+        if self._scenario.groups:
+            colors = group_colors(self._scenario, ticks, status)
+            computed = self._computed(ticks, blocks[0].has_diagnostic)
+        else:
+            colors = uav_colors(states, diagnostics, status, self._reported)
 
         chosen = (ticks % LARGE_SWARM_STRIDE == 0).nonzero()[0] if self._large else slice(None)
         rows = ticks[chosen]
@@ -145,7 +160,13 @@ class Writer:
         self._send(event_rows(ticks, swarm, events))
         if not self._large:
             self._send(self._disturbances.lanes(ticks, status))
-        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, self._reported.diagnostics))
+        names = self._reported.diagnostics
+        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, names, computed))
+
+    def _computed(self, ticks: Ticks, has: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
+        """Mask (T, N, K) of the diagnostics that UAVs have computed: those they have (N, K), once they have joined."""
+        joined = ticks[:, None] > mission.joins(self._scenario)
+        return joined[..., None] & (np.ones(len(self._reported.diagnostics), dtype=bool) if has is None else has > 0)
 
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:

@@ -16,7 +16,7 @@ from meanflock.federation.schedule import drawn
 from meanflock.recording import blueprint, plots
 from meanflock.recording.drawing import Colors, Sent, Ticks, cut, scalars
 from meanflock.results.disk import LARGE_SWARM
-from meanflock.swarm import faults
+from meanflock.swarm import faults, mission
 from meanflock.swarm.events import FlightEvent, RoundEnded, UploadsRefused
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Mask
@@ -43,7 +43,7 @@ class RoundRows:
     """Draws the rounds of one scenario. A large swarm has no graph."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        self._scenario = blueprint.resolved(scenario)
         self._is_drawn = scenario.uavs <= LARGE_SWARM
         self._names = blueprint.nodes(scenario)
         self._centre = blueprint.centre(scenario)
@@ -59,11 +59,12 @@ class RoundRows:
         ends = np.array([each.tick for each in ended], dtype=np.int64)
         yield from scalars(plots.ROUNDS.entity, ends, plots.percentages(ended))
         if self._is_drawn:
-            lost = status[np.clip(np.searchsorted(ticks, ends), 0, len(ticks) - 1)] == Status.LOST
-            yield from self._graphs(links, events, ended, lost)
+            gone = status[np.clip(np.searchsorted(ticks, ends), 0, len(ticks) - 1)] >= Status.LOST  # or landed
+            gone |= ends[:, None] < mission.joins(self._scenario)
+            yield from self._graphs(links, events, ended, gone)
 
     def _graphs(
-        self, links: Links, events: Sequence[FlightEvent], ended: list[RoundEnded], lost: NDArray[np.bool_]
+        self, links: Links, events: Sequence[FlightEvent], ended: list[RoundEnded], gone: NDArray[np.bool_]
     ) -> Iterator[Sent]:
         links = links[(links[:, LinkColumn.KIND] == FrameKind.UPLOAD) | (links[:, LinkColumn.KIND] == FrameKind.RELAY)]
         refusals = [event for event in events if isinstance(event, UploadsRefused)]
@@ -73,9 +74,9 @@ class RoundRows:
             self._add(links[links[:, LinkColumn.TICK] == tick])
             colors, labels = self._provisional(), self._names
             self._refused.update(uav for event in refusals if event.tick == tick for uav in event.uavs)
-            for each, is_lost in zip(ended, lost, strict=True):
+            for each, absent in zip(ended, gone, strict=True):
                 if each.tick == tick:
-                    colors, labels = self._final(each, is_lost), self._labelled(each, is_lost)
+                    colors, labels = self._final(each, absent), self._labelled(each, absent)
                     self._is_over = True
             drawings.append(Drawing(colors, labels, self._edges()))
         if drawings:
@@ -114,12 +115,12 @@ class RoundRows:
             colors[self._centre] = blueprint.CENTRE
         return colors
 
-    def _final(self, ended: RoundEnded, lost: Mask) -> Colors:
-        """Colours at the end of the round, (N + B,). lost: the UAVs that are lost, (N,)."""
+    def _final(self, ended: RoundEnded, absent: Mask) -> Colors:
+        """Colours at the end of the round, (N + B,). absent: (N,), UAVs that are lost, landed or have not joined."""
         colors, scenario = self._provisional(), self._scenario
         sent = np.array(ended.sent, dtype=np.intp)
         paused = faults.paused(scenario.faults, ended.opened, scenario.dt)
-        silent = np.setdiff1d(drawn(scenario, ended.number), [*sent, *np.flatnonzero(lost), *paused])
+        silent = np.setdiff1d(drawn(scenario, ended.number), [*sent, *np.flatnonzero(absent), *paused])
         colors[silent] = blueprint.OUTCOMES["silent"]
         own = np.setdiff1d(sent, self._links[:, LinkColumn.SOURCE])  # no UAV in range, or the UAV that averages
         colors[own] = blueprint.OUTCOMES["received" if self._centre is not None else "lost"]
@@ -128,11 +129,11 @@ class RoundRows:
             colors[self._centre] = blueprint.CENTRE
         return colors
 
-    def _labelled(self, ended: RoundEnded, lost: Mask) -> list[str]:
+    def _labelled(self, ended: RoundEnded, absent: Mask) -> list[str]:
         """Names of the UAVs, with a word at those that received nothing and average for themselves."""
         if not ended.isolated:
             return self._names
-        received = {*self._delivered()[:, 2].tolist(), *np.flatnonzero(lost).tolist()}
+        received = {*self._delivered()[:, 2].tolist(), *np.flatnonzero(absent).tolist()}
         return [name if uav in received else f"{name} isolated" for uav, name in enumerate(self._names)]
 
     def _delivered(self) -> Links:

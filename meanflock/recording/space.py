@@ -13,6 +13,7 @@ from meanflock.recording import drawing
 from meanflock.recording.branches import IN_SPACE, MARKS
 from meanflock.recording.drawing import Floats, Part, Sent, Ticks, circle, cut
 from meanflock.recording.stage import Stage, Vectors
+from meanflock.results.groups import uav_names
 from meanflock.swarm import mission, state
 from meanflock.swarm.polygons import Polygon
 from meanflock.swarm.scenario import Scenario
@@ -45,8 +46,8 @@ def log(part: Part, scenario: Scenario, maps: int = 1) -> None:
 
 def _log_looks(part: Part, scenario: Scenario) -> None:
     size = rr.Radius.ui_points
-    numbers = _names("UAV", scenario.uavs)  # shown under the mouse
-    part.log(IN_SPACE.uavs, rr.Points3D.from_fields(radii=size(4.5), labels=numbers, show_labels=False))
+    names = uav_names(scenario)  # shown under the mouse
+    part.log(IN_SPACE.uavs, rr.Points3D.from_fields(radii=size(4.5), labels=names, show_labels=False))
     part.log(IN_SPACE.velocity, rr.Arrows3D.from_fields(colors=[drawing.WHITE], radii=size(0.8)))
     part.log(IN_SPACE.trails, rr.LineStrips3D.from_fields(radii=size(1.0)))
     part.log(IN_SPACE.model_links, rr.LineStrips3D.from_fields(radii=size(1.0)))
@@ -88,6 +89,11 @@ def _log_mission(part: Part, scenario: Scenario) -> None:
     starts, goals = state.position(mission.starts(scenario)), np.unique(mission.goals(scenario), axis=0)
     radius = scenario.destination.radius
     part.log(f"{ROOT}/start", rr.Points3D(starts, colors=[drawing.GREY], radii=rr.Radius.ui_points(2.0)))
+    for number, (group, own) in enumerate(mission.parts(scenario)):
+        if group.start is not None:
+            above = [*starts[own, :2].mean(axis=0), starts[own, 2].max()]
+            color = drawing.group_color(number)
+            _labels(part, f"{ROOT}/start/{group.name}", np.array([above]), [group.name], color)
     if len(goals) == 1:
         sphere = rr.Ellipsoids3D(
             centers=goals,

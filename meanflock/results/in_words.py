@@ -84,10 +84,11 @@ def outcome(run: StoredFolder) -> str:
 
 
 def _arrived(run: StoredFolder, time: str) -> str:
-    mean, lost = run.figure("t_avg_s"), run.figure("lost")
+    mean, lost, landed = run.figure("t_avg_s"), run.figure("lost"), run.figure("landed")
     when = f"none in {time}" if mean is None else f"after {mean:.1f} s on average"
     arrived = f"{run.figure('arrived')} of {run.named('uavs')} UAVs arrived"
-    return f"{arrived}, {when}{f'; {lost} were lost' if lost else ''}."
+    others = [f"{lost} were lost"] * bool(lost) + [f"{landed} landed for good"] * bool(landed)
+    return f"{'; '.join([f'{arrived}, {when}', *others])}."
 
 
 def _collided(pairs: Any) -> str:

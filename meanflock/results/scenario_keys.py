@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from meanflock.federation.plan import plan_of
 from meanflock.swarm import scenario, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
@@ -70,6 +71,9 @@ def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:
     radio = f"float{keys.get('radio.bits_per_float')}"
     decided: dict[str, Any] = dict.fromkeys(_OF_THE_METHOD[1:], radio)
     decided[_OF_THE_METHOD[0]] = _period(str(keys.get("method")))
+    groups: list[Any] = keys.get("groups") or []
+    sharing = [group["name"] for group in groups if _shares(str(group.get("method", keys.get("method"))))]
+    decided["federation.group"] = sharing[0] if len(sharing) == 1 else sharing
     return {key: value for key, value in keys.items() if key not in decided or value != decided[key]}
 
 
@@ -80,6 +84,15 @@ def _period(method: str) -> int | None:
         return Scenario(method=method).period_ticks
     except BadInput:
         return None
+
+
+@cache
+def _shares(method: str) -> bool:
+    """Returns whether a method shares a model; False if it is not installed here."""
+    try:
+        return bool(plan_of(Scenario(method=method)).declared.is_federated)
+    except BadInput:
+        return False
 
 
 @cache

@@ -77,14 +77,16 @@ def status_names() -> str:
 
 
 def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
-    """The rows of a block; a tick takes `dt` seconds."""
+    """The rows of a block; a tick takes `dt` seconds. A diagnostic that a UAV does not have is null."""
     rows, uavs, _ = block.states.shape
     ticks = np.arange(block.first_tick, block.first_tick + rows, dtype=np.int32)
 
-    def lists(values: np.ndarray) -> list[pa.Array]:
-        """Columns of lists, of values (T, N, columns)."""
+    def lists(values: np.ndarray, has: NDArray[np.uint8] | None = None) -> list[pa.Array]:
+        """Columns of lists, of values (T, N, columns); null where `has` (N, columns) is 0."""
         each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], rows * uavs)  # one copy for all of them
-        return [pa.ListArray.from_arrays(offsets, column) for column in each]
+        nulls = [None] * len(each) if has is None else np.tile(has.T == 0, rows)
+        columns = [pa.array(column, mask=mask) for column, mask in zip(each, nulls, strict=True)]
+        return [pa.ListArray.from_arrays(offsets, column) for column in columns]
 
     offsets = pa.array(np.arange(0, rows * uavs + 1, uavs, dtype=np.int32))
     report_of = dict(zip(block.report_ticks.tolist(), range(len(block.report_ticks)), strict=True))
@@ -96,7 +98,7 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
             *lists(block.states),
             *lists(block.accelerations),
             *lists(block.energy[..., None]),
-            *lists(block.diagnostics),
+            *lists(block.diagnostics, block.has_diagnostic),
             *lists(block.status[..., None]),
             *map(pa.array, np.ascontiguousarray(block.swarm.T)),
             pa.array([None if k is None else block.spread[k] for k in reported], pa.float64()),
@@ -111,13 +113,15 @@ def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) 
     reported = rows.filter(rows["leader_model"].is_valid())
     reports = reported["leader_model"].to_pylist()
     names = diagnostics_in(rows.schema)
+    diagnostics = per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32)
+    has = ~np.isnan(diagnostics[0])
     return Telemetry(
         run=0,
         block=number,
         first_tick=rows["tick"][0].as_py(),
         states=states_of(rows),
         accelerations=per_uav(rows, *ACCELERATION[: dimensions_in(rows.schema)]),
-        diagnostics=per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32),
+        diagnostics=np.nan_to_num(diagnostics),
         status=per_uav(rows, "status")[..., 0],
         energy=per_uav(rows, "energy_J")[..., 0],
         swarm=np.stack([rows[name].to_numpy() for name in SWARM_COLUMNS], axis=-1),
@@ -127,6 +131,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) 
         spread=reported["weight_spread"].to_numpy(),
         events=events,
         diagnostic_names=names,
+        has_diagnostic=None if has.all() else has.astype(np.uint8),
     )
 
 
@@ -171,9 +176,12 @@ def states_of(rows: pa.Table) -> NDArray[np.float64]:
 
 
 def per_uav(rows: pa.Table, *names: str) -> NDArray[Any]:
-    """Columns of a time series that have an entry a UAV, (T, N, columns)."""
+    """Columns of a time series that have an entry a UAV, (T, N, columns); NaN where an entry is null."""
     columns = [rows[name].combine_chunks() for name in names]
-    flat = [(column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy() for column in columns]
+    flat = [
+        (column.flatten() if isinstance(column, pa.ListArray) else column).to_numpy(zero_copy_only=False)
+        for column in columns
+    ]
     return np.stack(flat, axis=-1).reshape(len(rows), -1, len(columns))
 
 

@@ -46,7 +46,8 @@ def _type(key: str) -> Any:
     """The type of a field by its dotted key. A table that is a field itself may be null."""
     field = next((field for field in FIELDS if field.key == key), None)
     if any(other.key.startswith(f"{key}.*.") for other in FIELDS):
-        return GenericAlias(dict, (str, _struct(f"{key}.*.")))
+        tables = GenericAlias(dict, (str, _struct(f"{key}.*.")))
+        return tables | None if field is not None else tables
     if (any_name := next((field for field in FIELDS if field.key == f"{key}.*"), None)) is not None:
         return GenericAlias(dict, (str, _Number if any_name.unit else _Value))
     if any(other.key.startswith(f"{key}.") for other in FIELDS):

@@ -120,14 +120,29 @@ def inline(value: Any) -> str:
 
 
 def put(table: dict[str, Any], key: str, value: Any, where: str = "") -> None:
-    """Sets one dotted key of `table`. `where`: the place of the setting, for an error.
+    """Sets one dotted key of `table`; a table of a list is found by its `name`, as in `groups.couriers.count`.
+
+    Args:
+        where: the place of the setting, for an error.
 
     Raises:
-        BadInput: the key leads through a value that is not a table.
+        BadInput: the key leads through a value that is not a table, or no table of a list has the name.
     """
     *parents, last = key.split(".")
+    inner: Any = table
     for parent in parents:
-        table = table.setdefault(parent, {})
-        if not isinstance(table, dict):
+        if isinstance(inner, dict):
+            inner = inner.setdefault(parent, {})
+        else:
+            named = {one["name"]: one for one in inner if isinstance(one, dict) and "name" in one}
+            if parent not in named:
+                raise BadInput(
+                    f"{where or key}: none is called {parent!r}{meant(parent, named)}; there are {', '.join(named)}"
+                )
+            inner = named[parent]
+        has_names = isinstance(inner, list | tuple) and any(isinstance(one, dict) and "name" in one for one in inner)
+        if not isinstance(inner, dict) and not has_names:
             raise BadInput(f"{where or key}: `{parent}` is not a table")
-    table[last] = value
+    if not isinstance(inner, dict):
+        raise BadInput(f"{where or key}: `{parents[-1]}` are several tables; write {parents[-1]}.NAME.KEY")
+    inner[last] = value

@@ -257,7 +257,7 @@ def test_every_field_of_the_summary_is_described_and_every_described_field_is_th
     found = {key: next((name for name in sorted(known) if fnmatchcase(key, name)), None) for key in flat(summary)}
     assert not [key for key, entry in found.items() if entry is None]
     absent = set()
-    for table in ("realtime", "steered", "until"):
+    for table in ("realtime", "steered", "until", "groups"):
         absent |= {key for key in known if key.startswith(f"{table}.")} if summary[table] is None else {table}
     assert known - set(found.values()) == absent
 

@@ -101,6 +101,7 @@ EXAMPLES: dict[str, Any] = {
         ),
         checkpoint=b"\x93\x01\x02\x03",
         diagnostic_names=("hjb_residual", "fpk_residual", "phi_G"),
+        has_diagnostic=np.array([[1, 1, 0]] * 3, dtype=np.uint8),
     ),
     "received": messages.Acknowledgement(0xDEADBEEF, 7),
     "finished": messages.Finished(0xDEADBEEF, 88, b'{"schema":1}'),

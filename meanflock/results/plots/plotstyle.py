@@ -54,6 +54,7 @@ LOOKS = {
 OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
 OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
 OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
+GROUPS = ("#0072B2", "#E69F00", "#882255", "#44AA99", "#999933", "#56B4E9")  # of the groups of a flight, in order
 NAMES = {
     "hjb": "Hjb",
     "mfg": "Mfg",
@@ -172,6 +173,11 @@ def look(method: str) -> MethodLook:
 def colour(method: str) -> str:
     """A method's colour in every figure."""
     return look(method).colour
+
+
+def group_colour(number: int) -> str:
+    """The colour of a group by its number; the colours begin again after the last."""
+    return GROUPS[number % len(GROUPS)]
 
 
 def looks(methods: Iterable[str]) -> dict[str, MethodLook]:

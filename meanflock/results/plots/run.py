@@ -15,12 +15,14 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.event_log import stored_lines
 from meanflock.results.flown import FlownKeys, flown_keys
+from meanflock.results.groups import method
 from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import FIELDS, PHI_G, POSITION, VELOCITY, quantity
 from meanflock.results.run_folder import EVENTS, flown_rows
@@ -63,6 +65,24 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     return {"paths": plot_paths(run), "curves": plot_curves(run)}
 
 
+class UavPart(NamedTuple):
+    """UAVs of one colour. name: of their group; empty without groups."""
+
+    name: str
+    rows: slice
+    colour: str
+
+
+def parts_of(flown: FlownKeys | Scenario) -> list[UavPart]:
+    """The UAVs by group; without groups all in one."""
+    if not flown.groups:
+        return [UavPart("", slice(None), plotstyle.colour(flown.method))]
+    return [
+        UavPart(group.name, rows, plotstyle.group_colour(number))
+        for number, (group, rows) in enumerate(mission.parts(flown))
+    ]
+
+
 # -- paths ---------------------------------------------------------------------------------------------------------
 
 
@@ -76,12 +96,12 @@ def plot_paths(run: RunPicture) -> Figure:
         _draw_paths(ax, run, position, up)
     end = _line(table, "sim_time_s")[-1]
     arrived = int(_line(table, "arrived")[-1])
-    name, uavs = f"{flown.method}, seed {flown.seed}: " if flown.method else "", position.shape[1]
+    name, uavs = f"{method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
     some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
     plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
     marks = panels[0].get_legend_handles_labels()
     figure.legend(*marks, loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
-    if PHI_G in diagnostics_in(table.schema):
+    if _is_shaded(run):
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
         figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=panels, extend="both", label=label)
     return figure
@@ -107,9 +127,14 @@ def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
     shown = np.linspace(0, uavs - 1, min(uavs, _MAX_PATHS)).astype(np.intp)
     step = max(1, ticks // MAX_POINTS, ticks * len(shown) // _MAX_SEGMENTS)
     drawn = seen[:, shown]
-    shaded = PHI_G in diagnostics_in(table.schema)
-    shades = _grid(table, PHI_G)[::step, shown] if shaded else plotstyle.colour(flown.method)
-    plotstyle.paths(ax, drawn[::step], shades)
+    if _is_shaded(run):
+        plotstyle.paths(ax, drawn[::step], _grid(table, PHI_G)[::step, shown])
+    else:
+        for part in parts_of(flown):
+            own = np.isin(shown, np.arange(uavs)[part.rows])
+            plotstyle.paths(ax, drawn[::step, own], part.colour)
+            if part.name:
+                ax.plot([], [], color=part.colour, label=part.name)
     ax.plot(*drawn[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
     ax.plot(*drawn[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
     collisions = places_of(run.events, "collision", seen)
@@ -132,6 +157,11 @@ def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
         ax.set_ylabel("$z$ (m)")
     if up == position.shape[-1] - 1:
         ax.set_xlabel("$x$ (m)")
+
+
+def _is_shaded(run: RunPicture) -> bool:
+    """Returns whether paths are coloured by φ_G."""
+    return PHI_G in diagnostics_in(run.table.schema) and not run.scenario.groups
 
 
 def places_of(events: Iterable[Mapping[str, Any]], kind: str, position: Floats) -> Floats:
@@ -206,7 +236,8 @@ def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) 
 @plotstyle.style()
 def plot_curves(run: RunPicture) -> Figure:
     """A panel for every quantity of the time series."""
-    panels = _Panels(run.table, plotstyle.colour(run.scenario.method)).all()
+    parts = parts_of(run.scenario)
+    panels = _Panels(run.table, run.scenario).all()
     rows = -(-len(panels) // 2)
     figure = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
@@ -221,6 +252,9 @@ def plot_curves(run: RunPicture) -> Figure:
         axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
+    if len(parts) > 1:
+        handles = [Line2D([], [], color=part.colour, label=part.name) for part in parts]
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(parts))
     return figure
 
 
@@ -245,9 +279,10 @@ class _Panel(NamedTuple):
 class _Panels:
     """The panels of a time series."""
 
-    def __init__(self, table: pa.Table, tone: str) -> None:
-        """`tone`: the colour of the lines."""
-        self._table, self._tone = table, tone
+    def __init__(self, table: pa.Table, flown: FlownKeys | Scenario) -> None:
+        self._table, self._parts = table, parts_of(flown)
+        self._tone = self._parts[0].colour if len(self._parts) == 1 else plotstyle.INK  # of lines of the swarm
+        self._joins = mission.joins(flown)
         self._step = max(1, table.num_rows // MAX_POINTS)
         self._times = _line(table, "sim_time_s")[:: self._step]
         self._uavs = len(table["x_m"][0])
@@ -275,9 +310,8 @@ class _Panels:
 
     def _diagnostic(self, name: str) -> _Panel:
         measured, values = quantity(name), _grid(self._table, name)
-        if self._table["tick"][0].as_py() == 0:
-            values[0] = np.nan  # before the first report
-        values[_grid(self._table, "status") == Status.LOST] = np.nan  # a lost UAV reports nothing
+        values[_grid(self._table, "status") >= Status.LOST] = np.nan  # a UAV that is lost or landed reports nothing
+        values[_line(self._table, "tick")[:, None] <= self._joins] = np.nan  # nor does one before its first tick
         label = plotstyle.axis(name)
         if measured.logarithmic:
             return _Panel(f"{measured.name}, mean", label, partial(self._size, np.abs(values)))
@@ -285,9 +319,11 @@ class _Panels:
 
     def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
         rows = values[:: self._step]
-        mean, low, high = span_where(rows, np.isfinite(rows)).T
-        ax.fill_between(self._times, low, high, color=self._tone, alpha=0.18, linewidth=0)
-        ax.plot(self._times, mean, color=self._tone)
+        for part in self._parts:
+            own = rows[:, part.rows]
+            mean, low, high = span_where(own, np.isfinite(own)).T
+            ax.fill_between(self._times, low, high, color=part.colour, alpha=0.18, linewidth=0)
+            ax.plot(self._times, mean, color=part.colour)
         if from_zero:
             ax.set_ylim(bottom=0.0)
         elif not np.nan_to_num(rows).any():  # without this the axis would have ticks of ±0.04
@@ -295,9 +331,11 @@ class _Panels:
 
     def _size(self, sizes: Floats, ax: Axes) -> None:
         rows = sizes[:: self._step]
-        mean = span_where(rows, np.isfinite(rows))[:, 0]
-        if np.nanmax(mean, initial=0.0) > 0:
-            ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=self._tone, linewidth=1.0)
+        if np.nanmax(rows, initial=0.0) > 0:
+            for part in self._parts:
+                own = rows[:, part.rows]
+                mean = span_where(own, np.isfinite(own))[:, 0]
+                ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=part.colour, linewidth=1.0)
             plotstyle.log_axis(ax)
         else:
             ax.annotate("the residual is zero", (0.5, 0.5), xycoords="axes fraction", ha="center")

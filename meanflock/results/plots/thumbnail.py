@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meanflock.results.flown import FlownKeys
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.run import RunPicture, places_of
+from meanflock.results.plots.run import RunPicture, parts_of, places_of
 from meanflock.results.series import per_uav
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
@@ -39,7 +39,7 @@ def thumbnail(run: RunPicture) -> str:
     view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2], mission.stations(flown)[:, :2]])
     parts = [
         *_discs(view, flown),
-        *_paths(view, position, plotstyle.colour(flown.method)),
+        *(path for part in parts_of(flown) for path in _paths(view, position[:, part.rows], part.colour)),
         *_squares(view, position[0]),
         *_circles(view, position[-1], 1.8, f'fill="{plotstyle.INK}"'),
         *_circles(view, places_of(run.events, "collision", position), 3.0, f'fill="{plotstyle.STAR["color"]}"'),

@@ -167,6 +167,7 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     events: tuple[FlightEvent, ...] = ()
     checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
     diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics and columns
+    has_diagnostic: np.ndarray | None = None  # (N, K) u1, 0 where a UAV has no such number; None: every UAV has all
 
 
 class Acknowledgement(_ControlMessage, frozen=True, tag="received"):
@@ -205,7 +206,7 @@ SWARM_COLUMNS = (  # cumulative since take-off unless named otherwise
     "phi_C",
     "phi_C_distinct",
     "collisions",
-    "arrived",  # now
+    "arrived",
     "round",  # now
     "held_commands",  # in real time, as the next
     "deadline_misses",

@@ -1,0 +1,233 @@
+"""Groups of UAVs in files, recordings, plots, exports, tables and metrics."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from matplotlib.colors import to_hex
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
+
+from meanflock.cli.command import main
+from meanflock.launch.engine import Engine
+from meanflock.launch.options import Options
+from meanflock.launch.run import fly
+from meanflock.net.exporter import Exporter
+from meanflock.recording import drawing, plots
+from meanflock.recording import recorder as recording
+from meanflock.recording.replay import complete
+from meanflock.results import inbound
+from meanflock.results.flown import flown_keys
+from meanflock.results.groups import method, uav_names
+from meanflock.results.plots import plotstyle
+from meanflock.results.plots.run import plot_run, stored
+from meanflock.results.plots.thumbnail import thumbnail
+from meanflock.results.series import block_of, per_uav, rows_of
+from meanflock.results.summary_file import read_summary
+from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario, load
+from meanflock.swarm.wire.messages import Status
+from tests.groundstation.recordings import column, fixed, scalars
+
+ORCA = {"name": "couriers", "count": 3, "method": "orca"}
+GROUPS = [
+    {"name": "learners", "count": 4, "method": "mfgfl-hf"},
+    ORCA | {"start": {"formation": "circle", "centre": [-60.0, 60.0], "radius": 20.0}},
+    {"name": "reserve", "count": 2, "joins_at_s": 5.0, "leaves_at_s": 10.0},
+]
+COURIERS, RESERVE = slice(4, 7), slice(7, 9)
+DIMMED = int(drawing.dimmed(np.array([drawing.group_color(2)], dtype=np.uint32))[0])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    flown = load(None, uavs=9, duration=14.0, groups=GROUPS, stop="duration")
+    options = Options(out=tmp_path_factory.mktemp("runs"), in_process=True, record=True, quiet=True)
+    return fly(flown, options).folder
+
+
+@pytest.fixture(scope="module")
+def rows(folder: Path) -> Any:
+    return pq.read_table(folder / "timeseries.parquet")
+
+
+# -- files ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_diagnostic_that_a_uav_does_not_have_is_null(folder: Path, rows: Any, tmp_path: Path) -> None:
+    for tick in (0, 60, -1):
+        unknown = [value is None for value in rows["phi_G"][tick].as_py()]
+        assert unknown == [False] * 4 + [True] * 3 + [False] * 2
+        assert None not in rows["energy_J"][tick].as_py()
+    assert main(["plot", str(folder), "--csv", str(tmp_path / "rows.csv")]) == 0
+    with (tmp_path / "rows.csv").open() as file:
+        assert [row["phi_G"] == "" for row in csv.DictReader(file)][:9] == unknown
+
+
+def test_rows_are_read_back_as_the_telemetry_that_they_were(rows: Any) -> None:
+    block = inbound.check(block_of(rows, 0), 9)  # what is missing is 0, as in messages
+    assert block.has_diagnostic is not None
+    assert block.has_diagnostic[:, block.diagnostic_names.index("phi_G")].tolist() == [1] * 4 + [0] * 3 + [1] * 2
+    again = rows_of(block, 0.1)
+    assert all(again[name].equals(rows[name].combine_chunks()) for name in block.diagnostic_names)
+
+
+def test_the_summary_of_groups_is_read_and_so_is_one_without(folder: Path, tmp_path: Path) -> None:
+    summary = json.loads((folder / "summary.json").read_text())
+    assert read_summary(folder / "summary.json") == summary
+    (tmp_path / "summary.json").write_text(json.dumps(summary | {"groups": None}))
+    assert read_summary(tmp_path / "summary.json")["groups"] is None
+
+
+def test_names_are_those_of_the_groups(folder: Path) -> None:
+    flown = flown_keys(folder)
+    assert method(flown) == "mfgfl-hf+orca"
+    assert uav_names(flown)[3:5] == ["UAV 3, learners", "UAV 4, couriers"]
+    assert uav_names(Scenario(uavs=2)) == ["UAV 0", "UAV 1"]
+
+
+# -- recordings ----------------------------------------------------------------------------------------------------
+
+
+def check_recording(path: Path, rows: Any) -> None:
+    ticks, colors = column(path, "map/uavs", "Points2D:colors")
+    at = dict(zip(ticks.tolist(), colors, strict=True))
+    colours = [drawing.group_color(number) for number in (0, 0, 0, 0, 1, 1, 1, 2, 2)]
+    assert at[20] == [*colours[:7], DIMMED, DIMMED]  # the reserve waits
+    assert at[80] == colours
+    assert at[130] == [*colours[:7], DIMMED, DIMMED]  # it has landed
+    ticks, lanes = column(path, "UAVs", "StateChange:state")
+    assert [row[8] for row in lanes] == [f"UAV 8, reserve: {now}" for now in ("waiting", "flying", "landed")]
+    assert ticks.tolist() == [0, 50, 101]
+    assert fixed(path, "map/uavs", "Points2D:labels")[4] == "UAV 4, couriers"
+    assert fixed(path, "map/legend/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
+    ticks, lines = scalars(path, plots.diagnostic("phi_G"))
+    values = per_uav(rows, "phi_G")[..., 0]
+    for tick, has in ((30, [0, 1, 2, 3]), (80, [0, 1, 2, 3, 7, 8]), (130, [0, 1, 2, 3])):
+        (line,) = lines[ticks == tick]
+        own = values[tick, has]
+        np.testing.assert_allclose(line, [own.mean(), own.min(), own.max()], rtol=1e-6)
+
+
+def test_a_recording_has_the_colours_and_names_of_groups_and_means_of_the_uavs_that_have_a_number(
+    folder: Path, rows: Any
+) -> None:
+    check_recording(folder / "recording.rrd", rows)
+
+
+def test_a_recording_that_is_made_of_the_time_series_is_the_same(folder: Path, rows: Any) -> None:
+    recorded = (folder / "recording.rrd").read_bytes()
+    try:
+        (folder / "recording.rrd").unlink()
+        complete(folder)
+        check_recording(folder / "recording.rrd", rows)
+    finally:
+        (folder / "recording.rrd").write_bytes(recorded)
+
+
+def test_there_are_more_groups_than_colours(tmp_path: Path) -> None:
+    groups = [{"name": f"g{number}", "count": 1, "method": "cruise"} for number in range(8)]
+    flown = load(None, uavs=8, duration=1.0, groups=groups)
+    with recording.Recorder(flown, "many", tmp_path / "many.rrd") as recorder:
+        engine = Engine(flown, "many", sinks=[recorder])
+        engine.complete()
+    (_, colors) = column(tmp_path / "many.rrd", "map/uavs", "Points2D:colors")
+    assert colors[0][6:] == colors[0][:2]
+
+
+# -- plots and exports ---------------------------------------------------------------------------------------------
+
+
+def test_plots_have_a_colour_a_group_and_a_legend(folder: Path) -> None:
+    figures = plot_run(folder)
+    for figure in figures.values():
+        (legend,) = figure.legends
+        shown = {text.get_text(): line for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)}
+        for number, group in enumerate(GROUPS):
+            assert to_hex(shown[group["name"]].get_color()).upper() == plotstyle.group_colour(number)
+    assert figures["paths"].axes[0].get_title(loc="left").startswith("mfgfl-hf+orca, seed 1")
+    drawing = thumbnail(stored(folder))
+    assert all(f'stroke="{plotstyle.group_colour(number)}"' in drawing for number in range(3))
+
+
+def test_an_export_has_groups_as_namespaces_and_the_status_of_uavs_that_landed(folder: Path, tmp_path: Path) -> None:
+    assert main(["export", str(folder), "--mcap", str(tmp_path / "out.mcap"), "--quiet"]) == 0
+    store = get_typestore(Stores.ROS2_KILTED)
+    with (tmp_path / "out.mcap").open("rb") as file:
+        last = {
+            channel.topic: (schema.name, found.data) for schema, channel, found in make_reader(file).iter_messages()
+        }
+    read = {topic: store.deserialize_cdr(last[topic][1], last[topic][0]) for topic in ("/uavs", "/diagnostics")}
+    arrows, labels = read["/uavs"].markers[::2], read["/uavs"].markers[1::2]
+    assert [marker.ns for marker in arrows] == ["learners"] * 4 + ["couriers"] * 3 + ["reserve"] * 2
+    assert [label.text for label in labels[6:]] == ["6", "7 landed", "8 landed"]
+    courier, reserve = read["/diagnostics"].status[1 + 4], read["/diagnostics"].status[1 + 7]
+    assert reserve.message == "landed"
+    assert {pair.key: pair.value for pair in courier.values}.items() >= {"group": "couriers", "phi_G": ""}.items()
+
+
+# -- tables and metrics --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def shown(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["show", str(folder)]) == 0
+    return capsys.readouterr().out
+
+
+def test_show_has_a_row_a_group_in_80_columns(shown: str) -> None:
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= 80
+    groups = lines[lines.index("Groups") :]
+    assert groups[2].split()[:5] == ["group", "method", "UAVs", "arrived", "landed"]
+    assert [line.split()[:5] for line in groups[4:7]] == [
+        ["learners", "mfgfl-hf", "4", "0", "0"],
+        ["couriers", "orca", "3", "0", "0"],
+        ["reserve", "mfgfl-hf", "2", "0", "2"],
+    ]
+    assert "2 landed for good." in " ".join(lines[:6])
+
+
+def test_metrics_count_uavs_by_status_and_group() -> None:
+    flown = load(None, uavs=9, duration=14.0, groups=GROUPS)
+    engine = Engine(flown, "watched")
+    engine.complete()
+    families = {
+        family.name: family for family in Exporter(engine.world, "watched", "in-process", engine.watch).collect()
+    }
+    counts = {
+        (sample.labels["group"], sample.labels["status"]): sample.value for sample in families["meanflock_uavs"].samples
+    }
+    assert counts["reserve", "landed"] == 2.0
+    assert sum(counts.values()) == 9.0
+    assert {status for _, status in counts} == {status.name.lower() for status in Status}
+    (sample,) = families["meanflock_run"].samples
+    assert sample.labels["method"] == "mfgfl-hf+orca"
+
+
+# -- keys of one group ---------------------------------------------------------------------------------------------
+
+
+def test_a_key_of_one_group_is_set_by_its_name() -> None:
+    flown = load(Path("groups"), ["groups.couriers.method=bvc", "groups.reserve.joins_at_s=30"])
+    assert [group.method for group in flown.groups] == [None, "bvc", None]
+    assert flown.replace(**{"groups.reserve.joins_at_s": 40.0}).groups[2].joins_at_s == 40.0
+    assert flown.groups[2].joins_at_s == 30.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ("groups.courier.method=bvc", "none is called 'courier'.*couriers.*there are learners, couriers, reserve"),
+        ("groups.method=bvc", "`groups` are several tables; write groups.NAME.KEY"),
+    ],
+)
+def test_a_key_of_no_group_is_refused(setting: str, says: str) -> None:
+    with pytest.raises(BadInput, match=says):
+        load(Path("groups"), [setting])
