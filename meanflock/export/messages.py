@@ -92,7 +92,7 @@ def uavs(numbers: Sequence[int], status: Sequence[int], flown: Mission) -> Any:
 
 def goals_and_obstacles(flown: Mission) -> Any:
     """A disc for each goal, the obstacles, and for each station a thin cylinder from the ground to its antenna."""
-    goals = np.unique(state.in_three(mission.goals(flown)), axis=0).tolist()
+    goals = np.unique(state.in_three(mission.all_goals(flown)), axis=0).tolist()
     cylinder, width = ros.visualization_msgs__msg__Marker.CYLINDER, 2 * flown.destination.radius
     markers = [
         _marker("goals", number, cylinder, goal, (width, width, 0.1), _GOAL, 0.4) for number, goal in enumerate(goals)
@@ -119,7 +119,7 @@ def _obstacle(number: int, obstacle: Any, flown: Mission) -> Any:
     if flown.space.dimensions == state.PLANE:
         low, high = -_HEIGHT_M / 2, _HEIGHT_M / 2
     elif high is None:
-        places = np.concatenate([state.position(mission.starts(flown)), mission.goals(flown)])
+        places = np.concatenate([state.position(mission.starts(flown)), mission.all_goals(flown)])
         high = float(places[:, 2].max()) + _HEIGHT_M
     if obstacle.polygon:
         marker = _marker("obstacles", number, kind.TRIANGLE_LIST, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), _OBSTACLE, 0.6)

@@ -58,7 +58,7 @@ def is_about_its_start(scenario: Scenario) -> bool:
 def box(scenario: Scenario) -> Corners:
     """The mission on the map: all starts, all obstacles and stations, all goals with room to overshoot."""
     first, last = start_box(scenario)
-    goals, discs = state.flat(mission.goals(scenario)), mission.obstacles(scenario)
+    goals, discs = state.flat(mission.all_goals(scenario)), mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
     for x, y, radius in discs.tolist():
@@ -177,6 +177,11 @@ def _log_starts_of_groups(part: Part, scenario: Scenario) -> None:
 
 def _log_goals(part: Part, scenario: Scenario) -> None:
     goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
+    if len(waypoints := state.flat(mission.all_goals(scenario))[scenario.uavs :]):
+        part.dots("map/waypoints", waypoints, drawing.GREEN, 2.5)
+    if len(landings := scenario.space.vectors(scenario.energy.landings, scenario.start.height)):
+        part.dots("map/landings", state.flat(landings), drawing.GREY, 3.0)
+        part.label("map/landings/label", _below(state.flat(landings)[:1]), "landing", drawing.GREY)
     if scenario.groups:
         _log_goals_of_groups(part, scenario, goals)
         return

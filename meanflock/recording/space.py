@@ -86,7 +86,7 @@ def _log_heights(part: Part, stage: Stage) -> None:
 
 def _log_mission(part: Part, scenario: Scenario) -> None:
     """Logs starts, goals and stations at their heights."""
-    starts, goals = state.position(mission.starts(scenario)), np.unique(mission.goals(scenario), axis=0)
+    starts, goals = state.position(mission.starts(scenario)), np.unique(mission.all_goals(scenario), axis=0)
     radius = scenario.destination.radius
     part.log(f"{ROOT}/start", rr.Points3D(starts, colors=[drawing.GREY], radii=rr.Radius.ui_points(2.0)))
     for number, (group, own) in enumerate(mission.parts(scenario)):

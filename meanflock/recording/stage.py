@@ -39,7 +39,7 @@ class Stage:
 
     def __init__(self, scenario: Scenario, maps: int) -> None:
         places = _places(scenario)
-        goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
+        goals, radius = state.flat(mission.all_goals(scenario)), scenario.destination.radius
         across = np.concatenate([state.flat(places), goals - radius, goals + radius])
         low, high = across.min(axis=0), across.max(axis=0)
         side, top = float((high - low).max()), float(places[:, 2].max())
@@ -103,7 +103,7 @@ def _places(scenario: Scenario) -> Vectors:
     ends = [
         (*obstacle.disc[:2], end) for obstacle in scenario.obstacles for end in _extent(obstacle) if end is not None
     ]
-    starts, goals = state.position(mission.starts(scenario)), mission.goals(scenario)
+    starts, goals = state.position(mission.starts(scenario)), mission.all_goals(scenario)
     return np.concatenate([starts, goals, mission.stations(scenario), np.array(ends).reshape(-1, 3)])
 
 

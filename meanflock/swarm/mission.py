@@ -218,6 +218,15 @@ def destinations(mission: Mission) -> list[tuple[slice, Any]]:
     return [(rows, group.destination or mission.destination) for group, rows in parts(mission)]
 
 
+def all_goals(mission: Mission) -> state.Vectors:
+    """The goals of all UAVs, and all waypoints, (K, d) in m."""
+    places = [goals(mission)]
+    for _, destination in destinations(mission):
+        if destination.waypoints:
+            places.append(np.array(mission.space.vectors(destination.waypoints, mission.start.height)))
+    return np.concatenate(places) if len(places) > 1 else places[0]
+
+
 def farthest_from_landing(mission: Any) -> float:
     """The longest way from a goal to the nearest landing place, or without any to the UAV's start, m.
 

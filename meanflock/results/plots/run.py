@@ -112,7 +112,7 @@ def _sides(position: Floats, flown: FlownKeys | Scenario) -> tuple[Figure, Seque
     if position.shape[-1] == state.PLANE:
         figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
         return figure, [figure.subplots()]
-    places = np.concatenate([position.reshape(-1, 3), mission.goals(flown), mission.stations(flown)])
+    places = np.concatenate([position.reshape(-1, 3), mission.all_goals(flown), mission.stations(flown)])
     wide, deep, _ = np.maximum(np.ptp(places, axis=0), 1.0)
     shares = np.clip([deep / wide, places[:, 2].max() / wide], *_SIDES)
     figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 0.9 + _PANEL_IN * shares.sum())
@@ -197,7 +197,7 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
     Args:
         up: as for `_draw_paths`. highest: of all places of UAVs, m; a column without an end is drawn up to there.
     """
-    goals, radius = mission.goals(flown), flown.destination.radius
+    goals, radius = mission.all_goals(flown), flown.destination.radius
     look = {"facecolor": plotstyle.PALE, "edgecolor": plotstyle.INK, "linewidth": 0.5, "zorder": 0.9}
     for obstacle in flown.obstacles:
         ax.add_patch(_outline(obstacle, up, highest, look))

@@ -35,7 +35,7 @@ def thumbnail(run: RunPicture) -> str:
     flown, position = run.scenario, per_uav(run.table, *COLUMNS)
     if not np.isfinite(position).all():
         raise BadInput("positions that are not finite; bring the time series back, or fly the run again")
-    goals = np.unique(state.flat(mission.goals(flown)), axis=0)
+    goals = np.unique(state.flat(mission.all_goals(flown)), axis=0)
     view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2], mission.stations(flown)[:, :2]])
     parts = [
         *_discs(view, flown),
