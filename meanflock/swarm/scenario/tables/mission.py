@@ -171,7 +171,7 @@ class Obstacle(_Table, frozen=True, omit_defaults=True):
     flies on."""
 
     centre: Annotated[Point, Meta(description="centre of a disc; in space, three numbers make it a sphere, m")] = ()
-    radius: Annotated[float, Meta(gt=0, description="radius of a disc or a sphere, m")] = 0.0
+    radius: Annotated[float, Meta(ge=0, description="radius of a disc or a sphere, m")] = 0.0
     height: Annotated[float, Meta(gt=0, description="in space, height of a column; unset: without end, m")] | None = (
         None
     )
