@@ -153,6 +153,9 @@ def test_plots_have_a_colour_a_group_and_a_legend(folder: Path) -> None:
     assert figures["paths"].axes[0].get_title(loc="left").startswith("mfgfl-hf+orca, seed 1")
     drawing = thumbnail(stored(folder))
     assert all(f'stroke="{plotstyle.group_colour(number)}"' in drawing for number in range(3))
+    assert all(
+        f'fill="{plotstyle.group_colour(number)}">{group["name"]}<' in drawing for number, group in enumerate(GROUPS)
+    )
 
 
 def test_an_export_has_groups_as_namespaces_and_the_status_of_uavs_that_landed(folder: Path, tmp_path: Path) -> None:
