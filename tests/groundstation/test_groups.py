@@ -105,7 +105,7 @@ def check_recording(path: Path, rows: Any) -> None:
     assert [row[8] for row in lanes] == [f"UAV 8, reserve: {now}" for now in ("waiting", "flying", "landed")]
     assert ticks.tolist() == [0, 50, 101]
     assert fixed(path, "map/uavs", "Points2D:labels")[4] == "UAV 4, couriers"
-    assert fixed(path, "map/legend/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
+    assert fixed(path, "map/legend/groups/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
     ticks, lines = scalars(path, plots.diagnostic("phi_G"))
     values = per_uav(rows, "phi_G")[..., 0]
     for tick, has in ((30, [0, 1, 2, 3]), (80, [0, 1, 2, 3, 7, 8]), (130, [0, 1, 2, 3])):

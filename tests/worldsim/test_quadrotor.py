@@ -112,7 +112,7 @@ def test_a_flight_gives_it_command_and_gust_apart() -> None:
         flight.advance(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))
     np.testing.assert_allclose(state.velocity(flight.states)[0], [1.0, 0.0, 0.0], atol=1e-10)
     assert flight.effort[0] == 0.0
-    np.testing.assert_allclose(flight.shown(4)[0, :3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(flight.shown()[0, :3], 0.0, atol=1e-12)
 
 
 def bad(expected: str, options: dict[str, Any], **keys: Any) -> None:
@@ -185,4 +185,4 @@ def test_it_takes_off_from_the_ground_and_lands_on_it() -> None:
     assert heights[44] == 0.0
     assert heights[-1] == pytest.approx(0.5, abs=0.02)
     assert flight.hidden["body"][0, POWER] > 0.0
-    np.testing.assert_allclose(flight.shown(4)[0, :3], 0.0, atol=1e-3)
+    np.testing.assert_allclose(flight.shown()[0, :3], 0.0, atol=1e-3)
