@@ -168,7 +168,7 @@ def _log_starts_of_groups(part: Part, scenario: Scenario) -> None:
     for number, (group, rows) in enumerate(mission.parts(scenario)):
         if group.start is not None:
             sharing[rows] = False
-            part.dots(f"map/start/{group.name}", starts[rows], drawing.GREY, 2.0)
+            part.dots(f"map/start/groups/{group.name}", starts[rows], drawing.GREY, 2.0)
             part.label(f"map/start/label/{group.name}", _below(starts[rows]), group.name, drawing.group_color(number))
     if sharing.any():
         part.dots("map/start", starts[sharing], drawing.GREY, 2.0)
@@ -202,10 +202,10 @@ def _log_goals_of_groups(part: Part, scenario: Scenario, goals: NDArray[np.float
         places, radius = goals[rows], (group.destination or scenario.destination).radius
         x, y = places[0].tolist()
         if (places != places[0]).any():
-            part.dots(f"map/goal/{group.name}", places, drawing.group_color(number), 1.2)
+            part.dots(f"map/goal/groups/{group.name}", places, drawing.group_color(number), 1.2)
         elif (x, y, radius) not in logged:
             logged.add((x, y, radius))
-            part.line(f"map/goal/{group.name}", circle((x, y), radius), drawing.GREEN, 1.5)
+            part.line(f"map/goal/groups/{group.name}", circle((x, y), radius), drawing.GREEN, 1.5)
             part.label(f"map/goal/label/{group.name}", (x, y - radius), "goal", drawing.GREEN)
 
 
@@ -269,7 +269,7 @@ def _log_key(part: Part, scenario: Scenario, reported: Reported, maps: int) -> N
     above = _rows_above(scenario)
     for number, (word, color, outline, thickness) in enumerate(samples):
         at = left + number % _COLUMNS * column, top - (above + number // _COLUMNS) * row
-        entity = f"map/legend/{word.replace(' ', '_')}"
+        entity = f"map/legend/{'groups/' * (number < len(scenario.groups))}{word.replace(' ', '_')}"
         part.line(entity, outline * size / 2 + at, color, thickness)
         part.label(f"{entity}/word", (at[0], at[1] - 0.2 * size), word, color)
 

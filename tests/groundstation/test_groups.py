@@ -105,7 +105,7 @@ def check_recording(path: Path, rows: Any) -> None:
     assert [row[8] for row in lanes] == [f"UAV 8, reserve: {now}" for now in ("waiting", "flying", "landed")]
     assert ticks.tolist() == [0, 50, 101]
     assert fixed(path, "map/uavs", "Points2D:labels")[4] == "UAV 4, couriers"
-    assert fixed(path, "map/legend/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
+    assert fixed(path, "map/legend/groups/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
     ticks, lines = scalars(path, plots.diagnostic("phi_G"))
     values = per_uav(rows, "phi_G")[..., 0]
     for tick, has in ((30, [0, 1, 2, 3]), (80, [0, 1, 2, 3, 7, 8]), (130, [0, 1, 2, 3])):
@@ -153,6 +153,9 @@ def test_plots_have_a_colour_a_group_and_a_legend(folder: Path) -> None:
     assert figures["paths"].axes[0].get_title(loc="left").startswith("mfgfl-hf+orca, seed 1")
     drawing = thumbnail(stored(folder))
     assert all(f'stroke="{plotstyle.group_colour(number)}"' in drawing for number in range(3))
+    assert all(
+        f'fill="{plotstyle.group_colour(number)}">{group["name"]}<' in drawing for number, group in enumerate(GROUPS)
+    )
 
 
 def test_an_export_has_groups_as_namespaces_and_the_status_of_uavs_that_landed(folder: Path, tmp_path: Path) -> None:

@@ -33,18 +33,20 @@ def thumbnail(run: RunPicture) -> str:
         BadInput: the time series is damaged.
     """
     flown, position = run.scenario, per_uav(run.table, *COLUMNS)
+    uavs = parts_of(flown)
     if not np.isfinite(position).all():
         raise BadInput("positions that are not finite; bring the time series back, or fly the run again")
     goals = np.unique(state.flat(mission.all_goals(flown)), axis=0)
     view = _MapScale([position.reshape(-1, 2), goals, mission.obstacles(flown)[:, :2], mission.stations(flown)[:, :2]])
     parts = [
         *_discs(view, flown),
-        *(path for part in parts_of(flown) for path in _paths(view, position[:, part.rows], part.colour)),
+        *(path for part in uavs for path in _paths(view, position[:, part.rows], part.colour)),
         *_squares(view, position[0]),
         *_circles(view, position[-1], 1.8, f'fill="{plotstyle.INK}"'),
         *_circles(view, places_of(run.events, "collision", position), 3.0, f'fill="{plotstyle.STAR["color"]}"'),
         *_goals(view, goals, flown.destination.radius),
         *_triangles(view, mission.stations(flown)[:, :2]),
+        *(_text(10, _MARGIN + 14 * line, part.name, part.colour) for line, part in enumerate(uavs) if part.name),
         _scale_bar(view),
     ]
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(parts)}</svg>'
@@ -127,6 +129,10 @@ def _scale_bar(view: _MapScale) -> str:
     long = length_m * view.scale
     return (
         f'<path d="M10 {HEIGHT - 10}h{long:.1f}" stroke="{plotstyle.INK}" stroke-width="1.5"/>'
-        f'<text x="{14 + long:.1f}" y="{HEIGHT - 6}" font-size="11" font-family="system-ui, sans-serif" '
-        f'fill="{plotstyle.INK}">{length_m:g} m</text>'
+        f"{_text(14 + long, HEIGHT - 6, f'{length_m:g} m', plotstyle.INK)}"
     )
+
+
+def _text(x: float, y: float, words: str, colour: str) -> str:
+    look = f'font-size="11" font-family="system-ui, sans-serif" fill="{colour}"'
+    return f'<text x="{x:.1f}" y="{y}" {look}>{words}</text>'
