@@ -64,7 +64,7 @@ def flown(rows: Sequence[Row]) -> list[str]:
 
 
 def exponent(rows: Sequence[Row], name: str, time: int, least: int = 0) -> Estimate:
-    """Exponent of N in a distance from the reference, from N = `least` on: mean over seeds of slopes of its logarithm."""
+    """Exponent of N in a distance from the reference, from N = `least` on: mean slope of its logarithm over seeds."""
     swarms = [uavs for uavs in sizes(rows, BEGINNING) if least <= uavs < REFERENCE.uavs]
     found = {(row["uavs"], row["seed"]): row[name][time] for row in rows if row["flight"] == BEGINNING and name in row}
     seeds = sorted({seed for _, seed in found if all((uavs, seed) in found for uavs in swarms)})
