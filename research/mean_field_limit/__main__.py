@@ -7,7 +7,7 @@ python -m research.mean_field_limit --page     # the page again, from docs/resul
 from meanflock.net import process
 from meanflock.studies import published
 from meanflock.studies.study import Summaries
-from research.mean_field_limit import cases, flights, page
+from research.mean_field_limit import cases, flights, page, picture
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
             ]
             published.write_rows(page.RESULTS, rows)
     published.write_page(page.PAGE, page.page, page.RESULTS)
-    page.draw(published.read_rows(page.RESULTS)[1])
+    picture.draw(published.read_rows(page.RESULTS)[1])
 
 
 if __name__ == "__main__":

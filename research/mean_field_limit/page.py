@@ -1,7 +1,6 @@
-"""The tables and the picture of docs/mean-field-limit.md."""
+"""The tables of docs/mean-field-limit.md."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from research.mean_field_limit.flights import BEGINNING, METHOD, TIMES_S
 
 PAGE = published.DOCS / "mean-field-limit.md"
 RESULTS = published.DOCS / "results" / "mean_field_limit.json"
-PICTURE = "mean-field-limit"  # in docs/pictures
 EXPECTED = -0.5  # exponent of N in each of the distances, stated before the flights
 LARGE = 100  # UAVs from which on the second fit goes
 NAMES = {
@@ -97,7 +95,10 @@ def distances(rows: Sequence[Row]) -> list[str]:
     return table(
         ("N", *(NAMES[name] for name in names)),
         [
-            (f"{uavs:,}", *(_mean([row[name][-1] for row in of(rows, uavs, BEGINNING)]).shown(".2g") for name in names))
+            (
+                f"{uavs:,}",
+                *(statistics.mean([row[name][-1] for row in of(rows, uavs, BEGINNING)]).shown(".2g") for name in names),
+            )
             for uavs in sizes(rows, BEGINNING)
             if uavs != REFERENCE.uavs
         ],
@@ -109,28 +110,19 @@ def beginnings(rows: Sequence[Row]) -> list[str]:
     lines = []
     for uavs in sizes(rows, BEGINNING):
         flights = of(rows, uavs, BEGINNING)
-        pairs = uavs * (uavs - 1) / 2e6
-        energy, alignment, collisions, share = (
-            _mean(values)
-            for values in (
-                [row["energy_J"] for row in flights],
-                [row["phi_A"] for row in flights],
-                [row["collisions"] for row in flights],
-                [row["collisions"] / pairs for row in flights],
-            )
-        )
-        lost = sum(row["lost"] for row in flights)
+        pairs = uavs * (uavs - 1) / 2
+        collisions = np.array([row["collisions"] for row in flights])
         lines.append(
             (
                 f"{uavs:,}",
-                energy.shown(".3f"),
-                alignment.shown(".3f"),
-                collisions.shown(",.1f"),
-                share.shown(".0f"),
-                f"{lost:,}",
+                statistics.mean([row["energy_J"] for row in flights]).shown(".3f"),
+                statistics.mean([row["phi_A"] for row in flights]).shown(".3f"),
+                statistics.mean(collisions).shown(",.1f"),
+                statistics.mean(1e6 * collisions / pairs).shown(".0f"),
+                f"{sum(row['lost'] for row in flights):,}",
             )
         )
-    return table(("N", "E, J", "φ_A, m/s", "collisions", "of a million pairs", "lost"), lines)
+    return table(("N", "E, J", "φ_A, m/s", "collisions", "of a million pairs", "UAVs lost"), lines)
 
 
 def whole(rows: Sequence[Row]) -> list[str]:
@@ -139,7 +131,7 @@ def whole(rows: Sequence[Row]) -> list[str]:
     for uavs in sizes(rows, METHOD):
         flights = of(rows, uavs, METHOD)
         names = {"time_s": ".1f", "energy_J": ".2f", "phi_A": ".3f", "collisions": ",.0f"}
-        means = (_mean([row[name] for row in flights]).shown(form) for name, form in names.items())
+        means = (statistics.mean([row[name] for row in flights]).shown(form) for name, form in names.items())
         arrived = f"{sum(row['arrived'] for row in flights):,} of {uavs * len(flights):,}"
         lines.append((f"{uavs:,}", *means, arrived))
     return table(("N", "T, s", "E, J", "φ_A, m/s", "collisions", "arrived"), lines)
@@ -152,7 +144,7 @@ def deviations(rows: Sequence[Row]) -> list[str]:
         for uavs in sizes(rows, name):
             cells = []
             for field in LAST:
-                stays = _mean([row[field] for row in of(rows, uavs, METHOD)])
+                stays = statistics.mean([row[field] for row in of(rows, uavs, METHOD)])
                 change = changed(rows, uavs, name, field)
                 cells += [f"{stays.value:.1f}", f"{_interval(change, '+.1f')}, {better(change)}"]
             lines.append((f"`{name}`", f"{uavs:,}", *cells))
@@ -171,59 +163,6 @@ def better(change: Estimate) -> str:
     if change.low <= 0.0 <= change.high:
         return "undecided"
     return "gains" if change.value < 0.0 else "loses"
-
-
-def draw(rows: Sequence[Row]) -> None:
-    """The picture: distances from the reference over N with lines of the expected exponent, and gains by deviating."""
-    from meanflock.results.plots import plotstyle
-
-    with plotstyle.style():
-        figure = plotstyle.figure(plotstyle.PAGE_IN, 2.7)
-        left, middle, right = figure.subplots(1, 3)
-        swarms = np.array([uavs for uavs in sizes(rows, BEGINNING) if uavs != REFERENCE.uavs])
-        for ax, names, unit in (
-            (left, DISTANCES, "sliced $W_1$ (m; m/s)"),
-            (middle, INTERACTIONS, "RMS difference of $\\phi_G$ (1/s$^2$)"),
-        ):
-            for name, look in zip(names, _LOOKS, strict=True):
-                means = [_mean([row[name][-1] for row in of(rows, uavs, BEGINNING)]) for uavs in swarms.tolist()]
-                seen = plotstyle.look(look)
-                plotstyle.dots(ax, seen, swarms, means)
-                through = means[len(means) // 2].value * (swarms / swarms[len(means) // 2]) ** EXPECTED
-                ax.plot(swarms, through, color=plotstyle.PALE, linestyle=(0, (4, 2)), linewidth=1.0, zorder=1)
-                ax.annotate(
-                    _LABELS[name], (swarms[0], means[0].value), (6, 4), textcoords="offset points", color=seen.colour
-                )
-            ax.set(xscale="log", yscale="log", xlabel="number of UAVs $N$", ylabel=unit)
-        for name, look in zip(DEVIATIONS, _LOOKS, strict=True):
-            flown_by = sizes(rows, name)
-            seen = plotstyle.look(look)
-            changes = [changed(rows, uavs, name, "last_cost_m") for uavs in flown_by]
-            plotstyle.dots(right, seen, np.array(flown_by, dtype=float), changes)
-            if changes:
-                right.annotate(
-                    name, (flown_by[0], changes[0].value), (6, 6), textcoords="offset points", color=seen.colour
-                )
-        right.axhline(0.0, color=plotstyle.INK, linewidth=0.7)
-        right.set(xscale="log", xlabel="number of UAVs $N$", ylabel="change of own cost (m)")
-        for letter, ax, title in zip(
-            "abc", (left, middle, right), ("states, t = 20 s", "interaction, t = 20 s", "one UAV deviates"), strict=True
-        ):
-            plotstyle.titled(ax, letter, title)
-        plotstyle.save(figure, published.DOCS / "pictures", PICTURE, ("png",))
-
-
-_LOOKS = ("mfgfl-hf", "hjb")  # two colours and markers
-_LABELS = {
-    "positions": "positions",
-    "velocities": "velocities",
-    "phi_G": "true states",
-    "phi_G_learned": "learned density",
-}
-
-
-def _mean(values: Sequence[Any]) -> Estimate:
-    return statistics.mean(values)
 
 
 def _interval(found: Estimate, form: str) -> str:
