@@ -7,14 +7,15 @@ python -m research.mean_field_limit --page     # the page again, from docs/resul
 from meanflock.net import process
 from meanflock.studies import published
 from meanflock.studies.study import Summaries
-from research.mean_field_limit import cases, flights, page, picture
+from research.mean_field_limit import cases, fit, flights, page, picture
 
 
 def main() -> None:
     """Fly every case, unless `--page` is set, and write the page; the results are written after each case."""
     given = published.options(__doc__, page=True).parse_args()
     if not given.page:
-        measured: dict[flights.Case, Summaries] = {}
+        fitted = fit.rows_of(published.flown("mean-field-limit", fit.fits(), given.jobs, fit.measure))
+        measured: dict[flights.SwarmCase, Summaries] = {}
         for case, seeds in cases.cases().items():
             points = {case: [flights.flight(case, seed) for seed in seeds]}
             measured |= published.flown("mean-field-limit", points, given.jobs, flights.measure)
@@ -24,7 +25,7 @@ def main() -> None:
                 for flown, found in measured.items()
                 for number, each in enumerate(found)
             ]
-            published.write_rows(page.RESULTS, rows)
+            published.write_rows(page.RESULTS, fitted + rows)
     published.write_page(page.PAGE, page.page, page.RESULTS)
     picture.draw(published.read_rows(page.RESULTS)[1])
 

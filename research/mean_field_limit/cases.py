@@ -5,29 +5,29 @@ from typing import Any
 
 import numpy as np
 
-from research.mean_field_limit.flights import BEGINNING, DIRECTIONS, LEVELS, METHOD, TIMES_S, Case, Floats
+from research.mean_field_limit.flights import BEGINNING, DIRECTIONS, LEVELS, METHOD, TIMES_S, Floats, SwarmCase
 
 FIRST_SEED = 95201  # no other study uses these seeds
-REFERENCE = Case(100_000, BEGINNING)  # its one flight stands for the limit
+REFERENCE = SwarmCase(100_000, BEGINNING)  # its one flight stands for the limit
 BEGINNINGS = {10: 20, 30: 20, 100: 20, 300: 20, 1_000: 20, 3_000: 20, 10_000: 20}  # seeds of each N
-WHOLE = {10: 40, 100: 40, 1_000: 10}  # seeds of each N
+WHOLE = {10: 40, 100: 40, 1_000: 20, 3_000: 4}  # seeds of each N
 DEVIATIONS = ("cruise", "mfg")  # controllers of the last UAV, beside that of the swarm
 DISTANCES = ("positions", "velocities")  # sliced Wasserstein-1, m and m/s
 INTERACTIONS = ("phi_G", "phi_G_learned")  # root mean square of the difference over the nodes, 1/s²
 Row = dict[str, Any]
 
 
-def cases() -> dict[Case, range]:
+def cases() -> dict[SwarmCase, range]:
     """Every case with its seeds: the reference first, then small swarms before large ones."""
-    beginnings = {Case(uavs, BEGINNING): count for uavs, count in BEGINNINGS.items()}
-    whole = {Case(uavs, name): count for uavs, count in WHOLE.items() for name in (METHOD, *DEVIATIONS)}
+    beginnings = {SwarmCase(uavs, BEGINNING): count for uavs, count in BEGINNINGS.items()}
+    whole = {SwarmCase(uavs, name): count for uavs, count in WHOLE.items() for name in (METHOD, *DEVIATIONS)}
     counts = {REFERENCE: 1, **beginnings, **whole}
     return {case: range(FIRST_SEED, FIRST_SEED + count) for case, count in counts.items()}
 
 
-def row_of(case: Case, seed: int, measured: Mapping[str, Any], reference: Mapping[str, Any]) -> Row:
+def row_of(case: SwarmCase, seed: int, measured: Mapping[str, Any], reference: Mapping[str, Any]) -> Row:
     """Row of one flight: numbers of its summary and, of a beginning, its distances from the reference."""
-    summary = {name: _short(value) for name, value in measured.items() if not isinstance(value, bytes)}
+    summary = {name: shortened(value) for name, value in measured.items() if not isinstance(value, bytes)}
     compared = distances(measured, reference) if case.flight == BEGINNING and case != REFERENCE else {}
     return {**case._asdict(), "seed": seed, **summary, **compared}
 
@@ -40,8 +40,8 @@ def distances(measured: Mapping[str, Any], reference: Mapping[str, Any]) -> dict
         return (own - other).reshape(len(TIMES_S), *shape)
 
     found = {name: sliced_wasserstein(of(name, "<f4", DIRECTIONS, LEVELS)) for name in DISTANCES}
-    found |= {name: np.sqrt((of(name, "<f8", -1) ** 2).mean(axis=-1)) for name in INTERACTIONS}
-    return {name: list(map(_short, values.tolist())) for name, values in found.items()}
+    found |= {name: root_mean_square(of(name, "<f8", -1)) for name in INTERACTIONS}
+    return {name: shortened(values.tolist()) for name, values in found.items()}
 
 
 def sliced_wasserstein(difference: Floats) -> Floats:
@@ -51,5 +51,14 @@ def sliced_wasserstein(difference: Floats) -> Floats:
     return distance
 
 
-def _short(value: Any) -> Any:
+def root_mean_square(difference: Floats) -> Floats:
+    """Root mean square (...) over nodes of differences (..., Q)."""
+    size: Floats = np.sqrt((difference**2).mean(axis=-1))
+    return size
+
+
+def shortened(value: Any) -> Any:
+    """A number, or each of a list, with five significant digits; other values as they are."""
+    if isinstance(value, list):
+        return list(map(shortened, value))
     return float(f"{value:.5g}") if isinstance(value, float) else value

@@ -34,14 +34,14 @@ SETTINGS = ("federation.period=50", "learner.position_scale=200")
 DIRECTIONS, LEVELS = 16, 200  # of projections, and of their quantiles
 
 
-class Case(NamedTuple):
+class SwarmCase(NamedTuple):
     """A case of the study: N, and the beginning of a flight or the controller of the last UAV in a whole one."""
 
     uavs: int
     flight: str
 
 
-def flight(case: Case, seed: int) -> Scenario:
+def flight(case: SwarmCase, seed: int) -> Scenario:
     """One flight of a case. A seed has the same starts and the same wind, whichever controller the last UAV has."""
     settings: dict[str, Any] = {"start.positions": starts(case.uavs, seed)}
     if case.flight == BEGINNING:

@@ -9,12 +9,13 @@ from meanflock.results.statistics import Estimate
 from meanflock.studies import published
 from meanflock.studies.markdown import replaced, table
 from research.mean_field_limit.cases import DEVIATIONS, DISTANCES, FIRST_SEED, INTERACTIONS, REFERENCE, Row
+from research.mean_field_limit.fit import FIT
 from research.mean_field_limit.flights import BEGINNING, METHOD, TIMES_S
 
 PAGE = published.DOCS / "mean-field-limit.md"
 RESULTS = published.DOCS / "results" / "mean_field_limit.json"
 EXPECTED = -0.5  # exponent of N in each of the distances, stated before the flights
-LARGE = 100  # UAVs from which on the second fit goes
+LARGE = (0, 100, 1_000)  # UAVs from which on each fit goes
 NAMES = {
     "positions": "sliced W₁ of positions, m",
     "velocities": "sliced W₁ of velocities, m/s",
@@ -26,15 +27,13 @@ LAST = {"last_cost_m": "cost, m", "last_time_s": "T, s", "last_energy_J": "E, J"
 
 def page(text: str, code: str, rows: Sequence[Row]) -> str:
     """The page `text` with the tables of these flights."""
+    count = sum(row["flight"] != FIT for row in rows)
     parts = {
-        "flights": [
-            f"{len(rows):,} flights with seeds from {FIRST_SEED} on. {published.flown_by(code)}",
-            "",
-            *flown(rows),
-        ],
+        "flights": [f"{count:,} flights with seeds from {FIRST_SEED} on. {published.flown_by(code)}", "", *flown(rows)],
         "exponents": exponents(rows),
         "distances": distances(rows),
         "beginnings": beginnings(rows),
+        "fits": fits(rows),
         "whole": whole(rows),
         "deviations": deviations(rows),
     }
@@ -82,11 +81,12 @@ def exponents(rows: Sequence[Row]) -> list[str]:
     lines = []
     for name in (*DISTANCES, *INTERACTIONS):
         for time, second in enumerate(TIMES_S):
-            fits = [exponent(rows, name, time, least) for least in (0, LARGE)]
+            fits = [exponent(rows, name, time, least) for least in LARGE]
             lines.append(
                 (NAMES[name], f"{second:g}", *(cell for fit in fits for cell in (_interval(fit, ".2f"), verdict(fit))))
             )
-    return table(("distance", "t, s", "exponent, all N", "", f"exponent, N ≥ {LARGE}", ""), lines)
+    heads = ("exponent, all N", *(f"N ≥ {least:,}" for least in LARGE[1:]))
+    return table(("distance", "t, s", *(cell for head in heads for cell in (head, "verdict"))), lines)
 
 
 def distances(rows: Sequence[Row]) -> list[str]:
@@ -103,6 +103,23 @@ def distances(rows: Sequence[Row]) -> list[str]:
             if uavs != REFERENCE.uavs
         ],
     )
+
+
+def fits(rows: Sequence[Row]) -> list[str]:
+    """A row for each number of points: the difference of two fits; and the exponent of the points."""
+    fitted = [row for row in rows if row["flight"] == FIT]
+    numbers = sorted({row["points"] for row in fitted})
+    apart = np.array([[row["phi_G_learned"] for row in fitted if row["points"] == points] for points in numbers])
+    fall = statistics.mean(statistics.slopes(np.log(numbers), np.log(apart.T)))
+    lines = [
+        (f"{points:,} + {points:,}", str(len(own)), statistics.mean(own).shown(".2g"))
+        for points, own in zip(numbers, apart, strict=True)
+    ]
+    return [
+        *table(("points near the starts + in the box", "pairs of fits", NAMES["phi_G_learned"]), lines),
+        "",
+        f"Exponent of the number of points: {_interval(fall, '.2f')}.",
+    ]
 
 
 def beginnings(rows: Sequence[Row]) -> list[str]:

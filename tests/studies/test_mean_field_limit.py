@@ -7,11 +7,12 @@ import pytest
 
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
+from meanflock.results import statistics
 from meanflock.results.statistics import Estimate
 from meanflock.studies import published
 from meanflock.swarm import state
-from research.mean_field_limit import cases, flights, page
-from research.mean_field_limit.flights import BEGINNING, METHOD, Case
+from research.mean_field_limit import cases, fit, flights, page
+from research.mean_field_limit.flights import BEGINNING, METHOD, SwarmCase
 
 CODE, ROWS = published.read_rows(page.RESULTS)
 
@@ -76,7 +77,7 @@ def test_all_swarms_start_in_the_same_square_and_at_other_places_for_each_seed()
 
 
 def test_the_cost_of_the_last_uav_is_that_of_its_path() -> None:
-    flown = flights.flight(Case(6, "cruise"), 3)
+    flown = flights.flight(SwarmCase(6, "cruise"), 3)
     telemetry, last = StoredTelemetry(), flights.LastCost(flown)
     engine = Engine(flown, "cost", sinks=[telemetry])
     engine.add_sink(last)
@@ -100,16 +101,41 @@ def test_the_page_has_the_tables_of_its_results() -> None:
 
 
 def test_every_flown_case_has_its_seeds() -> None:
-    flown: dict[Case, list[int]] = {}
+    flown: dict[SwarmCase, list[int]] = {}
     for row in ROWS:
-        flown.setdefault(Case(row["uavs"], row["flight"]), []).append(row["seed"])
+        flown.setdefault(SwarmCase(row["uavs"], row["flight"]), []).append(row["seed"])
+    assert flown.pop(SwarmCase(fit.UAVS, fit.FIT)) == [*fit.SEEDS[1:]] * len(fit.POINTS)
     wanted = cases.cases()
     assert all(seeds == list(wanted[case]) for case, seeds in flown.items())
 
 
-@pytest.mark.parametrize("case", [Case(10, METHOD), Case(10, "mfg")])
-def test_repeated_flights_have_the_published_numbers(case: Case) -> None:
+def test_the_findings_in_words_are_those_of_the_flights() -> None:
+    for time in range(len(flights.TIMES_S)):
+        for name in cases.DISTANCES:
+            assert all(page.verdict(page.exponent(ROWS, name, time, least)) == "as expected" for least in page.LARGE)
+        assert page.verdict(page.exponent(ROWS, "phi_G", time, 1_000)) == "as expected"
+        assert page.exponent(ROWS, "phi_G_learned", time).value > -0.1
+    for uavs in (10, 100, 1_000):
+        assert page.better(page.changed(ROWS, uavs, "cruise", "last_cost_m")) == "gains"
+        assert page.better(page.changed(ROWS, uavs, "mfg", "last_cost_m")) == "loses"
+    (reference,) = page.of(ROWS, *cases.REFERENCE)
+    for uavs in (100, 300, 1_000, 3_000, 10_000):
+        for name in ("energy_J", "phi_A"):
+            found = statistics.mean([row[name] for row in page.of(ROWS, uavs, BEGINNING)])
+            assert found.low <= reference[name] <= found.high
+
+
+@pytest.mark.parametrize("case", [SwarmCase(10, BEGINNING), SwarmCase(10, METHOD), SwarmCase(10, "mfg")])
+def test_repeated_flights_have_the_published_numbers(case: SwarmCase) -> None:
     (row,) = (row for row in ROWS if (*case, cases.FIRST_SEED) == (row["uavs"], row["flight"], row["seed"]))
-    again = cases.row_of(case, cases.FIRST_SEED, flights.measure(flights.flight(case, cases.FIRST_SEED)), {})
-    again.pop("trajectory_sha256")
-    assert again == pytest.approx({name: row[name] for name in again}, rel=1e-4)
+    measured = flights.measure(flights.flight(case, cases.FIRST_SEED))
+    again = cases.row_of(case, cases.FIRST_SEED, measured, measured)
+    names = again.keys() - {*cases.DISTANCES, *cases.INTERACTIONS, "flight", "trajectory_sha256"}
+    assert {name: again[name] for name in names} == pytest.approx({name: row[name] for name in names}, rel=1e-4)
+
+
+def test_repeated_fits_have_the_published_distance() -> None:
+    points = fit.POINTS[0]
+    again = fit.rows_of({points: [fit.measure(scenario) for scenario in fit.fits()[points]]})
+    published_rows = [row for row in ROWS if row["flight"] == fit.FIT and row["points"] == points]
+    assert [row["phi_G_learned"] for row in again] == pytest.approx([row["phi_G_learned"] for row in published_rows])
