@@ -115,9 +115,12 @@ def test_the_findings_in_words_are_those_of_the_flights() -> None:
             assert all(page.verdict(page.exponent(ROWS, name, time, least)) == "as expected" for least in page.LARGE)
         assert page.verdict(page.exponent(ROWS, "phi_G", time, 1_000)) == "as expected"
         assert page.exponent(ROWS, "phi_G_learned", time).value > -0.1
-    for uavs in (10, 100, 1_000):
+    for uavs in page.sizes(ROWS, METHOD):
         assert page.better(page.changed(ROWS, uavs, "cruise", "last_cost_m")) == "gains"
         assert page.better(page.changed(ROWS, uavs, "mfg", "last_cost_m")) == "loses"
+        assert page.better(page.changed(ROWS, uavs, "mfg", "last_energy_J")) == (
+            "undecided" if uavs == 3_000 else "loses"
+        )
     (reference,) = page.of(ROWS, *cases.REFERENCE)
     for uavs in (100, 300, 1_000, 3_000, 10_000):
         for name in ("energy_J", "phi_A"):
