@@ -1,6 +1,6 @@
 """Flies swarms of 10 to 100,000 UAVs and deviations of one UAV, and writes docs/mean-field-limit.md.
 
-python -m research.mean_field_limit --jobs 1   # half an hour on one core; 2 GB. Interrupted, it flies the rest next time
+python -m research.mean_field_limit --jobs 1   # half an hour on one core, 2 GB; a repeated command flies the rest
 python -m research.mean_field_limit --page     # the page again, from docs/results/mean_field_limit.json
 """
 

@@ -62,4 +62,4 @@ def _deviations(ax: Axes, rows: Sequence[Row]) -> None:
 
 def _label(ax: Axes, text: str, x: float, y: float, colour: str) -> None:
     """Label of a line, above its first point."""
-    ax.annotate(text, (x, y), (6, 5), textcoords="offset points", color=colour)
+    ax.annotate(text, (x, y), (5, 9), textcoords="offset points", color=colour)
