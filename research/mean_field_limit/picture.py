@@ -45,7 +45,7 @@ def _distances(ax: Axes, names: Sequence[str], rows: Sequence[Row]) -> None:
         middle = len(swarms) // 2
         line = means[middle].value * (swarms / swarms[middle]) ** EXPECTED
         ax.plot(swarms, line, color=plotstyle.PALE, linestyle=(0, (4, 2)), linewidth=1.0, zorder=1)
-        _label(ax, LABELS[name], swarms[0], means[0].value, look.colour)
+        _label(ax, LABELS[name], swarms[0], means[0].value, look.colour, 4)
     plotstyle.log_axis(ax)
 
 
@@ -55,11 +55,11 @@ def _deviations(ax: Axes, rows: Sequence[Row]) -> None:
         changes = [changed(rows, uavs, name, "last_cost_m") for uavs in swarms]
         plotstyle.dots(ax, look, np.array(swarms, dtype=float), changes)
         for uavs, change in list(zip(swarms, changes, strict=True))[:1]:
-            _label(ax, name, uavs, change.value, look.colour)
+            _label(ax, name, uavs, change.value, look.colour, 9)
     ax.axhline(0.0, color=plotstyle.INK, linewidth=0.7)
     ax.set(ylabel="change of own cost (m)")
 
 
-def _label(ax: Axes, text: str, x: float, y: float, colour: str) -> None:
-    """Label of a line, above its first point."""
-    ax.annotate(text, (x, y), (5, 9), textcoords="offset points", color=colour)
+def _label(ax: Axes, text: str, x: float, y: float, colour: str, rise: int) -> None:
+    """Label of a line, some points above its first mark."""
+    ax.annotate(text, (x, y), (6, rise), textcoords="offset points", color=colour)
