@@ -86,8 +86,9 @@ def run(
 
     \b
     crowd, faults, groups, gusts, hierarchical, lossy, massive, obstacles,
-    paper, paper-exchanged, paper-printed, paper-slow, radio-mast, radio-sky,
-    radio-street, radio-thin, streams, swap, unknown, windmap, windy.
+    paper, paper-exchanged, paper-printed, paper-slow, patrol, radio-mast,
+    radio-sky, radio-street, radio-thin, streams, swap, unknown, windmap,
+    windy.
 
     \b
     In space: layers, mast, sphere, tower. The others fly there, too, with

@@ -25,7 +25,7 @@ from meanflock.swarm.scenario.values import validated
 
 STUDY_FILE = "study.json"
 SCHEMA = 1
-_OF_THE_MACHINE = ("run_id", "version", "mode", "backend", "wall_time_s", "real_time_factor")
+_OF_THE_MACHINE = ("run_id", "version", "mode", "backend", "wall_time_s", "world_time_s", "real_time_factor")
 _PROVENANCE = ("provenance.", "realtime.")  # begin columns of a flight that say what flew, and how fast
 Point = tuple[Any, ...]
 

@@ -82,15 +82,11 @@ def uavs_of(mission: Mission, radio: Any) -> list[int]:
 
 
 def starts(mission: Mission) -> state.States:
-    """Initial states, (N, 2d) in m and m/s, read-only. All UAVs are at rest."""
-    whole = _starts(mission.uavs, mission.start, mission.space)
-    if all(group.start is None for group in mission.groups):
-        return whole
-    states = whole.copy()
+    """Initial states, (N, 2d) in m and m/s. All UAVs are at rest."""
+    states = _starts(mission.uavs, mission.start, mission.space).copy()
     for group, rows in parts(mission):
         if group.start is not None:
             states[rows] = _starts(group.count, group.start, mission.space)
-    states.flags.writeable = False
     return states
 
 

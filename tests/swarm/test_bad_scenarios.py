@@ -81,7 +81,7 @@ def test_a_bad_file_is_bad_input_and_python_code_is_refused_in_the_same_words(ro
     [
         ({"wind": Wind(sigma=-0.3)}, ("wind.sigma", "a number >= 0.0, got -0.3", REMEDY)),
         ({"wind.mean": np.zeros(3)}, ("`wind.mean` has three numbers", "set `space.dimensions` to 3")),
-        ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number > 0.0, got -1", REMEDY)),
+        ({"obstacles": [{"centre": [9, 9], "radius": -1}]}, ("obstacles[0].radius", "a number >= 0.0, got -1", REMEDY)),
         ({"controller": {1: 2}}, ("controller", "expected text, got {1: 2}", REMEDY)),
         ({"controller": {"file": "\udc80"}}, ("`controller` must be Unicode text, not '\\udc80'", REMEDY)),
         ({"duration": object()}, ("duration", "type object", "give a number")),

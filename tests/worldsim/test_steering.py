@@ -53,7 +53,8 @@ class Flight:
         self.now = now
         self.port.coming += came
         all_awake = np.ones(3, dtype=bool)
-        nothing = [], (), 0, False, b"", False, False, np.zeros(0, dtype=int), 0
+        nobody = np.zeros(0, dtype=int)
+        nothing = [], (), 0, False, b"", False, False, nobody, np.zeros((0, 2)), nobody, 0
         acts, _ = self.steered.answer(Senses(0, np.zeros((3, 4)), all_awake, all_awake, ~all_awake, idle, *nothing))
         assert not self.crew.commands.any()
         self.events += [(note.kind, list(note.uavs)) for note in acts.news]
