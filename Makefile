@@ -69,7 +69,7 @@ soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and 
 robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
 	@$(BIN)/python -m research.robustness $(ARGS)
 
-picture: $(VENV)/.ground ## Draw the README's pictures again (needs a software or hardware Vulkan driver)
+picture: $(VENV)/.ground ## Draw the pictures of recordings again (needs a software or hardware Vulkan driver)
 	@$(BIN)/python -m research.pictures
 
 docs: .docs/.ready ## Build the documentation as a web site, site/index.html, and check its links

@@ -1,4 +1,4 @@
-"""Draws the pictures of the README and of flying in space: flies scenarios and takes screenshots of the recordings.
+"""Draws pictures of the README and of other pages: flies scenarios and takes screenshots of the recordings.
 
 Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-drivers libgl1 libegl1.
 """
