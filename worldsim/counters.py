@@ -1,10 +1,7 @@
 """Counters of the protocol, which world and crew share, and the spread of the models."""
 
 import logging
-import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,13 +56,6 @@ class Counters(Stateful):
         self.wall_s = 0.0
         self.spread: float | None = None
         self.drops: Counter[str] = Counter()
-
-    @contextmanager
-    def world_time(self) -> Iterator[None]:
-        """Count the wall-clock time of a block as the world's."""
-        begun = time.perf_counter()
-        yield
-        self.world_s += time.perf_counter() - begun
 
     def drop(self, error: MessageRejected, where: str, tick: int, peer: str = "") -> Dropped | None:
         """Count a message that is rejected, and log the first ones.

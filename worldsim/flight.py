@@ -219,7 +219,10 @@ class Flight(Stateful):
         self.altitude = Altitude(scenario)
         self.guide = Guide(scenario)
         radii = mission.radii(scenario)
-        self._discs = [(float(radius), radii == radius) for radius in np.unique(radii)]  # of arrival, and their UAVs
+        # Radii of arrival and the UAVs (N,) that have them; None: all.
+        self._discs: list[tuple[float, Mask | None]] = [(float(radii[0]), None)]
+        if (radii != radii[0]).any():
+            self._discs = [(float(radius), radii == radius) for radius in np.unique(radii)]
         self.launch_tick = mission.launches(scenario)
         self._join_tick = mission.joins(scenario)
         self.status = np.full(n, FLYING)
@@ -385,6 +388,8 @@ class Flight(Stateful):
             self._sort()
         self._observe(before, on_way)
         self._arrive(on_way, diverged)
+        if not (self.ground.is_there or self.altitude.limits):
+            return
         down = (self.arrival_tick >= 0) | (self.status == LANDED)
         if self.ground.is_there:
             for uav in self.ground.touch(self.states, down).tolist():
@@ -462,11 +467,12 @@ class Flight(Stateful):
         """Change the status of UAVs that were `on_way` (N,), did not diverge, and have reached the destination."""
         if self.guide.is_there:
             on_way = on_way | (self.guide.homeward & (self.status == ARRIVED))
-        reached, found = on_way.copy(), 0
+        found, reached = 0, on_way.copy()
         for radius, uavs in self._discs:
-            own = reached if len(self._discs) == 1 else on_way & uavs
+            own = reached if uavs is None else on_way & uavs
             found += kernels.reached(self.states, self.guide.goals, radius, own)
-            reached[uavs] = own[uavs]
+            if uavs is not None:
+                reached[uavs] = own[uavs]
         if not found:
             return
         reached[diverged] = False

@@ -48,6 +48,7 @@ class Guide(Stateful):
                 places = np.array(scenario.space.vectors(table.waypoints, scenario.start.height))
                 self._ways.append(_Way(rows, places, np.array(table.times_s), table.patrol))
         self.is_there = scenario.is_guided
+        self._no_news = _NO_UAVS, np.zeros((0, scenario.dimensions))
         self.goals = mission.goal_states(scenario)
         self.leg = np.zeros(uavs, dtype=np.int64)
         self.reached = 0
@@ -58,7 +59,7 @@ class Guide(Stateful):
     def news(self, awake: Mask) -> tuple[NDArray[np.intp], Floats]:
         """The UAVs (K,) among those that are awake (N,) that must be told their goals, and these (K, d), m."""
         if not self.is_there:
-            return _NO_UAVS, state.position(self.goals[:0])
+            return self._no_news
         uavs = np.flatnonzero(self.untold & awake)
         return uavs, state.position(self.goals[uavs])
 

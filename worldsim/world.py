@@ -318,7 +318,8 @@ class World(Stateful):
             The UAVs and the number of leaders that are killed; the UAVs that are awake, (N,).
         """
         flight = self.flight
-        self._begin_groups(tick)
+        if self.scenario.groups:
+            self._begin_groups(tick)
         if flight.guide.is_there:
             self._guide(tick)
         if not self.scenario.faults:
