@@ -12,7 +12,7 @@ from benchmarks import sizes
 from benchmarks.figure import Effort, Figure, Outcome, Say, per_call_ms
 from benchmarks.lockstep_floor import floor_of
 from benchmarks.processes import Children
-from meanflock.launch.station import Station
+from meanflock.launch.station import RecordingStation
 from meanflock.net import keys
 from meanflock.net.networked import NetworkedRun
 from meanflock.net.session import ZenohBus
@@ -94,7 +94,7 @@ def _swarm() -> tuple[float, list[tuple[float, float]]]:
         bus = connected(children)
         try:
             bus.subscribe(keys.sense(children.run, "*"))
-            station = Station(bus, children.run, [])
+            station = RecordingStation(bus, children.run, [])
             asked = 0
             first_s = 0.0
             while asked < TICKS_BEFORE_WEIGHING * AGENTS:

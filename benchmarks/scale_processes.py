@@ -10,7 +10,7 @@ from benchmarks.figure import Effort, Figure, Outcome, Say
 from benchmarks.networked import floor_tick_ms
 from benchmarks.processes import BenchmarkFailed, Children
 from meanflock.launch.memory import available_mb, needed_mb
-from meanflock.launch.station import Station
+from meanflock.launch.station import RecordingStation
 from meanflock.swarm.wire.messages import Telemetry
 
 TITLE = "From 25 to 200 processes"
@@ -77,7 +77,7 @@ def _swarm(agents: int, ticks: int) -> tuple[list[float], float, float]:
         bus = connected(children)
         try:
             watch = Stopwatch()
-            station = Station(bus, children.run, [watch])
+            station = RecordingStation(bus, children.run, [watch])
             while not watch.ticks or watch.ticks[-1] < max(ticks, 3 * WARM_TICKS):
                 delivery = bus.receive(0.5)
                 if delivery is not None:

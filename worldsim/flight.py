@@ -5,7 +5,6 @@ UAVs move straight within a tick, so encounters are closest approaches of segmen
 
 import functools
 import math
-from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -119,18 +118,17 @@ class Encounters(Stateful):
         if not len(seen.touching):
             return []
         first, second = seen.touching.T
-        together = list(zip(first.tolist(), second.tolist(), strict=True))
-        self.touched.update(together)
-        both = on_way[first] & on_way[second]
-        new = [pair for pair in compress(together, both.tolist()) if pair not in self.collided]
-        self.collided.update(new)
-        places = state.position(after)
-        both &= state.length(places[first] - places[second]) < self._radius * (1.0 + 1e-9)
-        self.collided_at_ticks.update(
-            pair
-            for pair in compress(together, both.tolist())
-            if pair not in self.collided_at_ticks and math.dist(*places[[*pair]]) < self._radius
-        )
+        new: list[Pair] = []
+        for pair, both in zip(
+            map(tuple, seen.touching.tolist()), (on_way[first] & on_way[second]).tolist(), strict=True
+        ):
+            self.touched.add(pair)
+            if both and pair not in self.collided_at_ticks:  # most pairs stay close for many ticks
+                if math.dist(*state.position(after[[*pair]])) < self._radius:
+                    self.collided_at_ticks.add(pair)
+                if pair not in self.collided:
+                    self.collided.add(pair)
+                    new.append(pair)
         return new
 
     def enter(self, before: state.States, after: state.States) -> list[Pair]:
