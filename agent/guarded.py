@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,32 +165,39 @@ class Guarded:
 
     def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
         """The memory after a global model has reached some rows."""
-        try:
-            return self._taught(memory, rows, arrival)
-        except FAILURES as error:
-            places = {row: place for place, row in enumerate(rows.tolist())}
-            first = np.zeros(1, dtype=np.intp)
-            by_row = _each_row(places, lambda row: self._taught(_row(memory, row), first, arrival.row(places[row])))
-            self._break([row for row in places if row not in by_row], error)
-            return _with_rows(memory, by_row)
+        return self._told(self.controller.arrived, memory, rows, arrival, arrival.row)
 
     def guided(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
         """The memory after some rows were given other goals, (len(rows), d)."""
+        return self._told(self.controller.guide, memory, rows, goals, lambda place: goals[place : place + 1])
+
+    def _told(
+        self,
+        call: Callable[[Memory, Rows, Any], Memory],
+        memory: Memory,
+        rows: Rows,
+        news: Any,
+        alone: Callable[[int], Any],
+    ) -> Memory:
+        """The memory after some rows were told news, by a method of the controller.
+
+        Args:
+            alone: the news for the row at a place among `rows`, as if it were alone.
+        """
+
+        def after(memory: Memory, rows: Rows, news: Any) -> Memory:
+            changed = call(memory, rows, news)
+            check_same_form("memory", changed, memory)
+            return changed
+
         try:
-            return self._directed(memory, rows, goals)
+            return after(memory, rows, news)
         except FAILURES as error:
-            first = np.zeros(1, dtype=np.intp)
             places = {row: place for place, row in enumerate(rows.tolist())}
-            by_row = _each_row(
-                places, lambda row: self._directed(_row(memory, row), first, goals[places[row] : places[row] + 1])
-            )
+            first = np.zeros(1, dtype=np.intp)
+            by_row = _each_row(places, lambda row: after(_row(memory, row), first, alone(places[row])))
             self._break([row for row in places if row not in by_row], error)
             return _with_rows(memory, by_row)
-
-    def _directed(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
-        after = self.controller.guide(memory, rows, goals)
-        check_same_form("memory", after, memory)
-        return after
 
     def break_not_finite(self, memory: Memory) -> None:
         """Break the rows whose memory has numbers that are not finite, so that no checkpoint stores them."""
@@ -246,11 +253,6 @@ class Guarded:
         after = _with_rows(memory, {row: step.memory for row, step in steps.items()})
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
         return Step(after, commands[:, :axes], commands[:, axes:], broadcasts, refused), commands
-
-    def _taught(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
-        after = self.controller.arrived(memory, rows, arrival)
-        check_same_form("memory", after, memory)
-        return after
 
     def _table(
         self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: TableCheck = BOUNDED

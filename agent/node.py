@@ -72,13 +72,16 @@ class Agent:
         return self.reply(sense, self.hear(sense))
 
     def hear(self, sense: Sense) -> tuple[Received, ...]:
-        """Begin a tick: the rounds take models. Returns the frames of other UAVs.
+        """Begin a tick: the rounds take models, and rows other goals. Returns the frames of other UAVs.
 
         Raises:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
         before = self._memory
+        told = self._goals_in(sense.memory) if sense.memory else None
         received = self._receive(sense)
+        if told is not None:
+            self._memory = self._controller.guided(self._memory, *told)
         if self._controller.asleep is not None:
             self._memory = choose(self._controller.asleep, before, self._memory)
         return received
@@ -87,8 +90,6 @@ class Agent:
         """Compute the rest of a tick, in which the frames `received` were heard."""
         tick = sense.tick
         before, controller = self._memory, self._controller
-        if sense.memory:
-            self._memory = controller.guided(self._memory, *self._goals_in(sense.memory))
         # 1. Take part in the rounds.
         outbox, refused = self._rounds.act(tick)
         # 2. Let the controller fly.

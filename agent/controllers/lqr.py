@@ -41,17 +41,18 @@ class Lqr(Controller):
         super().__init__(options, scenario)
         self.gains = gains(options.position_weight, options.velocity_weight)
         self._goals = mission.goals(scenario)
+        self._is_guided = scenario.is_guided
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         memory: Memory = {"uav": uavs.astype(np.int32)}
-        return memory | {"goal": self._goals[uavs]} if self.scenario.is_guided else memory
+        return memory | {"goal": self._goals[uavs]} if self._is_guided else memory
 
     def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
         return memory | {"goal": replaced(memory["goal"], rows, goals)}
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         k_r, k_v = self.gains
-        goals = memory["goal"] if self.scenario.is_guided else self._goals[memory["uav"]]
+        goals = memory["goal"] if self._is_guided else self._goals[memory["uav"]]
         feedback = -k_r * (state.position(own) - goals) - k_v * state.velocity(own)
         return Step(memory, feedback + against_the_air(self.scenario, own))
 

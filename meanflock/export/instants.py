@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from meanflock.results.flown import FlightSoFar, FlownKeys, Piece
-from meanflock.results.groups import method
 from meanflock.results.quantities import ATTITUDE
 from meanflock.results.series import per_uav, states_of
 from meanflock.results.stored_run import began
-from meanflock.swarm import state
+from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.state import Floats
@@ -105,7 +104,7 @@ def _quaternions(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
 def about(flown: FlownKeys, finished: bool) -> dict[str, str]:
     """The scenario in a few words."""
     return {
-        "method": method(flown),
+        "method": mission.method(flown),
         "uavs": str(flown.uavs),
         "seed": str(flown.seed),
         "finished": str(finished).lower(),

@@ -16,7 +16,7 @@ from meanflock.federation.cut import WHOLE, coding_of
 from meanflock.federation.groups import Group, grouped
 from meanflock.federation.seat import name_of, seat
 from meanflock.federation.topology.base import Hop, linked
-from meanflock.swarm import plugins
+from meanflock.swarm import mission, plugins
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
@@ -72,7 +72,7 @@ class Plan:
     @property
     def method(self) -> str:
         """Names of the controllers, joined by "+"."""
-        return "+".join(dict.fromkeys(group.scenario.method for group in self.groups))
+        return mission.method(self.scenario)
 
     @functools.cached_property
     def has_column(self) -> NDArray[np.bool_] | None:

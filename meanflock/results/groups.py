@@ -3,9 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.results.flown import FlownKeys
 from meanflock.swarm.mission import Mission
-from meanflock.swarm.scenario import Scenario
 
 
 def numbers(flown: Mission) -> NDArray[np.intp]:
@@ -13,11 +11,6 @@ def numbers(flown: Mission) -> NDArray[np.intp]:
     if not flown.groups:
         return np.zeros(flown.uavs, dtype=np.intp)
     return np.repeat(np.arange(len(flown.groups)), [group.count for group in flown.groups])
-
-
-def method(flown: FlownKeys | Scenario) -> str:
-    """Name of the controller of a flight; with groups, the names of all controllers, joined by "+"."""
-    return "+".join(dict.fromkeys(group.method or flown.method for group in flown.groups)) or flown.method
 
 
 def uav_names(flown: Mission) -> list[str]:

@@ -73,6 +73,11 @@ class FlownMission(Mission, Protocol):
         """`[vehicle]`."""
 
 
+def method(flown: Any) -> str:
+    """Name of the controller of a scenario; of groups, those of all, joined by "+"."""
+    return "+".join(dict.fromkeys(group.method or flown.method for group in flown.groups)) or str(flown.method)
+
+
 def uavs_of(mission: Mission, radio: Any) -> list[int]:
     """The UAVs that an entry of `[[radios]]` names: by numbers, or by their group."""
     return [
@@ -228,11 +233,11 @@ def farthest_from_landing(mission: Any) -> float:
 
     `mission`: a scenario.
     """
-    home, space = state.position(starts(mission)), mission.space
+    home, first, space = state.position(starts(mission)), goals(mission), mission.space
     landings = np.array(space.vectors(mission.energy.landings, mission.start.height))
     ways = [0.0]
     for rows, destination in destinations(mission):
-        for place in [goals(mission)[rows], *space.vectors(destination.waypoints, mission.start.height)]:
+        for place in [first[rows], *space.vectors(destination.waypoints, mission.start.height)]:
             apart = place - home[rows] if not len(landings) else np.atleast_2d(place)[:, None] - landings
             length = state.length(apart)
             ways.append(float(length.max() if not len(landings) else length.min(axis=1).max()))

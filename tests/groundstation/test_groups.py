@@ -23,12 +23,13 @@ from meanflock.recording import recorder as recording
 from meanflock.recording.replay import complete
 from meanflock.results import inbound
 from meanflock.results.flown import flown_keys
-from meanflock.results.groups import method, uav_names
+from meanflock.results.groups import uav_names
 from meanflock.results.plots import plotstyle
 from meanflock.results.plots.run import plot_run, stored
 from meanflock.results.plots.thumbnail import thumbnail
 from meanflock.results.series import block_of, per_uav, rows_of
 from meanflock.results.summary_file import read_summary
+from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Status
@@ -86,7 +87,7 @@ def test_the_summary_of_groups_is_read_and_so_is_one_without(folder: Path, tmp_p
 
 def test_names_are_those_of_the_groups(folder: Path) -> None:
     flown = flown_keys(folder)
-    assert method(flown) == "mfgfl-hf+orca"
+    assert mission.method(flown) == "mfgfl-hf+orca"
     assert uav_names(flown)[3:5] == ["UAV 3, learners", "UAV 4, couriers"]
     assert uav_names(Scenario(uavs=2)) == ["UAV 0", "UAV 1"]
 

@@ -10,7 +10,10 @@ import meanflock as mf
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
+from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire.control import encode_record
+from meanflock.swarm.wire.messages import Sense
 from meanflock.worldsim.crew import LocalCrew, fly
 from meanflock.worldsim.world import World
 from tests.agent.learning.lines import Line
@@ -104,6 +107,30 @@ def test_an_empty_battery_lands_a_uav_where_it_is_or_lets_it_fall(empty: str, fi
     assert summary["batteries_empty"] == 1
     if empty == "lands":  # one that fell counts as one that flies on without commands
         assert 4.0 <= summary["energy_total_J"] < 5.0
+
+
+WRONG_GOALS: list[tuple[str, dict[str, Any]]] = [
+    ("not here", {"uavs": np.array([7]), "goals": np.zeros((1, 2))}),
+    ("below 0", {"uavs": np.array([-1]), "goals": np.zeros((1, 2))}),
+    ("one goal too few", {"uavs": np.array([0, 1]), "goals": np.zeros((1, 2))}),
+    ("in space", {"uavs": np.array([0]), "goals": np.zeros((1, 3))}),
+    ("integers", {"uavs": np.array([0]), "goals": np.zeros((1, 2), dtype=np.int64)}),
+    ("nothing", {"goals": np.zeros((1, 2))}),
+]
+
+
+@pytest.mark.parametrize("record", [record for _, record in WRONG_GOALS], ids=[name for name, _ in WRONG_GOALS])
+def test_goals_that_do_not_fit_a_node_are_refused_and_change_nothing(record: dict[str, Any]) -> None:
+    crew = LocalCrew(World(plan_of(Scenario(**CALM | {"uavs": 2, "energy": {"battery_J": 300.0}}))))
+    (agent,), states = crew.agents, np.zeros((2, 4))
+    agent.act(Sense(0, 0, states))
+    before = {name: array.copy() for name, array in agent._memory.items()}
+    with pytest.raises(MessageRejected):
+        agent.act(Sense(0, 1, states, memory=encode_record(record)))
+    assert all((agent._memory[name] == array).all() for name, array in before.items())
+    told = {"uavs": np.array([1]), "goals": np.array([[30.0, 40.0]])}
+    agent.act(Sense(0, 1, states, memory=encode_record(told)))
+    assert agent._memory["travel_end"].tolist() == [before["travel_end"][0].tolist(), [30.0, 40.0]]
 
 
 BAD: list[tuple[dict[str, Any], str]] = [

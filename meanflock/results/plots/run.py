@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.event_log import stored_lines
 from meanflock.results.flown import FlownKeys, flown_keys
-from meanflock.results.groups import method
 from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import FIELDS, PHI_G, POSITION, VELOCITY, quantity
 from meanflock.results.run_folder import EVENTS, flown_rows
@@ -96,7 +95,7 @@ def plot_paths(run: RunPicture) -> Figure:
         _draw_paths(ax, run, position, up)
     end = _line(table, "sim_time_s")[-1]
     arrived = int(_line(table, "arrived")[-1])
-    name, uavs = f"{method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
+    name, uavs = f"{mission.method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
     some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
     plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
     marks = panels[0].get_legend_handles_labels()
