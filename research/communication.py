@@ -32,7 +32,7 @@ from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames
 
 PAGE = published.DOCS / "communication.md"
-FIRST_SEED = 98101
+FIRST_SEED = 198101
 METHODS = ("mfgfl-hf", "mfgfl-h", "mfgfl-f")
 WRITTEN = {  # name of the row → settings
     "float64": ("radio.bits_per_float=64",),
@@ -47,7 +47,7 @@ WRITTEN = {  # name of the row → settings
     "int8 up, float32 down": ("federation.payload=int8",),
 }
 ROUNDED = ("float16", "int8")
-ROUNDING_SEEDS = range(98201, 98206)
+ROUNDING_SEEDS = range(198201, 198206)
 CLEAR = ("radio.bits_per_float=64", "radio.target_snr_db=60", "duration=160", 'stop="duration"')  # no outages
 
 Transmit = Callable[[NDArray[np.intp], Floats], Floats]  # UAVs (S,) and their models (S, L) → models as received

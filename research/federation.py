@@ -26,7 +26,7 @@ from meanflock.swarm.scenario import Scenario
 EXAMPLES = published.DOCS.parent / "examples"
 PAGE = published.DOCS / "federation.md"
 RESULTS = published.DOCS / "results" / "federation.json"
-SEEDS = range(92001, 92031)  # seeds that were not used for tuning
+SEEDS = range(192001, 192031)  # seeds that were not used for tuning
 ECBF = {"filter.kind": "ecbf"}
 NEIGHBOURS = {"federation.topology": "neighbours"}
 INT8 = {"federation.payload": "int8"}

@@ -22,7 +22,7 @@ from meanflock.swarm.scenario import Scenario
 PAGE = published.DOCS / "robustness.md"
 RESULTS = published.DOCS / "results" / "robustness.json"
 BEGIN, END = "<!-- measured -->", "<!-- end -->"
-FIRST_SEED = 98001
+FIRST_SEED = 198001
 RULES = ("fedavg", "median", "trimmed-mean", "krum")
 ATTACKS = {
     "sign-flip": "the UAV uploads its own model with every sign turned",

@@ -1,3 +1,3 @@
 """Code that all processes of the swarm share: states, scenario, plug-ins, events, messages."""
 
-__version__ = "2.0.0.dev0"
+__version__ = "2.0.0"
