@@ -86,7 +86,8 @@ FIGURES: dict[str, tuple[Callable[[View], Figure | None], str]] = {
     "fig2": (
         trajectories,
         "One S0 run a method (the first seed), UAVs coloured by φ_G among the true states; stars are collisions, "
-        "the square is the start, the ring the destination. Right: the 54 weights ŵ_H1 of UAV 0; ticks above mark the rounds.",
+        "the square is the start, the ring the destination. Right: the 54 weights ŵ_H1 of UAV 0; ticks above mark the "
+        "rounds.",
     ),
     "fig3": (
         six_panels,
