@@ -56,7 +56,8 @@ class Medium(Stateful):
         """Raises BadInput if the channel is not installed, its options do not fit, or its `init` fails."""
         scenario, hops = plan.scenario, plan.hops
         radio = scenario.radio
-        self.meter = Meter(radio, scenario.uavs, len(scenario.stations))
+        groups = [group.count for group in scenario.groups]
+        self.meter = Meter(radio, scenario.uavs, len(scenario.stations), groups)
         self._scenario = scenario
         self._channel: Channel = plugins.create("channel", radio.model, radio.options, scenario)
         self.memory = _begun(self._channel, radio.model, scenario)

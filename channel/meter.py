@@ -1,5 +1,6 @@
 """The links that transmissions use, and the meter of their cost: bits, deliveries, outages and airtime."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from functools import reduce
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.channel.group_bills import GroupBills
 from meanflock.swarm.scenario import Radio
 from meanflock.swarm.state import Mask, distinct
 from meanflock.swarm.stateful import Stateful
@@ -27,7 +29,7 @@ class Links:
 
     ends: (L, 2) int32 [row of the batch, receiving UAV], as frames carry them. by_radio: (L,) bool; false if a UAV
     sends to itself. source, target: (K,) nodes at the ends of the links by radio. pair: (K,), source · (N + B) +
-    target. transmissions: number of transmissions on the bill. first: index of the first link by radio of each
+    target. senders: (T,) node of each transmission on the bill. first: index of the first link by radio of each
     transmission that has any. record: (J, 7) int32 of each pair of nodes, with the columns of `LinkColumn`, of which
     source, target and kind are set. message: (K,), the place of each link in it; None: its own, J = K. Several rows of
     one UAV, the fragments of its model, are one message. is_unicast: each link is a transmission of its own.
@@ -38,7 +40,7 @@ class Links:
     source: Indices
     target: Indices
     pair: Indices
-    transmissions: int
+    senders: Indices
     first: Indices
     record: NDArray[np.int32]
     message: Indices | None
@@ -62,17 +64,17 @@ class Links:
         record[:, LinkColumn.TARGET] = target
         record[:, LinkColumn.KIND] = kind
         if is_unicast:
-            transmissions, first = len(source), np.arange(len(source))
+            senders, first = source, np.arange(len(source))
         else:
             begins = np.ones(len(row), dtype=bool)
             np.not_equal(row[1:], row[:-1], out=begins[1:])
-            transmissions, first = len(sources), begins.nonzero()[0]
+            senders, first = sources, begins.nonzero()[0]
         pair = source * nodes + target
         message = None
         if (sources[1:] == sources[:-1]).any():
             _, at, message = np.unique(pair, return_index=True, return_inverse=True)
             record = record[at]
-        return cls(ends, by_radio, source, target, pair, transmissions, first, record, message, is_unicast)
+        return cls(ends, by_radio, source, target, pair, senders, first, record, message, is_unicast)
 
 
 @dataclass
@@ -123,9 +125,11 @@ class Traffic:
 class Meter(Stateful):
     """The counters of a run, by kind of traffic and by link."""
 
-    stored = ("totals", "table", "marked", "loads")
+    stored = ("totals", "table", "marked", "loads", "groups")
 
-    def __init__(self, radio: Radio, uavs: int, stations: int = 0) -> None:
+    def __init__(self, radio: Radio, uavs: int, stations: int = 0, groups: Sequence[int] = ()) -> None:
+        """`groups`: number of UAVs of each group of the flight, in their order."""
+        self.groups = GroupBills(groups, stations) if groups else None
         self.traffic = {kind: Traffic() for kind in FrameKind}
         self.radio, self.uavs, self.nodes = radio, uavs, uavs + stations
         self._used = Used()
@@ -158,8 +162,10 @@ class Meter(Stateful):
         """
         self._figures = None
         total = self.traffic[kind]
-        total.transmissions += links.transmissions
-        total.payload_bits += payload_bits * links.transmissions
+        total.transmissions += len(links.senders)
+        total.payload_bits += payload_bits * len(links.senders)
+        if self.groups is not None:
+            self.groups.add(kind, payload_bits, links.senders)
         if not (copies := len(links.pair)):
             return
         arrived, spent = int(np.count_nonzero(delivered)), int(np.add.reduce(slots))
@@ -190,6 +196,8 @@ class Meter(Stateful):
         total = self.traffic[FrameKind.STATE]
         total.transmissions += self.uavs
         total.payload_bits += payload_bits * self.uavs
+        if self.groups is not None:
+            self.groups.add(FrameKind.STATE, payload_bits, np.arange(self.uavs))
 
     def wire(self, kind: FrameKind, bytes_: int) -> None:
         """Adds the encoded size of frames."""
@@ -199,9 +207,13 @@ class Meter(Stateful):
         """Payload bits so far by kind of traffic, as in `TRAFFIC`."""
         return [self.traffic[kind].payload_bits for kind in TRAFFIC]
 
-    def mark(self) -> None:
-        """Stores the payload bits so far in `marked`; a later call replaces them."""
+    def mark(self, arrived: Mask) -> None:
+        """Stores the payload bits so far in `marked`, and those of the groups of UAVs that have just arrived, (N,); a
+        later call replaces them.
+        """
         self.marked = self.bits()
+        if self.groups is not None:
+            self.groups.mark(arrived.nonzero()[0])
 
     def links(self) -> list[list[int]]:
         """Rows [source, target, sent, outages] of all links that were used, ascending."""

@@ -1,5 +1,7 @@
 """Commands of a flight: what the UAVs do, and the diagnostics that came with it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,21 +22,29 @@ class Commands(Stateful):
         accelerations: (N, 2), m/s². The row of a UAV without a reply stays.
         diagnostics: (N, K), of the last tick. The row of a UAV without a reply is 0.
         largest: (K,), maximum of |diagnostics| over the ticks that were settled.
-        summed: (K,), sum of the diagnostics of UAVs on the way over these ticks.
+        summed: (K,), sum of the diagnostics of UAVs on the way over these ticks. of_groups: (G, K), the same of each
+            group of the flight.
         busy: (N,), UAVs that trained in the last tick. busy_ticks: (N,), ticks in which each UAV trained.
     """
 
-    stored = ("accelerations", "largest", "summed", "busy", "busy_ticks")
+    stored = ("accelerations", "largest", "summed", "of_groups", "busy", "busy_ticks")
 
     def __init__(
-        self, uavs: int, axes: int, diagnostics: int, busy: int | None = None, has: Mask | None = None
+        self,
+        uavs: int,
+        axes: int,
+        diagnostics: int,
+        busy: int | None = None,
+        has: Mask | None = None,
+        groups: Sequence[slice] = (),
     ) -> None:
         """
         Args:
             busy: column of the diagnostics that is 1 while a UAV trains; None: none does.
             has: (N, K), the diagnostics that each UAV has; those that it has not are 0. None: every UAV has all.
+            groups: the rows of each group.
         """
-        self._has = has
+        self._has, self._groups = has, groups
         self._busy = busy
         self.busy: Mask = np.zeros(uavs, dtype=bool)
         self.busy_ticks = np.zeros(uavs, dtype=np.int64)
@@ -43,6 +53,7 @@ class Commands(Stateful):
         self._most = block_ticks(uavs)
         self.largest: Floats = np.zeros(diagnostics)
         self.summed: Floats = np.zeros(diagnostics)
+        self.of_groups: Floats = np.zeros((len(groups), diagnostics))
         self._block: list[Floats] = []  # diagnostics of ticks that are not in the sums yet
         self._on_way: Mask = np.zeros(uavs, dtype=bool)  # in these ticks
 
@@ -102,3 +113,6 @@ class Commands(Stateful):
         self.largest = np.maximum(self.largest, np.maximum.reduce(sizes, axis=(1, 2)))
         of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
         self.summed = sums(self.summed, of_ticks)[-1]
+        for number, rows in enumerate(self._groups):
+            of_ticks = np.add.reduce(block[:, rows][:, self._on_way[rows]], axis=1)
+            self.of_groups[number] = sums(self.of_groups[number], of_ticks)[-1]

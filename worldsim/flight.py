@@ -33,6 +33,7 @@ from meanflock.worldsim.alignment import EXACT, speed_difference
 from meanflock.worldsim.altitude import Altitude
 from meanflock.worldsim.books import Books, Noise
 from meanflock.worldsim.ground import Ground
+from meanflock.worldsim.group_measures import GroupMeasures
 from meanflock.worldsim.guide import Guide
 from meanflock.worldsim.obstacles import entered
 from meanflock.worldsim.vehicles.flown import FlownVehicles
@@ -171,6 +172,7 @@ class Flight(Stateful):
         noise: of the motion.
         guide: the goals.
         ground: of a flight in space. altitude: its floor and ceiling.
+        by_group: measures of each group; None without groups.
         arrival_tick: (N,), -1 before arrival.
         arrival_energy: (N,), J until arrival.
         steps: number of commands of UAVs that are not off, one for each UAV and tick. off_ticks: (N,), ticks in which a
@@ -195,7 +197,7 @@ class Flight(Stateful):
             "near_sum",
         ),
         *("states", "hidden", "status", "arrival_tick", "arrival_energy", "books", "encounters"),
-        *("ground", "altitude", "noise", "guide"),
+        *("ground", "altitude", "noise", "guide", "by_group"),
     )
 
     def __init__(self, scenario: Scenario) -> None:
@@ -216,6 +218,7 @@ class Flight(Stateful):
         self.ground = Ground(scenario)
         self.altitude = Altitude(scenario)
         self.guide = Guide(scenario)
+        self.by_group = GroupMeasures(scenario) if scenario.groups else None
         radii = mission.radii(scenario)
         # Radii of arrival and the UAVs (N,) that have them; None: all.
         self._discs: list[tuple[float, Mask | None]] = [(float(radii[0]), None)]
@@ -456,6 +459,8 @@ class Flight(Stateful):
             before = np.where(is_fast[:, None], np.nan, before)
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
+        if self.by_group is not None:
+            self.by_group.observe(self.tick, before, after)
         for first, second in self.encounters.meet(seen, on_way, after):
             self.events.append(Collided(self.tick, first, second))
         for uav, disc in self.encounters.enter(before, after):

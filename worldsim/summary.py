@@ -17,9 +17,9 @@ from meanflock.swarm.faults import Kill
 from meanflock.swarm.provenance import provenance
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.messages import Status
+from meanflock.swarm.wire.messages import FrameKind, Status
 from meanflock.worldsim.clocks import TickSchedule
-from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.flight import Flight, Pair
 from meanflock.worldsim.world import World
 
 SCHEMA = 1
@@ -72,19 +72,42 @@ def _travelled(flight: Flight, rows: slice) -> dict[str, Any]:
 
 def group_summary(world: World) -> dict[str, Any] | None:
     """Fields of each group, by its name; None without groups. A collision of two groups counts in both."""
-    flight, meter = world.flight, world.air.meter
-    pairs = np.array(sorted(flight.encounters.collided), dtype=np.intp).reshape(-1, 2)
+    flight, meter, measured, bills = world.flight, world.air.meter, world.flight.by_group, world.air.meter.groups
+    if measured is None or bills is None:
+        return None
+    has, names = world.plan.has_diagnostic, world.plan.declared.diagnostics
+    world.commands.settle()
     found: dict[str, Any] = {}
-    for group, rows in mission.parts(world.scenario):
-        collided = ((pairs >= rows.start) & (pairs < rows.stop)).any(axis=1)
+    for number, (group, rows) in enumerate(mission.parts(world.scenario)):
+        own = np.ones(len(names), dtype=bool) if has is None else has[rows.start]
+        summed = zip(names, world.commands.of_groups[number].tolist(), own, strict=True)
+        all_arrived = bool((flight.arrival_tick[rows] >= 0).all())
         found[group.name] = {
             "method": world.scenario.of_group(group).method,
             "uavs": group.count,
             **_travelled(flight, rows),
-            "collisions": int(np.count_nonzero(collided)),
+            "phi_A": measured.phi_a(number),
+            "collisions": _with_any_of(rows, flight.encounters.collided),
+            "collisions_all": _with_any_of(rows, flight.encounters.touched),
+            "closest_approach_m": measured.closest_approach_m(number),
+            "obstacle_hits": int(np.count_nonzero(flight.encounters.hit[rows])),
             "airtime_s": float(meter.loads[0][rows].sum() * meter.radio.coherence_time_s),
+            "payload_bits": _named(bills.until(number, arrival=False)),
+            "bits_to_arrival": _named(bills.until(number, arrival=all_arrived)),
+            "diagnostics": {name: total for name, total, is_own in summed if is_own},
         }
-    return found or None
+    return found
+
+
+def _with_any_of(rows: slice, pairs: set[Pair]) -> int:
+    """Number of pairs that have a UAV of some rows."""
+    uavs = range(rows.start, rows.stop)
+    return sum(first in uavs or second in uavs for first, second in pairs)
+
+
+def _named(bits: Mapping[FrameKind, int]) -> dict[str, int]:
+    """Bits by the name of their kind, with their total."""
+    return {name: bits[kind] for kind, name in TRAFFIC.items()} | {"total": sum(bits.values())}
 
 
 def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:

@@ -101,7 +101,12 @@ class World(Stateful):
         self.target = MetricTarget(scenario)
         self.counters = Counters()
         self.commands = Commands(
-            scenario.uavs, scenario.dimensions, len(declared.diagnostics), busy, plan.has_diagnostic
+            scenario.uavs,
+            scenario.dimensions,
+            len(declared.diagnostics),
+            busy,
+            plan.has_diagnostic,
+            [rows for _, rows in mission.parts(scenario)],
         )
         self._script = Script(scenario)
         self._downwash = Downwash(scenario)
@@ -235,7 +240,7 @@ class World(Stateful):
         flight.advance(self.commands.accelerations, gust)
         self._watch_duty()
         if flight.last_arrival == flight.tick:
-            self.air.meter.mark()
+            self.air.meter.mark(flight.arrival_tick == flight.tick)
         weights = self._learned(acts.models, awake & ~flight.lost) if acts.models is not None else None
         memories = acts.memories
         on = self._all if flight.off is None else ~flight.off

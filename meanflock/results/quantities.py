@@ -375,8 +375,25 @@ SUMMARY = (
             ("control_effort", "m²/s³"),
         )
     ),
-    Field("groups.*.collisions", COLLISIONS, "`collisions` with at least one of its UAVs", optional=True),
-    Field("groups.*.airtime_s", "s", "time for which its UAVs sent", optional=True),
+    *(
+        Field(f"groups.*.{key}", measured, about, optional=True)
+        for key, measured, about in (
+            ("phi_A", ALIGNMENT, "φ_A of the pairs of its UAVs, over the ticks in which one of them is in the air"),
+            ("collisions", COLLISIONS, "`collisions` with at least one of its UAVs"),
+            ("collisions_all", COLLISIONS, "`collisions_all` with at least one of its UAVs"),
+            (
+                "closest_approach_m",
+                "m",
+                "least distance of one of its UAVs to any other one in the air, also between ticks; null if there were "
+                "never two in the air, and in flights of more than 3,000 UAVs",
+            ),
+            ("obstacle_hits", "1", "`obstacle_hits` of its UAVs"),
+            ("airtime_s", "s", "time for which its UAVs sent"),
+            ("payload_bits.*", PAYLOAD, f"payload that its UAVs sent, {_KIND}; and `total`"),
+            ("bits_to_arrival.*", PAYLOAD, "the same until its last arrival, or until the end if some never arrived"),
+            ("diagnostics.*", "", "`diagnostics` of its UAVs, as far as its controller reports them"),
+        )
+    ),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
 

@@ -10,6 +10,7 @@ import meanflock as mf
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
+from meanflock.results import quantities
 from meanflock.swarm import mission
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
@@ -125,6 +126,41 @@ def test_the_summary_has_the_fields_of_each_group_and_of_all() -> None:
         row.diagnostics[3:, phi_g] for row in rows[1:]
     ]  # before a UAV joins, and when it has left, it reports 0
     assert summary["diagnostics_mean"]["phi_G"] == pytest.approx(np.sum(learners) / (3 * 120 + 2 * 50))
+
+
+def test_figures_of_groups_are_parts_of_those_of_the_flight() -> None:
+    """Of one group of all UAVs they are those of the flight; of several, sums or the least."""
+    duel = {"duration": 60.0, "method": "cruise", "wind.sigma": 0.5, "federation.period": 30}
+    flown = Scenario.load("swap", **duel, obstacles=[{"centre": [10.0, 5.0], "radius": 4.0}])
+    n, courier = flown.uavs, {"name": "b", "method": "orca"}
+    for counts, second in ([n], {}), ([n - 7, 7], {}), ([n - 7, 7], courier):
+        groups = [{"name": name, "count": count} for name, count in zip("ab", counts, strict=False)]
+        groups[-1] |= second
+        summary = Engine(flown.replace(groups=groups), "parts").complete()
+        found = list(summary["groups"].values())
+        assert summary["collisions_all"] > 0 < summary["obstacle_hits"]
+        assert summary["closest_approach_m"] == pytest.approx(min(group["closest_approach_m"] for group in found))
+        for key in ("obstacle_hits", *(f"payload_bits.{kind}" for kind in summary["payload_bits"])):
+            assert sum(quantities.number(group, key) for group in found) == quantities.number(summary, key), key
+        for name, total in summary["diagnostics"].items():
+            assert sum(group["diagnostics"].get(name, 0.0) for group in found) == pytest.approx(total)
+        if len(found) == 1:
+            (whole,) = found
+            assert whole["phi_A"] == pytest.approx(summary["phi_A"])
+            for key in ("collisions", "collisions_all", "arrived", "control_effort", "bits_to_arrival"):
+                assert whole[key] == summary[key], key
+
+
+def test_a_group_is_billed_until_its_own_last_arrival() -> None:
+    near = {"start": {"formation": "circle", "centre": [15.0, 0.0], "radius": 3.0}, "method": "orca"}
+    groups = [{"name": "near", "count": 3, **near}, {"name": "far", "count": 3}]
+    keys = {"uavs": 6, "duration": 30.0, "stop": "duration", "method": "orca", "sharing": {"policy": "tick"}}
+    groups = Engine(Scenario(**keys, groups=groups), "billed").complete()["groups"]
+    assert groups["near"]["arrived"] == 3
+    assert groups["far"]["arrived"] == 0
+    each = groups["near"]["payload_bits"]["total"] / 301  # in each tick, and the plan
+    assert groups["near"]["bits_to_arrival"]["total"] == pytest.approx(each * (1 + 10 * groups["near"]["t_max_s"]))
+    assert groups["far"]["bits_to_arrival"] == groups["far"]["payload_bits"]
 
 
 def test_several_nodes_and_threads_fly_the_same_bits() -> None:
