@@ -34,6 +34,10 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
                     raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {value}")
                 if isinstance(value, str) and _SURROGATE.search(value):
                     raise ValueError(f"`{name}` must be Unicode text, not {value!a}")
+        if self.__struct_config__.omit_defaults:
+            for field in msgspec.structs.fields(self):  # an encoder leaves out the default itself, and no equal number
+                if isinstance(field.default, float) and getattr(self, field.name) == field.default:
+                    msgspec.structs.force_setattr(self, field.name, field.default)
 
 
 def _flat(value: Any) -> Iterator[Any]:

@@ -126,6 +126,13 @@ def test_a_shipped_scenario_is_found_from_any_folder_and_a_file_of_that_name_com
     assert load(Path("scenarios/hierarchical.toml")).uavs == 3
 
 
+def test_a_default_of_a_group_that_is_written_out_or_sent_to_a_process_leaves_the_hash() -> None:
+    group = {"name": "a", "count": 25}
+    left_out, written = (Scenario(groups=[group | more]) for more in ({}, {"joins_at_s": float("0")}))
+    sent = pickle.loads(pickle.dumps(left_out))
+    assert left_out.sha256() == written.sha256() == sent.sha256()
+
+
 def test_every_key_is_described() -> None:
     page = (Path(__file__).parents[2] / "docs" / "keys.md").read_text(encoding="utf-8")
     meanings = re.findall(r"^\| `[\w.]+` \| (.*?) \|", page, flags=re.M)
