@@ -28,7 +28,7 @@ from meanflock.swarm.scenario import Scenario
 Summaries = list[dict[str, Any]]
 Fly = Callable[[Scenario], dict[str, Any]]
 
-STUDY = "study 2"  # raise the number if `summarised` returns other fields
+STUDY = "study 3"  # raise the number if `summarised` returns other fields
 
 
 class StudyInterrupted(RunFailed):
@@ -139,10 +139,18 @@ def summarised(flown: Scenario) -> dict[str, Any]:
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The summary with `t_avg_censored_s`, the mean travel time of all UAVs: one that never arrived counts with the
+    """The summary with `t_avg_censored_s` of all UAVs and of each group, see `_censored`."""
+    result = _censored(flown, summary)
+    if summary["groups"]:
+        result["groups"] = {name: _censored(flown, group) for name, group in summary["groups"].items()}
+    return result
+
+
+def _censored(flown: Scenario, figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of some UAVs with `t_avg_censored_s`, their mean travel time: one that never arrived counts with the
     duration. That is a lower bound of the mean, unlike the mean of arrived UAVs.
     """
-    arrived = summary["arrived"]
-    late = (flown.uavs - arrived) * flown.max_ticks * flown.dt
-    mean = ((summary["t_avg_s"] * arrived if arrived else 0.0) + late) / flown.uavs
-    return {**summary, "t_avg_censored_s": mean}
+    arrived, uavs = figures["arrived"], figures["uavs"]
+    late = (uavs - arrived) * flown.max_ticks * flown.dt
+    mean = ((figures["t_avg_s"] * arrived if arrived else 0.0) + late) / uavs
+    return {**figures, "t_avg_censored_s": mean}

@@ -41,6 +41,8 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     Field("courses.front_J", "J", "least energy for each of these times, mean of the UAVs"),
     Field("courses.standings.name", "", "name of the row"),
     Field("courses.standings.controller", "", "name of its controller"),
+    Field("courses.standings.group", "", "group of UAVs whose flights these are; empty: all UAVs"),
+    Field("courses.standings.uavs", "UAVs", "number of UAVs of the group; null: all"),
     Field("courses.standings.about", "", "description of the row"),
     Field("courses.standings.settings.*", "", "scenario keys that the row sets"),
     Field("courses.standings.yours", "", "whether the controller is from a file of the user"),
@@ -87,7 +89,8 @@ class BoardCell(msgspec.Struct, frozen=True):
 
 
 class Standing(msgspec.Struct, frozen=True):
-    """A row of a mission. values: of each measure, a number a seed, null if the flight has none. kbit_by_kind: mean
+    """A row of a mission. group, uavs: the group of UAVs whose row this is, and their number; empty and None: all UAVs.
+    values: of each measure, a number a seed, null if the flight has none. kbit_by_kind: mean
     payload until the last arrival, by kind. failed: number of flights that failed; why: reason of the first one, or of
     the first lost UAV. lost: number of lost UAVs in all flights. code: version and fingerprint of the code that flew
     it; empty: that of the board."""
@@ -104,6 +107,13 @@ class Standing(msgspec.Struct, frozen=True):
     failed: int = 0
     why: str = ""
     code: str = ""
+    group: str = ""
+    uavs: int | None = None
+
+    @property
+    def flight(self) -> str:
+        """Name of the row whose flights these are; groups of one flight share it."""
+        return self.name.removesuffix(f"/{self.group}") if self.group else self.name
 
     def column(self, key: str) -> Floats:
         """Numbers of a measure, (K,), NaN if a flight has none."""
@@ -250,8 +260,9 @@ def _united(parts: Sequence[Course]) -> Course:
     absent: dict[str, str] = {}
     for course in parts:
         flown = {row.name: row for row in course.standings}
-        absent = {name: reason for name, reason in absent.items() if name not in flown} | course.absent
-        standings = {name: row for name, row in standings.items() if name not in course.absent} | flown
+        flights = {row.flight for row in course.standings}
+        absent = {name: reason for name, reason in absent.items() if name not in flights} | course.absent
+        standings = {name: row for name, row in standings.items() if row.flight not in course.absent} | flown
     order = [row.name for row in rows.shipped()]
     placed = sorted(standings.values(), key=lambda row: order.index(row.name) if row.name in order else len(order))
     return msgspec.structs.replace(parts[-1], standings=placed, absent=absent)

@@ -1,8 +1,9 @@
 """Flies a leaderboard, missions × rows × seeds, and makes the board."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from meanflock.studies import study
@@ -18,7 +19,7 @@ from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
 from meanflock.swarm import __version__, toml
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.mission import obstacles
+from meanflock.swarm.mission import obstacles, parts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.scenario.tables import Sharing
 
@@ -64,7 +65,8 @@ class Contest:
             table, self.absent[mission.name] = mission.table(), {}
             for setting in () if radio is None else radio.settings:
                 toml.apply(table, setting)
-            for row in rows:
+            own = mission.own_row()
+            for row in rows if own is None else (own,):
                 if not row.flies(mission.name):
                     self.absent[mission.name][row.name] = f"flies {', '.join(row.missions)} only"
                     continue
@@ -101,9 +103,8 @@ class Contest:
         limit = None
         for row in flying:
             scenario = self.points[mission.name, row.name][0]
-            fronts = Fronts(scenario)
-            standings.append(_standing(row, mission, fronts, flown[mission.name, row.name]))
-            line = line if line[0] else _line(fronts, scenario)
+            standings += _standings(row, mission, scenario, flown[mission.name, row.name])
+            line = line if line[0] else _line(scenario)
             uavs, duration = scenario.uavs, scenario.duration
             limit = scenario.vehicle.acceleration_max
         return Course(
@@ -117,6 +118,19 @@ class Contest:
             absent=self.absent[mission.name],
             front_s=line[0],
             front_J=line[1],
+        )
+
+
+def _standings(row: BoardRow, mission: BoardMission, scenario: Scenario, flown: study.Summaries) -> Iterator[Standing]:
+    """The standing of a row, or one for each group of its UAVs, named ROW/GROUP."""
+    if not scenario.groups:
+        yield _standing(row, mission, Fronts(scenario), flown)
+    for group, rows in parts(scenario):
+        alone = scenario.of_group(group)
+        results = [flights.of_group(result, group.name, rows) for result in flown]
+        whole = _standing(row, mission, Fronts(alone, rows), results)
+        yield msgspec.structs.replace(
+            whole, name=f"{row.name}/{group.name}", controller=alone.method, group=group.name, uavs=group.count
         )
 
 
@@ -154,8 +168,11 @@ def _by_kind(flown: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     return {kind: float(np.mean([result["bits_to_arrival"][kind] for result in flown])) / 1e3 for kind in kinds}
 
 
-def _line(fronts: Fronts, scenario: Scenario) -> tuple[list[float], list[float]]:
-    """The front for a picture, up to the duration."""
+def _line(scenario: Scenario) -> tuple[list[float], list[float]]:
+    """The front for a picture, up to the duration. Groups have different ones, so there is no line for all rows."""
+    if scenario.groups:
+        return [], []
+    fronts = Fronts(scenario)
     times = np.geomspace(1.0, scenario.duration, 400)
     least = fronts.mean(times)
     if least is None:

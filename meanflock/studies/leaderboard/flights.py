@@ -1,6 +1,7 @@
 """One flight of a leaderboard: its summary, time and energy of each UAV, and the reason if it failed."""
 
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,14 @@ def fly(flown: Scenario) -> dict[str, Any]:
     if result["lost"] and not flown.faults:
         result[LOST] = _why(flown)
     return result
+
+
+def of_group(result: Mapping[str, Any], name: str, rows: slice) -> dict[str, Any]:
+    """The part of a flight that is one group's, as `fly` returns it; `rows`: of its UAVs."""
+    if FAILED in result:
+        return dict(result)
+    each = {key: result[key][rows] for key in ("travel_s", "energy_J")}
+    return {**result["groups"][name], **each, LOST: result.get(LOST)}
 
 
 class _FirstWord:

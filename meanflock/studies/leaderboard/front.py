@@ -105,26 +105,29 @@ def front(
 
 
 class Fronts:
-    """Fronts of a scenario's UAVs, and the regret: energy above the least that one UAV alone needs in the same time."""
+    """Fronts of UAVs, and the regret: energy above the least that one UAV alone needs in the same time."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario, self._corners = scenario, cheapest(scenario)
+    def __init__(self, scenario: Scenario, rows: slice = slice(None)) -> None:
+        """`rows`: of the UAVs, which have the vehicle of the scenario."""
+        self.scenario, self._rows, self._corners = scenario, rows, cheapest(scenario)
         blows = scenario.wind.mean if scenario.truth.wind is None else scenario.truth.wind
         self._wind = np.array(blows) if scenario.vehicle.power_speed == "air" else None
 
     @cached_property
     def each(self) -> list[Front] | None:
-        """Fronts of all UAVs; None in space, and if power depends on a wind that varies from place to place."""
-        if self.scenario.dimensions == state.SPACE:
+        """Fronts of all these UAVs. None in space, if goals change in flight, and if power depends on a wind that
+        varies from place to place.
+        """
+        if self.scenario.dimensions == state.SPACE or self.scenario.is_guided:
             return None
         if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
             return None
-        ways = mission.goals(self.scenario) - state.position(mission.starts(self.scenario))
+        ways = (mission.goals(self.scenario) - state.position(mission.starts(self.scenario)))[self._rows]
         of_way = cache(lambda *way: front(self.scenario, np.array(way), self._wind, self._corners))
         return [of_way(x, y) for x, y in ways.tolist()]
 
     def regret(self, result: Mapping[str, Any]) -> float | None:
-        """Mean regret of the UAVs of a flight, J; kept: of `flights.fly`.
+        """Mean regret of the UAVs of a flight, J; `result`: of `flights.fly`, or their part of it.
 
         A UAV that never arrived counts with its energy until the end. None if a UAV was lost, or ended with less energy
         than its whole way needs."""

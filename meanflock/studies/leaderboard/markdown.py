@@ -33,8 +33,10 @@ def how_flown(board: Board) -> str:
     """Sentence about rows, missions and seeds."""
     first, last = board.seeds[0], board.seeds[-1]
     seeds = f"seeds {first} to {last}" if last > first else f"seed {first}"
-    flights = sum(len(row.values["time_s"]) for course in board.courses for row in course.standings)
-    flown = f"Flights: {flights:,}, missions: {len(board.courses)}, rows: {len(rows(board))}"
+    flights = {
+        (course.name, row.flight): len(row.values["time_s"]) for course in board.courses for row in course.standings
+    }
+    flown = f"Flights: {sum(flights.values()):,}, missions: {len(board.courses)}, rows: {len(rows(board))}"
     return f"{flown}, {seeds}, the same for every row. {_codes(board)}"
 
 

@@ -86,8 +86,8 @@ def of_flight(
     """Every measure of one flight; NaN if it has no such number.
 
     Args:
-        kept: of `flights.fly`. regret_J: its regret, if that is known. price_W: of time, J/s, if the mission has one.
-        obstacles: whether there are any.
+        result: of `flights.fly`, or a group's part of it. regret_J: its regret, if that is known. price_W: of time,
+            J/s, if the mission has one. obstacles: whether there are any.
     """
     uavs, reported = result["uavs"], result.get("diagnostics") or {}
     tracking = reported.get("tracking_cost")

@@ -6,8 +6,11 @@ from typing import Any
 
 import msgspec
 
+from meanflock.results.scenario_keys import flat
+from meanflock.studies.leaderboard.rows import BoardRow
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput, meant
+from meanflock.swarm.scenario import Scenario, validated
 
 ALL = "all"
 # Keys that rows set. Missions set places, wind and radio.
@@ -30,15 +33,37 @@ class BoardMission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             BadInput: the file is damaged.
         """
+        table, _ = self._divided()
+        return table
+
+    def own_row(self) -> BoardRow | None:
+        """The row of a mission whose groups all name a controller, with the keys of the file that rows set. It is the
+        only one, because with any other the UAVs would fly the same. None: rows can fly the mission.
+
+        Raises:
+            BadInput: the file is damaged.
+        """
+        table, own = self._divided()
+        if not validated(table, Scenario, self.name).has_own_methods:
+            return None
+        settings = {key: value for key, value in flat(own).items() if key not in ("method", "seed")}
+        return BoardRow(Path(self.name).stem, table["groups"][0]["method"], self.about, settings)
+
+    def _divided(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The table, and the keys of the file that rows set."""
         table = toml.read(_path(self.name), "mission")
+        validated(table, Scenario, self.name)
+        own: dict[str, Any] = {}
         for key in _OF_ROWS:
             *parents, last = key.split(".")
             part = table
             for parent in parents:
                 part = part.get(parent, {})
-            part.pop(last, None)
-        table.setdefault("vehicle", {}).setdefault("acceleration_max", ACCELERATION_MAX_M_S2)
-        return table
+            if last in part:
+                toml.put(own, key, part.pop(last))
+        for each in (table, *(group for group in table.get("groups", ()) if "vehicle" in group)):
+            each.setdefault("vehicle", {}).setdefault("acceleration_max", ACCELERATION_MAX_M_S2)
+        return table, own
 
 
 def shipped() -> tuple[BoardMission, ...]:

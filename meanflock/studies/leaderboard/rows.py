@@ -90,9 +90,11 @@ def shipped() -> tuple[BoardRow, ...]:
 
 
 def family(name: str, controller: str) -> str:
-    """The family of a row by its name, else that of the first shipped row with its controller; empty if none has it."""
-    found = {row.controller: row.family for row in reversed(shipped())} | {row.name: row.family for row in shipped()}
-    return found.get(name, found.get(controller, ""))
+    """The family of the shipped row with a name and controller, else that of the first one with the controller; empty
+    if there is none.
+    """
+    same = [row for row in shipped() if row.controller == controller]
+    return next((row.family for row in same if row.name == name), same[0].family if same else "")
 
 
 def chosen(names: Iterable[str]) -> list[BoardRow]:

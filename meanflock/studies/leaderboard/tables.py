@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from meanflock.studies.leaderboard.board import Board, BoardCell, Course, Standing
 from meanflock.studies.leaderboard.measures import MEASURES, Measure
+from meanflock.swarm import toml
 
 _PER_CENT = ("arrived", "free")
 # Columns for which a terminal of 80 columns has room.
@@ -56,9 +57,20 @@ def conditions(course: Course, policies: Sequence[str]) -> str:
     return " ".join(parts)
 
 
+def has_groups(course: Course) -> bool:
+    """Returns whether any row of a mission is that of a group of UAVs."""
+    return any(row.group for row in course.standings)
+
+
 def head(course: Course) -> list[str]:
     """The headings of a mission's table."""
-    return ["row", "n", *(measure.titled for measure in measures(course)), "radio by kind, kbit"]
+    return [
+        "row",
+        *(["UAVs"] if has_groups(course) else []),
+        "n",
+        *(measure.titled for measure in measures(course)),
+        "radio by kind, kbit",
+    ]
 
 
 def body(course: Course) -> list[list[Text]]:
@@ -66,7 +78,8 @@ def body(course: Course) -> list[list[Text]]:
     rows = []
     for row in course.standings:
         flown = max((cell.n for cell in row.cells.values()), default=0)
-        line = [Text(row.name), Text(str(flown))]
+        uavs = [Text(str(row.uavs or course.uavs))] if has_groups(course) else []
+        line = [Text(row.name), *uavs, Text(str(flown))]
         for measure in measures(course):
             cell = row.cells.get(measure.key)
             line.append(Text("–") if cell is None else Text(words(measure, cell, flown), cell.best))
@@ -156,7 +169,7 @@ def settings(rows: Sequence[Standing]) -> list[list[str]]:
 
 
 def _toml(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return value if isinstance(value, str) else toml.inline(value)
 
 
 def _digits(mean: float, half: float) -> int:

@@ -23,7 +23,8 @@ def table(course: Course) -> Table:
     """The table of a mission."""
     result = empty(course.title)
     result.caption_justify = "left"
-    result.add_column("n", justify="right", no_wrap=True)
+    for heading in ("UAVs", "n") if tables.has_groups(course) else ("n",):
+        result.add_column(heading, justify="right", no_wrap=True)
     shown = [key for key in tables.SHORT if any(key in row.cells for row in course.standings)]
     for measure in map(BY_KEY.__getitem__, shown):
         result.add_column(f"{measure.short}\n({measure.unit})", justify="right", no_wrap=True)
@@ -35,5 +36,6 @@ def table(course: Course) -> Table:
             )
             for key in shown
         ]
-        result.add_row(Text(row.name, "red bold" if row.yours else ""), str(flown), *cells)
+        uavs = [str(row.uavs or course.uavs)] if tables.has_groups(course) else []
+        result.add_row(Text(row.name, "red bold" if row.yours else ""), *uavs, str(flown), *cells)
     return result

@@ -255,6 +255,11 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return msgspec.structs.replace(self, **own)
 
     @property
+    def has_own_methods(self) -> bool:
+        """Returns whether every group names its controller, so that `method` has no effect."""
+        return len(self.groups) > 0 and all(group.method is not None for group in self.groups)
+
+    @property
     def upload_payload(self) -> str:
         """Coding of uploads."""
         return self.federation.payload or self.radio_payload

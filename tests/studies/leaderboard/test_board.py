@@ -170,6 +170,7 @@ def test_every_row_has_its_number_once_and_no_number_hides_another(name: str) ->
 def test_every_shipped_row_has_a_family_with_a_look_and_others_have_that_of_their_controller() -> None:
     assert {row.family for row in rows.shipped()} <= set(pareto.LOOKS) - {pareto.OTHERS, pareto.YOURS}
     assert rows.family("orca-of-old", "orca") == "classics"
+    assert rows.family("mfgfl-h", "orca") == "classics"  # of a group
     assert rows.family("mine", "mine") == ""
 
 
