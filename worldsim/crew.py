@@ -268,7 +268,7 @@ class LocalCrew:
         return absent
 
     def _reported(self, whole: bool) -> Floats:
-        """The array of all reported models, NaN unless `whole`: made once, for of many UAVs that takes longer than a tick."""
+        """The array of all reported models, NaN unless `whole`. Made once: of many UAVs that takes a whole tick."""
         if self._weights is None:
             self._weights = no_models(self._plan)
         elif not whole:
