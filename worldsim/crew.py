@@ -174,6 +174,7 @@ class LocalCrew:
         self._places = [place_of(agent.uavs) for agent in self.agents]
         self._nothing = np.zeros((uavs, plan.scenario.dimensions + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
+        self._weights: Floats | None = None  # (N, W) of the last report
         self._standbys = plan.leaders(tick) if leaders is None else leaders
         nodes = len(set(self._nodes)) + self._standbys
         self._news: list[FlightEvent] = [(NodesJoined if resume is None else FlightResumed)(tick, nodes, uavs)]
@@ -257,13 +258,22 @@ class LocalCrew:
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""
         acts.commands, absent = self._nothing.copy(), np.ones(len(self._nobody), dtype=bool)
-        acts.models = no_models(self._plan) if senses.report and self._plan.declared.weights else None
+        if senses.report and self._plan.declared.weights:
+            acts.models = self._reported(len(replies) == len(self.agents))
         for number, reply in replies:
             place = self._places[number]
             acts.commands[place], absent[place] = reply.commands, False
             if reply.models is not None and acts.models is not None:
                 acts.models[place] = reply.models
         return absent
+
+    def _reported(self, whole: bool) -> Floats:
+        """The array of all reported models, NaN unless `whole`. Made once: of many UAVs that takes a whole tick."""
+        if self._weights is None:
+            self._weights = no_models(self._plan)
+        elif not whole:
+            self._weights.fill(np.nan)
+        return self._weights
 
     def _lead(self, leader: Leader, senses: Senses, acts: Acts) -> None:
         """Let the leader answer; one that took over gets the state of the rule, and all mail."""

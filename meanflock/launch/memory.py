@@ -22,7 +22,8 @@ AGENT_MB = 17 if forks.SAFE else 28  # forked from a loaded process, or started 
 IN_PROCESS_MB = 220  # all rooms and the recorder in one process
 NETWORKED_MB = 450  # world, leader, ground station, and 64 MiB of telemetry that may wait
 UAV_KB = 4  # a UAV without what it learns
-_WEIGHT_BYTES = 70  # of a number that a UAV learns: weights, models of rounds and checkpoints
+_WEIGHT_BYTES = 45  # of a number that a UAV learns: weights, reports and checkpoints
+_ROUND_BYTES = 30  # more, if the flight has rounds: models that are sent, received and averaged
 PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick; or models: the mail
 FAR_PAIR_BYTES = 60  # if the UAVs do not reach all others
 
@@ -61,7 +62,9 @@ def learner_memory(scenario: Scenario) -> LearnerMemory:
     """Memory of what the UAVs of a scenario learn. The libraries of a learner are measured in this process, which has
     imported them."""
     if scenario.training.learner == NO_LEARNER:
-        return LearnerMemory(0, _WEIGHT_BYTES * plan_of(scenario).declared.weights)
+        plan = plan_of(scenario)
+        has_rounds = plan.hops and plan.period_ticks <= scenario.max_ticks
+        return LearnerMemory(0, (_WEIGHT_BYTES + (_ROUND_BYTES if has_rounds else 0)) * plan.declared.weights)
     imported_mb = max(0, psutil.Process().memory_info().rss // MEGABYTE - _BARE_MB)
     return LearnerMemory(imported_mb, _FLOAT_BYTES * plan_of(scenario).declared.parameters)
 

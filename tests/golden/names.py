@@ -57,7 +57,10 @@ def _scenarios() -> Iterator[Name]:
     for key, described in schema["Scenario"]["properties"].items():
         inner = schema[described["$ref"].rpartition("/")[2]]["properties"] if "$ref" in described else {}
         yield from (("key", name) for name in ([f"{key}.{each}" for each in inner] or [key]))
-    yield from (("key", f"obstacles.{name}") for name in schema["Obstacle"]["properties"])
+    for key, described in schema["Scenario"]["properties"].items():
+        if "$ref" in (item := described.get("items", {})):
+            table = schema[item["$ref"].rpartition("/")[2]]["properties"]
+            yield from (("key", f"{key}.{name}") for name in table)
     for item in schema["Scenario"]["properties"]["faults"]["items"]["anyOf"]:
         fault = schema[item["$ref"].rpartition("/")[2]]["properties"]
         kind = fault.pop("kind")["enum"][0]

@@ -167,6 +167,14 @@ def test_memory_that_grows_with_pairs_is_refused_with_the_largest_swarm_that_fit
     assert [one.verdict for one in fits] == ["ok", "fails"]
 
 
+def test_a_flight_that_ends_before_its_first_round_needs_less_memory() -> None:
+    short, long, alone = (
+        memory.learner_memory(load(None, [f"duration={seconds}"], method=method)).uav_bytes
+        for method, seconds in (("mfgfl-hf", 2.0), ("mfgfl-hf", 60.0), ("mfg", 60.0))
+    )
+    assert 0 < short == alone < long
+
+
 @pytest.mark.parametrize(("uavs", "axes"), [(25, 2), (25, 3), (LARGE_SWARM + 1, 2)])
 def test_a_run_folder_takes_no_more_than_estimated_and_a_large_recording_is_announced(
     tmp_path, capsys, uavs, axes
