@@ -15,7 +15,7 @@ from meanflock.launch.temporary import TemporaryFolder
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import study
 from meanflock.studies.store import Store
-from meanflock.studies.swept import refuse_twice
+from meanflock.studies.swept import add_point, point_of, refuse_twice
 from meanflock.swarm import paths
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
@@ -57,11 +57,11 @@ def compare(
     load_plugins(plugin)
     if not (named := _several(methods)):
         raise BadInput("compare: name a controller or more")
-    points = {}
+    points: dict[tuple[Any, ...], Scenario] = {}
     for method in named:
         flown = scenario_of(scenario, settings, method=method)
-        points[(flown.method,)] = study.seeded(flown, _count(seeds))
-    return Comparison(("method",), _fly(points, _processes(jobs), out, progress))
+        add_point(points, point_of(("method",), (), flown), flown)
+    return Comparison(("method",), _fly(points, seeds, _processes(jobs), out, progress))
 
 
 @with_settings
@@ -95,14 +95,13 @@ def sweep(
     listed = [each if isinstance(each, str) or not np.iterable(each) else list(each) for each in listed]
     named = _several(methods)
     _check_grid(keys, listed, settings, named)
-    points = {}
+    names = keys if "method" in keys else [*keys, "method"]
+    points: dict[tuple[Any, ...], Scenario] = {}
     for point in product(*listed):
         for method in named or (None,):
             flown = scenario_of(scenario, {**settings, **dict(zip(keys, point, strict=True))}, method=method)
-            at = tuple(map(_hashable, point))
-            points[at if "method" in keys else (*at, flown.method)] = study.seeded(flown, _count(seeds))
-    names = keys if "method" in keys else [*keys, "method"]
-    return Comparison(tuple(names), _fly(points, _processes(jobs), out, progress))
+            add_point(points, point_of(names, tuple(map(_hashable, point)), flown), flown)
+    return Comparison(tuple(names), _fly(points, seeds, _processes(jobs), out, progress))
 
 
 def _check_grid(
@@ -161,11 +160,12 @@ def _hashable(value: Any) -> Any:
 
 
 def _fly(
-    points: Mapping[Any, Sequence[Scenario]], jobs: int, out: str | Path | None, progress: Progress | None
+    scenarios: Mapping[Any, Scenario], seeds: Any, jobs: int, out: str | Path | None, progress: Progress | None
 ) -> dict[Any, study.Summaries]:
-    show = progress or (lambda _done, _total: None)
-    memory.check(flights[0] for flights in points.values())
-    warn_of_lost_models(flights[0] for flights in points.values())
+    show, count = progress or (lambda _done, _total: None), _count(seeds)
+    memory.check(scenarios.values())
+    warn_of_lost_models(scenarios.values())
+    points = {at: study.seeded(flown, count) for at, flown in scenarios.items()}
     try:
         if out is not None:
             return study.fly_all(points, jobs, show, Store(paths.given(out)))

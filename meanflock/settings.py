@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
 from meanflock.federation.plan import plan_of
+from meanflock.studies.swept import refuse_method
 from meanflock.swarm import paths, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
@@ -78,5 +79,7 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         flown = scenario.replace(**given)
     else:
         flown = Scenario(**given) if scenario is None else Scenario.load(scenario, **given)
+    if "method" in given:
+        refuse_method(flown)
     plan_of(flown)  # whoever cannot fly it hears of it now
     return flown

@@ -223,13 +223,15 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
         BadInput: a scenario that cannot be flown here, or a key that is set both by a flag and by `--set`.
     """
     from meanflock.federation.plan import plan_of
-    from meanflock.studies.swept import refuse_setting
+    from meanflock.studies.swept import refuse_method, refuse_setting
     from meanflock.swarm import scenario
 
     for key, value in options.items():
         if value is not None:
             refuse_setting(key, settings, f"is what --{key} says")
     flown = scenario.load(file, settings, **options)
+    if options.get("method") is not None or "method" in (setting.partition("=")[0].strip() for setting in settings):
+        refuse_method(flown)
     plan_of(flown)  # whoever cannot fly it hears of it now
     return flown
 

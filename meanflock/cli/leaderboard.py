@@ -80,8 +80,11 @@ def leaderboard(
     from meanflock.studies.leaderboard.page import write
     from meanflock.studies.runner import terminable, workers
 
+    chosen = known.chosen(names(missions))
+    if names(controllers) != [rows.ALL]:
+        known.refuse_rows(chosen)
     contest = Contest(
-        known.chosen(names(missions)),
+        chosen,
         rows.chosen(names(controllers)),
         seeds,
         first_seed,

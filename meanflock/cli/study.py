@@ -74,7 +74,10 @@ def compare(
     from meanflock.studies import swept
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
-    scenarios = {(method,): load_scenario(file, method=method, **given) for method in dict.fromkeys(methods)}
+    scenarios: dict[tuple[Any, ...], Scenario] = {}
+    for method in methods:
+        one = load_scenario(file, method=method, **given)
+        swept.add_point(scenarios, swept.point_of(("method",), (), one), one)
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
         from meanflock.studies import side_by_side
         from meanflock.studies.runner import terminable
@@ -133,7 +136,7 @@ def sweep(
       meanflock sweep wind.sigma=0.1,0.3 uavs=9,25 --methods hjb mfgfl-hf
     """
     from meanflock.settings import learner_named
-    from meanflock.studies.swept import Grid, refuse_setting
+    from meanflock.studies.swept import Grid, add_point, point_of, refuse_setting
 
     with redirect_stdout(sys.stderr):  # what plug-ins print is not what the command says
         grid = Grid.parse(swept).with_learners([learner_named(learner) for learner in names(learners)])
@@ -143,13 +146,13 @@ def sweep(
     if methods:
         refuse_setting("method", settings, "is what --methods names")
     flown_by: list[str | None] = [*dict.fromkeys(names(methods))] or [None]
+    keys = tuple(varied.key for varied in grid.keys)
+    named = keys if grid.has_methods else (*keys, "method")
     scenarios: dict[tuple[Any, ...], Scenario] = {}
     for point in grid.points():
         for name in flown_by:
             one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
-            scenarios[point if grid.has_methods else (*point, str(one.method))] = one
-    keys = tuple(varied.key for varied in grid.keys)
-    named = keys if grid.has_methods else (*keys, "method")
+            add_point(scenarios, point_of(named, point, one), one)
     _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet, wanted)
 
 

@@ -21,7 +21,7 @@ from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_nam
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
-from meanflock.swarm.scenario import Scenario, Sharing, Until
+from meanflock.swarm.scenario import Scenario, Sharing, Until, as_builtins
 
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
@@ -367,10 +367,32 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
 
 
 def _with_starts(scenario: Scenario) -> Scenario:
-    """The scenario with the starts that its vehicle reads from a file, and the hash of the file.
+    """The scenario with the starts that its vehicles read from files, and the hashes of the files.
 
-    A scenario that has both is returned as it is, so agents and leader need neither the file nor the vehicle.
+    A scenario that has both is returned as it is, so agents and leader need neither the files nor the vehicles.
     """
+    if scenario.vehicle.file is not None and (own := [one.name for one in scenario.groups if one.vehicle is not None]):
+        raise BadInput(
+            f"scenario: the vehicle of all UAVs reads its movement from a file, and group {own[0]!r} has a vehicle of "
+            "its own; leave out one of them, or let the groups read files of their own"
+        )
+    scenario = _resolved_vehicle(scenario)
+    found: dict[str, Any] = {}
+    for group in scenario.groups:
+        if group.vehicle is None or group.vehicle.file is None:
+            continue
+        try:
+            flown = _resolved_vehicle(alone := scenario.alone(group))
+        except (BadInput, ValueError) as error:
+            raise BadInput(f"group {group.name!r}: {error}") from error
+        if flown is not alone:
+            name = f"groups.{group.name}"
+            found |= {f"{name}.start": as_builtins(flown.start), f"{name}.vehicle": as_builtins(flown.vehicle)}
+    return scenario.replace(**found) if found else scenario
+
+
+def _resolved_vehicle(scenario: Scenario) -> Scenario:
+    """The scenario with the starts that the vehicle of all UAVs reads, and the hash of its file, unless it has both."""
     chosen = scenario.vehicle
     if chosen.file is None or (scenario.start.positions and chosen.options.get("sha256")):
         return scenario

@@ -45,7 +45,7 @@ def back(folder: Path) -> Back:
             f"{folder}: this run has finished, and its summary is in {SUMMARY}; fly it again with "
             f"`meanflock run {folder / SCENARIO}`"
         )
-    flown = flown_file.from_copy(folder, scenario.load(folder / SCENARIO))
+    flown = flown_file.from_copies(folder, scenario.load(folder / SCENARIO))
     flown_plugins.check(folder, flown)
     if not plan_of(flown).is_resumable:
         raise BadInput(

@@ -1,47 +1,52 @@
-"""Copy of the file that a run's vehicle reads, in the folder of the run; a resumed run reads it there."""
+"""Copies of the files that the vehicles of a run read, in the folder of the run; a resumed run reads them there."""
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from meanflock.swarm import durable, paths
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario import Scenario, VehicleTable
 
 FOLDER = "vehicle"
 
 
-def content(flown: Scenario) -> bytes | None:
-    """Content of the file with the starts of a planned scenario; None if there is none.
+def contents(flown: Scenario) -> dict[str, bytes]:
+    """Contents of the files that the vehicles of a planned scenario read, by the place of each copy in a run folder.
 
     Raises:
-        BadInput: the file cannot be read, or has changed since the flight was planned.
+        BadInput: a file cannot be read, or has changed since the flight was planned.
     """
-    if flown.vehicle.file is None or not (recorded := flown.vehicle.options.get("sha256")):
-        return None
-    path = paths.given(flown.vehicle.file)
+    return {str(copy): _content(vehicle) for _, vehicle, copy in _copies(flown) if vehicle.options.get("sha256")}
+
+
+def keep(folder: Path, found: Mapping[str, bytes]) -> None:
+    """Write the contents to the folder of a run. Raises OSError."""
+    for copy, content in found.items():
+        (folder / copy).parent.mkdir(parents=True, exist_ok=True)
+        durable.replace(folder / copy, content)
+
+
+def from_copies(folder: Path, flown: Scenario) -> Scenario:
+    """The scenario of a run, whose vehicles read the copies that are there."""
+    keys = {f"{key}.options.file": str(folder / copy) for key, _, copy in _copies(flown) if (folder / copy).exists()}
+    return flown.replace(**keys) if keys else flown
+
+
+def _copies(flown: Scenario) -> Iterator[tuple[str, VehicleTable, Path]]:
+    """Key, table and place of the copy in the folder of a run, of each vehicle that reads a file."""
+    own = ((f"groups.{group.name}.vehicle", group.vehicle, Path(FOLDER, group.name)) for group in flown.groups)
+    for key, vehicle, folder in (("vehicle", flown.vehicle, Path(FOLDER)), *own):
+        if vehicle is not None and vehicle.file is not None:
+            yield key, vehicle, folder / Path(vehicle.file).name
+
+
+def _content(vehicle: VehicleTable) -> bytes:
+    path = paths.given(str(vehicle.file))
     try:
         found = paths.read(path, paths.LOG_BYTES)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; bring the file back, the run folder gets a copy of it") from error
-    if hashlib.sha256(found).hexdigest() != recorded:
+    if hashlib.sha256(found).hexdigest() != vehicle.options["sha256"]:
         raise BadInput(f"{path}: was changed since it was read; start again")
     return found
-
-
-def keep(folder: Path, flown: Scenario, found: bytes) -> str:
-    """Write the content to the folder of a run; returns the name of the copy in it. Raises OSError."""
-    copy = _copy(folder, flown)
-    copy.parent.mkdir(exist_ok=True)
-    durable.replace(copy, found)
-    return str(copy.relative_to(folder))
-
-
-def from_copy(folder: Path, flown: Scenario) -> Scenario:
-    """The scenario of a run, whose vehicle reads the copy if there is one."""
-    if flown.vehicle.file is None or not (copy := _copy(folder, flown)).exists():
-        return flown
-    return flown.replace(**{"vehicle.options.file": str(copy)})
-
-
-def _copy(folder: Path, flown: Scenario) -> Path:
-    return folder / FOLDER / Path(str(flown.vehicle.file)).name

@@ -98,7 +98,7 @@ class RunFolder:
         self._has_rounds = plan_of(flown).declared.is_federated
         self.files = [SCENARIO, EVENTS, TIMESERIES]  # that must be there at the end
         sources = flown_plugins.files(flown) if past is None else {}
-        read = flown_file.content(flown) if past is None else None
+        read = flown_file.contents(flown) if past is None else {}
         try:
             if past is None:
                 self._create(sources, read)
@@ -117,8 +117,8 @@ class RunFolder:
         self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
-    def _create(self, sources: dict[str, bytes], read: bytes | None) -> None:
-        """Create the folder of a new run, with the scenario, the files of its plug-ins and that of its vehicle."""
+    def _create(self, sources: dict[str, bytes], read: dict[str, bytes]) -> None:
+        """Create the folder of a new run, with the scenario, the files of its plug-ins and those of its vehicles."""
         self.path.mkdir(parents=True, exist_ok=True)
         if any(self.path.iterdir()):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
@@ -126,8 +126,8 @@ class RunFolder:
         durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
         flown_plugins.keep(self.path, sources)
         self.files += [f"{flown_plugins.FOLDER}/{name}" for name in sources]
-        if read is not None:
-            self.files.append(flown_file.keep(self.path, self._flown, read))
+        flown_file.keep(self.path, read)
+        self.files += read
         durable.sync_folder(self.path.parent)
 
     def _begin(self, past: Past | None) -> Spool:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 LEARNER = "training.learner"
 
@@ -111,6 +113,34 @@ def refuse_setting(key: str, settings: Iterable[str], reason: str) -> None:
     for setting in settings:
         if setting.partition("=")[0].strip() == key:
             raise BadInput(f"--set {setting}: `{key}` {reason}; leave out this --set")
+
+
+def refuse_method(flown: Scenario) -> None:
+    """Raise BadInput if every group of a scenario names its controller, so that the one asked for flies no UAV."""
+    if flown.has_own_methods:
+        raise BadInput(
+            f"`method` {flown.method} has no effect, because every group of the scenario names its controller; set "
+            f"that of a group, as in groups.{flown.groups[0].name}.method={flown.method}, or remove `method` from one"
+        )
+
+
+def point_of(names: Sequence[str], values: Sequence[Any], flown: Scenario) -> tuple[Any, ...]:
+    """The point of a scenario: the values of the varied keys, and as its method the controllers of all its groups.
+
+    Args:
+        names: of the keys, with `method`. values: of the keys in this order; `method` may be left out at the end.
+    """
+    given = dict(zip(names, values, strict=False)) | {"method": mission.method(flown)}
+    return tuple(given[name] for name in names)
+
+
+def add_point(points: dict[tuple[Any, ...], Scenario], at: tuple[Any, ...], flown: Scenario) -> None:
+    """Add a scenario at its point. Raises BadInput if another scenario is there."""
+    if points.setdefault(at, flown) != flown:
+        raise BadInput(
+            f"two different flights would both be called {', '.join(map(str, at))}, because their groups have the same "
+            "controllers in other places; compare them one by one"
+        )
 
 
 def _values(listed: str) -> list[Any]:

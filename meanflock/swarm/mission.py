@@ -107,7 +107,13 @@ def _starts(uavs: int, start: Any, space: Any) -> state.States:
 
 def has_starts(mission: FlownMission) -> bool:
     """Returns whether the starts are known. They are not while a vehicle is still to read them from its file."""
-    return bool(mission.start.positions) or mission.vehicle.file is None
+    return all(start is not None and start.positions for start in _recorded_starts(mission))
+
+
+def _recorded_starts(mission: FlownMission) -> list[Any]:
+    """The `[start]` of all UAVs, and that of each group, whose vehicle reads the starts from its file."""
+    tables = [(mission.vehicle, mission.start), *((group.vehicle, group.start) for group in mission.groups)]
+    return [start for vehicle, start in tables if vehicle is not None and vehicle.file is not None]
 
 
 def formation(start: Any) -> str:
@@ -359,7 +365,7 @@ def check(mission: FlownMission) -> None:
                 if len(inside):
                     raise ValueError(f"UAV {inside[0]} {verb} inside `obstacles[{number}]`; {remedy}")
     has_own = any(group.start is not None for group in mission.groups)
-    if mission.vehicle.file is None and (has_own or mission.start.positions or formation(mission.start) not in GRIDS):
+    if not _recorded_starts(mission) and (has_own or mission.start.positions or formation(mission.start) not in GRIDS):
         _check_apart(mission)
 
 

@@ -43,8 +43,7 @@ class Method(enum.StrEnum):
 
 MAP_SETTINGS = 300
 MAP_SEEDS = range(6001, 6003)
-FIRST_SEED = 101001  # of the default
-FRESH_SEED = 107001  # first seed of the settings that fly again
+FRESH_SEED = 7001  # first seed of the settings that fly again
 _DESIGN_SEED = 20200403  # of the design, not of any flight
 _SCALES = {"learner.position_scale": (100.0, 3000.0), "learner.velocity_scale": (10.0, 150.0)}  # log-uniform
 _KAPPA, _STEEPNESS = (0.001, 0.2), (0.05, 5.0)  # log-uniform; and κ = 0 in one of six
@@ -202,7 +201,7 @@ class Wanted:
     def traced(self) -> bool:
         """Returns whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8, and of
         those whose direction C7 is about."""
-        return self.seed in (FIRST_SEED, FRESH_SEED) and self.point.experiment in TRACED
+        return self.seed in (1, FRESH_SEED) and self.point.experiment in TRACED
 
 
 def _seeded(flown: Scenario, seed: int) -> Scenario:
@@ -289,10 +288,10 @@ def random_design() -> list[list[str]]:
 
 
 def seeds_of(experiment: str, seeds: int, fresh: bool = False) -> range:
-    """`seeds` times the experiment's share, at least one: from `FIRST_SEED` on or, if `fresh`, from `FRESH_SEED` on."""
+    """Seeds 1, 2 … or, if `fresh`, 7001, 7002 …: `seeds` times the experiment's share, at least one."""
     if experiment in ("map", "exchanged-map"):
         return MAP_SEEDS
-    first = FRESH_SEED if fresh or experiment == "found" else FIRST_SEED
+    first = FRESH_SEED if fresh or experiment == "found" else 1
     return range(first, first + max(1, round(seeds * EXPERIMENTS[experiment][0])))
 
 

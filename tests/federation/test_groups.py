@@ -171,6 +171,7 @@ def test_several_nodes_and_threads_fly_the_same_bits() -> None:
 
 
 RING = {"formation": "circle"}
+TRACE = {"model": "trace", "options": {"file": "x.csv"}}
 A, B = {"name": "a", "count": 2}, {"name": "b", "count": 3}
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A]}, "`groups` have 2 UAVs in all, and `uavs` is 5; set `uavs` to 2"),
@@ -192,9 +193,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A, B | {"method": "mfgfl-h"}]}, "groups 'a' and 'b' share models of"),
     ({"groups": [A | {"method": "cruise"}, B]}, "`federation.leader` is UAV 0, which takes no part in rounds"),
     ({"groups": [A, B | {"method": "cruise"}], "federation": {"clusters": 2}}, "clusters needs all UAVs"),
+    ({"groups": [A, B | {"vehicle": TRACE}]}, "group 'b': trace x.csv: No such file"),
     (
-        {"groups": [A, B | {"vehicle": {"model": "trace", "options": {"file": "x.csv"}}}]},
-        "reads its movement from a file",
+        {"groups": [A, B | {"vehicle": {}}], "vehicle": TRACE},
+        "group 'b' has a vehicle of its own; leave out one of them",
     ),
 ]
 

@@ -2,6 +2,7 @@
 
 import math
 import tracemalloc
+from functools import cache
 from types import ModuleType
 from typing import Any
 
@@ -111,6 +112,7 @@ def test_pairs_in_motion_are_those_of_all_closest_approaches_in_both_forms_alike
     assert nearest == pytest.approx(float(least), rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.xdist_group("sweep")
 @pytest.mark.parametrize("axes", [2, 3])
 @pytest.mark.parametrize(
     ("spread", "step", "longest", "bound"),
@@ -129,6 +131,17 @@ def test_a_sweep_by_strips_finds_what_a_comparison_of_all_pairs_does(
     backend: ModuleType, axes: int, spread: float, step: float, longest: float, bound: float
 ) -> None:
     """Dense and scattered; segments of all lengths, and one across everything; some UAVs have the same place."""
+    before, after, nears, expected, least = _dense_or_scattered(axes, spread, step, longest)
+    found = np.empty((10**6 if spread > 1.0 else 0, 2), dtype=np.intp)
+    near, count, nearest = backend.pairs(before, after, 0.5, 0.1, bound, found)
+    assert (near, count, nearest) == (nears, len(expected), math.sqrt(min(bound * bound, least)))
+    np.testing.assert_array_equal(found[:count], expected[: len(found)])
+
+
+@cache
+def _dense_or_scattered(axes: int, spread: float, step: float, longest: float) -> tuple:
+    """States before and after a tick; and what a comparison of all pairs finds: near pairs, pairs that touch, and the
+    least squared distance. It takes seconds, and is the same for both forms and all bounds."""
     draw = np.random.default_rng(4)
     before = np.zeros((MANY + 100, 2 * axes))
     before[:, :axes] = draw.normal(size=(len(before), axes)) * spread
@@ -137,14 +150,10 @@ def test_a_sweep_by_strips_finds_what_a_comparison_of_all_pairs_does(
     after = before + draw.normal(size=before.shape) * lengths
     after[7, :axes] += 0.5 * spread
     before[11], after[13] = np.nan, np.nan
-    found = np.empty((10**6 if spread > 1.0 else 0, 2), dtype=np.intp)
-    near, count, nearest = backend.pairs(before, after, 0.5, 0.1, bound, found)
     nears, touching, distances = zip(
         *(_compared(before, after, uav, 0.5, 0.1) for uav in range(len(before))), strict=True
     )
-    expected = np.concatenate(touching)
-    assert (near, count, nearest) == (sum(nears), len(expected), math.sqrt(min(bound * bound, *distances)))
-    np.testing.assert_array_equal(found[:count], expected[: len(found)])
+    return before, after, sum(nears), np.concatenate(touching), min(distances)
 
 
 def _compared(before: np.ndarray, after: np.ndarray, one: int, hazard: float, collision: float) -> tuple:

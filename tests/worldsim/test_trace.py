@@ -22,6 +22,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import check_vehicle
 from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.vehicles.base import ignored
 from meanflock.worldsim.vehicles.trace import RecordedTrace
 from meanflock.worldsim.vehicles.tracks import TraceRows, Tracks
 from tests.faults.dying import dead, flight, resumed
@@ -267,3 +268,61 @@ def test_the_example_is_what_its_script_writes(tmp_path: Path, monkeypatch: pyte
     assert read[0].equals(read[1])
     flown = scenarios.load(None, ["vehicle.model=trace", f"vehicle.options.file={examples / 'trace.parquet'}"])
     assert Engine(flown.replace(method="cruise"), "trace").complete()["arrived"] == 25
+
+
+# -- one group of several ------------------------------------------------------------------------------------------
+
+
+def grouped(path: Path, **keys: Any) -> Scenario:
+    """Three UAVs that fly, five that move as a file says, and two that fly."""
+    cars = {"name": "cars", "count": 5, "vehicle": {"model": "trace", "options": {"file": str(path)}}}
+    chosen = {
+        "uavs": 10,
+        "dt": DT,
+        "duration": 15.0,
+        "method": "cruise",
+        "stop": "duration",
+        "radio.plausible_speed": 99,
+    }
+    groups = [{"name": "ahead", "count": 3}, cars | keys, {"name": "behind", "count": 2, "method": "lqr"}]
+    return Scenario().replace(**chosen, groups=groups)
+
+
+def test_a_group_moves_as_its_file_says_beside_others(tmp_path: Path) -> None:
+    path = written(tmp_path / "way.csv", winding(2))
+    given = grouped(path)
+    flown = plan_of(given).scenario
+    places = np.array([row[2:] for row in winding(2)]).reshape(-1, 5, 2)
+    np.testing.assert_array_equal(state.position(mission.starts(flown))[3:8], places[0])
+    np.testing.assert_array_equal(mission.starts(flown)[:3], mission.starts(Scenario(uavs=10))[:3])
+    engine = Engine(given, "cars")
+    for tick in engine.fly():
+        if tick % 2 == 0:
+            np.testing.assert_array_equal(state.position(engine.world.flight.states)[3:8], places[tick // 2])
+    assert engine.world.flight.distance[[0, 1, 2, 8, 9]].min() > 1.0
+    (event,) = ignored(flown)
+    assert event.text.startswith("the commands of cruise have no effect")
+    other = written(tmp_path / "elsewhere.csv", winding(2))
+    assert grouped(other).sha256() == given.sha256() == flown.sha256()
+    assert grouped(written(tmp_path / "way2.csv", winding(2, times=30))).sha256() != given.sha256()
+
+
+def test_a_run_has_a_copy_of_the_file_of_each_group_and_resumes_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", 10)
+    path = written(tmp_path / "way.csv", winding(2))
+    flown = grouped(path)
+    whole = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 17)
+    path.unlink()
+    assert (folder / "vehicle/cars/way.csv").exists()
+    assert resumed(folder)["trajectory_sha256"] == whole["trajectory_sha256"]
+
+
+def test_what_a_group_contradicts_is_refused_with_its_name(tmp_path: Path) -> None:
+    path = written(tmp_path / "way.csv", winding(2, uavs=4))
+    with pytest.raises(BadInput, match=r"group 'cars': trace .*it has 4 UAVs, and `uavs` is 5"):
+        plan_of(grouped(path))
+    with pytest.raises(BadInput, match=r"group 'cars': .*`start.formation` has no effect"):
+        plan_of(grouped(path, count=5, start={"formation": "circle"}))

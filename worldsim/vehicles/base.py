@@ -165,10 +165,11 @@ BOUND = 1e9  # m or m/s; a UAV beyond it counts as diverged
 
 
 def ignored(scenario: Scenario) -> Iterator[CommandsIgnored]:
-    """The event that the vehicle of a scenario takes no commands, if so."""
-    model = scenario.vehicle.model
-    if not getattr(plugins.load("vehicle", model), "obeys", True):
-        yield CommandsIgnored(0, model, scenario.method)
+    """An event for each vehicle of a scenario that takes no commands."""
+    flown = [scenario.of_group(group) for group in scenario.groups] or [scenario]
+    for model, method in dict.fromkeys((one.vehicle.model, one.method) for one in flown):
+        if not getattr(plugins.load("vehicle", model), "obeys", True):
+            yield CommandsIgnored(0, model, method)
 
 
 class Moved(NamedTuple):

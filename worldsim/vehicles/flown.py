@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
 from meanflock.swarm.plugins import load
-from meanflock.swarm.scenario import Scenario, VehicleTable
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
 from meanflock.worldsim.vehicles.base import Hidden, Moved, Physics
 
@@ -33,30 +33,29 @@ class FlownVehicles:
         """Raises BadInput if a vehicle is not installed, does not fly in the dimensions of the scenario, or its options
         do not fit.
         """
-        kinds: list[tuple[VehicleTable, NDArray[np.intp]]] = []
+        kinds: list[tuple[Scenario, NDArray[np.intp]]] = []
         for group, rows in mission.parts(scenario):
             table, uavs = group.vehicle or scenario.vehicle, np.arange(rows.start, rows.stop)
-            same = [number for number, (found, _) in enumerate(kinds) if found == table]
+            has_file = group.vehicle is not None and group.vehicle.file is not None  # with the tracks of its UAVs alone
+            same = [number for number, (flown, _) in enumerate(kinds) if flown.vehicle == table and not has_file]
             if same:
-                kinds[same[0]] = table, np.concatenate([kinds[same[0]][1], uavs])
+                kinds[same[0]] = kinds[same[0]][0], np.concatenate([kinds[same[0]][1], uavs])
             else:
-                kinds.append((table, uavs))
-        if len(kinds) < 2:
-            kinds = [(kinds[0][0] if kinds else scenario.vehicle, np.arange(scenario.uavs))]
-        shows = [tuple(getattr(load("vehicle", table.model), "columns", ())) for table, _ in kinds]
+                kinds.append((scenario.alone(group) if has_file else structs.replace(scenario, vehicle=table), uavs))
+        kinds = kinds or [(scenario, np.arange(scenario.uavs))]
+        shows = [tuple(getattr(load("vehicle", flown.vehicle.model), "columns", ())) for flown, _ in kinds]
         columns = list(dict.fromkeys(name for names in shows for name in names))
         self._shape = scenario.uavs, len(columns)
         self._kinds = [
-            _Kind(
-                uavs, Physics(structs.replace(scenario, vehicle=table), uavs), [columns.index(name) for name in names]
-            )
-            for (table, uavs), names in zip(kinds, shows, strict=True)
+            _Kind(uavs, Physics(flown, uavs), [columns.index(name) for name in names])
+            for (flown, uavs), names in zip(kinds, shows, strict=True)
         ]
-        self.limit: Floats | float | None = kinds[0][0].acceleration_max
-        if len(kinds) > 1 and any(table.acceleration_max is not None for table, _ in kinds):
+        limits = [flown.vehicle.acceleration_max for flown, _ in kinds]
+        self.limit: Floats | float | None = limits[0]
+        if len(kinds) > 1 and any(limit is not None for limit in limits):
             self.limit = np.full(scenario.uavs, np.inf)
-            for table, uavs in kinds:
-                self.limit[uavs] = np.inf if table.acceleration_max is None else table.acceleration_max
+            for limit, (_, uavs) in zip(limits, kinds, strict=True):
+                self.limit[uavs] = np.inf if limit is None else limit
 
     def init(self) -> Hidden:
         """The hidden state of all UAVs at take-off; raises BadInput if `init` of a vehicle fails."""

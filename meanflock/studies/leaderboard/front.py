@@ -109,21 +109,23 @@ class Fronts:
 
     def __init__(self, scenario: Scenario, rows: slice = slice(None)) -> None:
         """`rows`: of the UAVs, which have the vehicle of the scenario."""
-        self.scenario, self._rows, self._corners = scenario, rows, cheapest(scenario)
+        self.scenario, self._rows = scenario, rows
         blows = scenario.wind.mean if scenario.truth.wind is None else scenario.truth.wind
         self._wind = np.array(blows) if scenario.vehicle.power_speed == "air" else None
 
     @cached_property
     def each(self) -> list[Front] | None:
-        """Fronts of all these UAVs. None in space, if goals change in flight, and if power depends on a wind that
-        varies from place to place.
+        """Fronts of all these UAVs. None in space, if goals change in flight, if movement is recorded, and if power
+        depends on a wind that varies from place to place.
         """
-        if self.scenario.dimensions == state.SPACE or self.scenario.is_guided:
+        is_recorded = self.scenario.vehicle.file is not None
+        if self.scenario.dimensions == state.SPACE or self.scenario.is_guided or is_recorded:
             return None
         if self.scenario.vehicle.power_speed == "air" and self.scenario.wind.field_rms > 0.0:
             return None
         ways = (mission.goals(self.scenario) - state.position(mission.starts(self.scenario)))[self._rows]
-        of_way = cache(lambda *way: front(self.scenario, np.array(way), self._wind, self._corners))
+        corners = cheapest(self.scenario)
+        of_way = cache(lambda *way: front(self.scenario, np.array(way), self._wind, corners))
         return [of_way(x, y) for x, y in ways.tolist()]
 
     def regret(self, result: Mapping[str, Any]) -> float | None:

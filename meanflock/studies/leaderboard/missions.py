@@ -94,5 +94,15 @@ def chosen(names: Iterable[str]) -> list[BoardMission]:
     return list(missions.values())
 
 
+def refuse_rows(missions: Iterable[BoardMission]) -> None:
+    """Raise BadInput if rows are named for a mission that has a row of its own."""
+    for mission in missions:
+        if mission.own_row() is not None:
+            raise BadInput(
+                f"--controllers: every group of the mission {mission.name} names its controller, so all rows would be "
+                "the same flight; leave out --controllers, or remove `method` from a group"
+            )
+
+
 def _path(name: str) -> Path:
     return paths.given(name) if Path(name).suffix else toml.FOLDER / f"{name}.toml"

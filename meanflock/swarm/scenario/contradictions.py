@@ -107,11 +107,6 @@ def _check_groups(scenario: Any) -> None:
                 f"`groups[{number}].joins_at_s` is {group.joins_at_s:g} s, and the flight ends at `duration`, "
                 f"{scenario.duration:g} s; let it join earlier, or fly longer"
             )
-        if group.vehicle is not None and group.vehicle.file is not None:
-            raise ValueError(
-                f"`groups[{number}].vehicle` reads its movement from a file, and only the vehicle of all UAVs can; "
-                "set `[vehicle]`, or take another model"
-            )
         if (
             group.start is not None
             and scenario.dimensions == state.PLANE

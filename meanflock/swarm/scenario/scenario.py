@@ -254,6 +254,22 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             own["destination"] = msgspec.structs.replace(self.destination, radius=group.destination.radius)
         return msgspec.structs.replace(self, **own)
 
+    def alone(self, group: tables.GroupTable) -> "Scenario":
+        """The scenario that the vehicle of a group gets if it reads a file. Its UAVs are 0…count − 1, and no others."""
+        start = tables.Start(centre=self.start.centre, height=self.start.height) if group.start is None else group.start
+        return msgspec.structs.replace(
+            self,
+            uavs=group.count,
+            groups=(),
+            start=start,
+            destination=tables.Destination(),
+            vehicle=group.vehicle or self.vehicle,
+            federation=tables.Federation(),
+            stations=(),
+            radios=(),
+            faults=(),
+        )
+
     @property
     def has_own_methods(self) -> bool:
         """Returns whether every group names its controller, so that `method` has no effect."""
@@ -353,6 +369,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         whole = self.resolved()
         table, default = msgspec.to_builtins(whole), msgspec.to_builtins(plain)
         table["vehicle"]["options"] = msgspec.to_builtins(whole.vehicle.recorded)
+        for plain_group, group in zip(table.get("groups", ()), whole.groups, strict=False):
+            if group.vehicle is not None:
+                plain_group["vehicle"]["options"] = msgspec.to_builtins(group.vehicle.recorded)
         for path, described in keys_of(Scenario).items():
             if not described.later:
                 continue
