@@ -384,8 +384,7 @@ SUMMARY = (
             (
                 "closest_approach_m",
                 "m",
-                "least distance of one of its UAVs to any other one in the air, also between ticks; null if there were "
-                "never two in the air, and in flights of more than 3,000 UAVs",
+                "least distance of two of its UAVs in the air, also between ticks; null if there were never two",
             ),
             ("obstacle_hits", "1", "`obstacle_hits` of its UAVs"),
             ("airtime_s", "s", "time for which its UAVs sent"),

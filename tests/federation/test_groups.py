@@ -139,7 +139,7 @@ def test_figures_of_groups_are_parts_of_those_of_the_flight() -> None:
         summary = Engine(flown.replace(groups=groups), "parts").complete()
         found = list(summary["groups"].values())
         assert summary["collisions_all"] > 0 < summary["obstacle_hits"]
-        assert summary["closest_approach_m"] == pytest.approx(min(group["closest_approach_m"] for group in found))
+        assert summary["closest_approach_m"] <= min(group["closest_approach_m"] for group in found)
         for key in ("obstacle_hits", *(f"payload_bits.{kind}" for kind in summary["payload_bits"])):
             assert sum(quantities.number(group, key) for group in found) == quantities.number(summary, key), key
         for name, total in summary["diagnostics"].items():
@@ -147,6 +147,7 @@ def test_figures_of_groups_are_parts_of_those_of_the_flight() -> None:
         if len(found) == 1:
             (whole,) = found
             assert whole["phi_A"] == pytest.approx(summary["phi_A"])
+            assert whole["closest_approach_m"] == summary["closest_approach_m"]
             for key in ("collisions", "collisions_all", "arrived", "control_effort", "bits_to_arrival"):
                 assert whole[key] == summary[key], key
 
