@@ -17,8 +17,7 @@ class GroupMeasures(Stateful):
     """Measures of the G groups of a flight, over its ticks.
 
     Attributes:
-        closest_m: (G,), least distance of two UAVs of a group in the air, also between ticks; infinite before there were
-            two.
+        closest_m: (G,), least distance of two UAVs of a group in the air, also between ticks; infinite without two.
         speed_difference_sum: (G,), sum over ticks of the mean ‖v_j − v_i‖ over the pairs of a group, m/s.
         ticks: (G,), number of these ticks, in which a UAV of the group was in the air.
     """
@@ -38,10 +37,9 @@ class GroupMeasures(Stateful):
         NaN in `before`: the UAV flew no segment; NaN in `after`: it is on the ground.
         """
         for number, rows in enumerate(self._rows):
-            *_, self.closest_m[number] = kernels.pairs(
-                before[rows], after[rows], 0.0, 0.0, self.closest_m[number], _NO_PAIRS
-            )
-            aloft = after[rows][~np.isnan(after[rows, 0])]
+            begin, end = before[rows], after[rows]
+            *_, self.closest_m[number] = kernels.pairs(begin, end, 0.0, 0.0, self.closest_m[number], _NO_PAIRS)
+            aloft = end[~np.isnan(end[:, 0])]
             if len(aloft):
                 self.speed_difference_sum[number] += speed_difference(aloft, self._seed, tick).mean
                 self.ticks[number] += 1
