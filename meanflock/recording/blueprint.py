@@ -221,6 +221,7 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
     legend = f"{trails}, arrows reach {ARROW_S:g} s ahead"
     shown = flight_view(scenario, f"swarm map, m: {legend}", f"swarm in space, m: {legend}")
     words = [f"- /{entity}{'/**' * bool(scenario.groups)}" for entity in ("map/start/label", "map/goal/label")]
+    words += ["- /map/waypoints/**", "- /map/landings/**"]
     close_up = rrb.Spatial2DView(
         origin=f"/{CLOSE_UP}",
         contents=[f"/{MAP}/**", "- /map/legend/**", *words, f"- /{WORDS}"],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.recording import drawing
 from meanflock.recording.drawing import Part, Point, circle
+from meanflock.recording.routes import has_route, landings, routes
 from meanflock.results.series import Reported
 from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Interference, Jam, Kill, Partition, Pause
@@ -58,7 +59,8 @@ def is_about_its_start(scenario: Scenario) -> bool:
 def box(scenario: Scenario) -> Corners:
     """The mission on the map: all starts, all obstacles and stations, all goals with room to overshoot."""
     first, last = start_box(scenario)
-    goals, discs = state.flat(mission.all_goals(scenario)), mission.obstacles(scenario)
+    goals = state.flat(np.concatenate([mission.all_goals(scenario), landings(scenario)]))
+    discs = mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
     for x, y, radius in discs.tolist():
@@ -143,6 +145,7 @@ def log(part: Part, scenario: Scenario, reported: Reported, maps: int = 1) -> No
     _log_field(part, scenario)
     _log_obstacles(part, scenario)
     _log_start(part, scenario)
+    _log_routes(part, scenario)
     _log_goals(part, scenario)
     _log_stations(part, scenario)
     _log_key(part, scenario, reported, maps)
@@ -177,13 +180,10 @@ def _log_starts_of_groups(part: Part, scenario: Scenario) -> None:
 
 def _log_goals(part: Part, scenario: Scenario) -> None:
     goals, radius = state.flat(mission.goals(scenario)), scenario.destination.radius
-    if len(waypoints := state.flat(mission.all_goals(scenario))[scenario.uavs :]):
-        part.dots("map/waypoints", waypoints, drawing.GREEN, 2.5)
-    if len(landings := scenario.space.vectors(scenario.energy.landings, scenario.start.height)):
-        part.dots("map/landings", state.flat(landings), drawing.GREY, 3.0)
-        part.label("map/landings/label", _below(state.flat(landings)[:1]), "landing", drawing.GREY)
     if scenario.groups:
         _log_goals_of_groups(part, scenario, goals)
+        return
+    if scenario.has_waypoints:
         return
     if (goals == goals[0]).all():
         x, y = goals[0].tolist()
@@ -195,10 +195,35 @@ def _log_goals(part: Part, scenario: Scenario) -> None:
     part.label("map/goal/label", (float(_middle(goals)[0]), float(edge)), "goals", drawing.GREEN)
 
 
+def _log_routes(part: Part, scenario: Scenario) -> None:
+    """Logs a dot at each waypoint and each landing place, with a word below it."""
+    for route in routes(scenario):
+        entity, places = f"map/waypoints/{route.name or 'all'}", state.flat(route.places)
+        part.dots(entity, places, route.color, 3.0)
+        _log_words(part, f"{entity}/label", places, route.words, route.color)
+    if len(places := state.flat(landings(scenario))):
+        part.dots("map/landings", places, drawing.GREY, 3.0)
+        _log_words(part, "map/landings/label", places, ["landing"] * len(places), drawing.GREY)
+
+
+def _log_words(part: Part, entity: str, places: NDArray[np.float64], words: list[str], color: int) -> None:
+    """Logs those of the `words` that are not empty, each below its place (K, 2), m."""
+    shown = [number for number, word in enumerate(words) if word]
+    labels = rr.Points2D(
+        places[shown], labels=[words[number] for number in shown], colors=[color], radii=0.0, show_labels=True
+    )
+    part.log(entity, labels)
+
+
 def _log_goals_of_groups(part: Part, scenario: Scenario, goals: NDArray[np.float64]) -> None:
-    """Logs the goal of each group, once for groups that share it, or a dot in its colour at each goal of a UAV."""
+    """Logs the goal of each group without waypoints, once for groups that share it, or a dot in its colour at each goal
+    of a UAV.
+    """
     logged: set[tuple[float, float, float]] = set()
+    guided = has_route(scenario)
     for number, (group, rows) in enumerate(mission.parts(scenario)):
+        if guided[rows].all():
+            continue
         places, radius = goals[rows], (group.destination or scenario.destination).radius
         x, y = places[0].tolist()
         if (places != places[0]).any():

@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 from meanflock.recording import drawing
 from meanflock.recording.branches import IN_SPACE, MARKS
 from meanflock.recording.drawing import Floats, Part, Sent, Ticks, circle, cut
+from meanflock.recording.routes import has_route, landings, routes
 from meanflock.recording.stage import Stage, Vectors
 from meanflock.results.groups import uav_names
 from meanflock.swarm import mission, state
@@ -61,8 +62,15 @@ def _lines(part: Part, entity: str, lines: Sequence[Vectors], color: int, thickn
     part.log(entity, rr.LineStrips3D(lines, colors=[color], radii=rr.Radius.ui_points(thickness)))
 
 
+def _dots(part: Part, entity: str, places: Vectors, color: int) -> None:
+    part.log(entity, rr.Points3D(places, colors=[color], radii=rr.Radius.ui_points(2.0)))
+
+
 def _labels(part: Part, entity: str, places: Vectors, words: list[str], color: int) -> None:
-    part.log(entity, rr.Points3D(places, labels=words, colors=[color], radii=0.0, show_labels=True))
+    """Logs those of the `words` that are not empty, each at its place."""
+    shown = [number for number, word in enumerate(words) if word]
+    labels = [words[number] for number in shown]
+    part.log(entity, rr.Points3D(places[shown], labels=labels, colors=[color], radii=0.0, show_labels=True))
 
 
 def _log_ground(part: Part, stage: Stage) -> None:
@@ -85,10 +93,11 @@ def _log_heights(part: Part, stage: Stage) -> None:
 
 
 def _log_mission(part: Part, scenario: Scenario) -> None:
-    """Logs starts, goals and stations at their heights."""
-    starts, goals = state.position(mission.starts(scenario)), np.unique(mission.all_goals(scenario), axis=0)
+    """Logs starts, goals, waypoints, landing places and stations at their heights."""
+    starts = state.position(mission.starts(scenario))
+    goals = np.unique(mission.goals(scenario)[~has_route(scenario)], axis=0)
     radius = scenario.destination.radius
-    part.log(f"{ROOT}/start", rr.Points3D(starts, colors=[drawing.GREY], radii=rr.Radius.ui_points(2.0)))
+    _dots(part, f"{ROOT}/start", starts, drawing.GREY)
     for number, (group, own) in enumerate(mission.parts(scenario)):
         if group.start is not None:
             above = [*starts[own, :2].mean(axis=0), starts[own, 2].max()]
@@ -104,8 +113,15 @@ def _log_mission(part: Part, scenario: Scenario) -> None:
         )
         part.log(f"{ROOT}/goal", sphere)
         _labels(part, f"{ROOT}/goal/label", np.add(goals, (0.0, 0.0, radius)), ["goal"], drawing.GREEN)
-    else:
-        part.log(f"{ROOT}/goal", rr.Points3D(goals, colors=[drawing.GREEN], radii=rr.Radius.ui_points(2.0)))
+    elif len(goals):
+        _dots(part, f"{ROOT}/goal", goals, drawing.GREEN)
+    for route in routes(scenario):
+        entity = f"{ROOT}/waypoints/{route.name or 'all'}"
+        _dots(part, entity, route.places, route.color)
+        _labels(part, f"{entity}/label", route.places, route.words, route.color)
+    if len(places := landings(scenario)):
+        _dots(part, f"{ROOT}/landings", places, drawing.GREY)
+        _labels(part, f"{ROOT}/landings/label", places, ["landing"] * len(places), drawing.GREY)
     stations = mission.stations(scenario)
     if len(stations):
         masts = [np.array([(x, y, 0.0), (x, y, height)]) for x, y, height in stations.tolist()]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.recording import mission_map
+from meanflock.recording.routes import landings
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Obstacle, Scenario
 
@@ -99,12 +100,14 @@ def _unit(angle: float) -> tuple[float, float]:
 
 
 def _places(scenario: Scenario) -> Vectors:
-    """Starts, goals, stations, and the ends of obstacles, (K, 3) m."""
+    """Starts, goals, landing places, stations, and the ends of obstacles, (K, 3) m."""
     ends = [
         (*obstacle.disc[:2], end) for obstacle in scenario.obstacles for end in _extent(obstacle) if end is not None
     ]
     starts, goals = state.position(mission.starts(scenario)), mission.all_goals(scenario)
-    return np.concatenate([starts, goals, mission.stations(scenario), np.array(ends).reshape(-1, 3)])
+    return np.concatenate(
+        [starts, goals, landings(scenario), mission.stations(scenario), np.array(ends).reshape(-1, 3)]
+    )
 
 
 def _extent(obstacle: Obstacle) -> tuple[float, float | None]:

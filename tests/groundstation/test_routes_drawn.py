@@ -1,0 +1,71 @@
+"""Waypoints and landing places in recordings, in the plane and in space."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import meanflock as mf
+from meanflock.recording import drawing
+from meanflock.recording.mission_map import box
+from meanflock.recording.routes import Route, has_route, routes
+from tests.groundstation.recordings import fixed
+
+LANDINGS = [[200.0, -50.0], [10.0, 80.0]]
+ROUTE, OWN = [[60.0, 0.0], [60.0, 60.0], [0.0, 60.0]], [[-40.0, 0.0], [-40.0, 90.0]]
+KEYS: dict[str, Any] = {
+    "uavs": 6,
+    "method": "cruise",
+    "duration": 2.0,
+    "start": {"centre": [0.0, 0.0], "spacing": 4.0},
+    "destination": {"waypoints": ROUTE, "radius": 3.0},
+    "energy": {"battery_J": 500.0, "landings": LANDINGS},
+    "groups": [
+        {"name": "a", "count": 2},
+        {"name": "b", "count": 2, "destination": {"waypoints": OWN}},
+        {"name": "c", "count": 1},
+        {"name": "d", "count": 1, "destination": {"positions": [[5.0, 5.0]]}},
+    ],
+}
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> mf.Run:
+    flown = mf.Scenario(**KEYS, space={"dimensions": request.param})
+    return mf.fly(flown, out=tmp_path_factory.mktemp("routes"), record=True)
+
+
+def test_routes_are_those_of_the_flight_and_of_groups_that_have_their_own() -> None:
+    flown = mf.Scenario(**KEYS)
+    shared, own = routes(flown)
+    assert (shared.name, shared.color, own.name, own.color) == ("", drawing.GREEN, "b", drawing.group_color(1))
+    assert (shared.places.tolist(), own.places.tolist()) == (ROUTE, OWN)
+    assert has_route(flown).tolist() == [True] * 5 + [False]
+    assert routes(mf.Scenario()) == []
+    long = Route("", 0, np.zeros((50, 2))).words
+    assert [word for word in long if word] == ["waypoint 1", "waypoint 50"]
+    low, high = box(flown)
+    assert low[1] < -50.0
+    assert high[0] > 200.0
+
+
+def test_a_recording_has_dots_with_words_at_waypoints_and_landing_places(run: mf.Run) -> None:
+    assert isinstance(run.recording, Path)
+    views = ["map"] if run.scenario.dimensions == 2 else ["map", "space"]
+    for view in views:
+        points = "Points2D" if view == "map" else "Points3D"
+        height = [] if view == "map" else [40.0]
+        for name, places, color in (("all", ROUTE, drawing.GREEN), ("b", OWN, drawing.group_color(1))):
+            entity = f"{view}/waypoints/{name}"
+            np.testing.assert_allclose(
+                fixed(run.recording, entity, f"{points}:positions"), [[*place, *height] for place in places]
+            )
+            assert fixed(run.recording, entity, f"{points}:colors") == [color]
+            words = [f"waypoint {number}" for number in range(1, len(places) + 1)]
+            assert fixed(run.recording, f"{entity}/label", f"{points}:labels") == words
+        landings = fixed(run.recording, f"{view}/landings", f"{points}:positions")
+        np.testing.assert_allclose(landings, [[*place, *height] for place in LANDINGS])
+        assert fixed(run.recording, f"{view}/landings/label", f"{points}:labels") == ["landing", "landing"]
+    assert fixed(run.recording, "map/goal/label/d", "Points2D:labels") == ["goal"]
+    assert fixed(run.recording, "map/goal/label/a", "Points2D:labels") == []
