@@ -25,6 +25,7 @@ RACES = (
     "in_process",
     "link_budget",
     "avoidance",
+    "groups",
     "scale",
     "agent_process",
     "wire",
