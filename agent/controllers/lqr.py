@@ -13,9 +13,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
-from meanflock.agent.controllers.base import Controller, Memory, Received, Step, replaced
+from meanflock.agent.controllers.base import Controller, Memory, Received, Step
 from meanflock.agent.controllers.cruise import against_the_air
-from meanflock.swarm import mission, state
+from meanflock.agent.controllers.goals import Goals
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import States, Vectors
 
@@ -40,20 +41,17 @@ class Lqr(Controller):
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
         self.gains = gains(options.position_weight, options.velocity_weight)
-        self._goals = mission.goals(scenario)
-        self._is_guided = scenario.is_guided
+        self._goals = Goals(scenario)
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        memory: Memory = {"uav": uavs.astype(np.int32)}
-        return memory | {"goal": self._goals[uavs]} if self._is_guided else memory
+        return {"uav": uavs.astype(np.int32)} | self._goals.init(uavs)
 
     def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
-        return memory | {"goal": replaced(memory["goal"], rows, goals)}
+        return self._goals.guide(memory, rows, goals)
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         k_r, k_v = self.gains
-        goals = memory["goal"] if self._is_guided else self._goals[memory["uav"]]
-        feedback = -k_r * (state.position(own) - goals) - k_v * state.velocity(own)
+        feedback = -k_r * (state.position(own) - self._goals.of(memory, memory["uav"])) - k_v * state.velocity(own)
         return Step(memory, feedback + against_the_air(self.scenario, own))
 
 

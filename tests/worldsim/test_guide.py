@@ -17,14 +17,16 @@ from meanflock.swarm.wire.messages import Sense
 from meanflock.worldsim.crew import LocalCrew, fly
 from meanflock.worldsim.world import World
 from tests.agent.learning.lines import Line
+from tests.sources import ROOT
 
 SQUARE = [[12.0, 0.0], [12.0, 12.0], [0.0, 12.0], [0.0, 0.0]]
 CALM: dict[str, Any] = {"uavs": 1, "wind": {"sigma": 0.0, "mean": [0.0, 0.0]}, "method": "cruise", "duration": 120.0}
 AT_ORIGIN: dict[str, Any] = CALM | {"start": {"centre": [0.0, 0.0]}}
 GUIDED = [
-    name
+    (name, dimensions)
     for name in plugins.names("controller")
-    if getattr(plugins.load("controller", name), "guided", False) and name not in ("mfg", "mfgfl-f")  # others' twins
+    for dimensions in plugins.load("controller", name).dimensions  # type: ignore[attr-defined]
+    if plugins.load("controller", name).guided and name not in ("mfg", "mfgfl-f")  # type: ignore[attr-defined]  # twins
 ]
 LEARNERS = ("hjb", "mfgfl-h", "mfgfl-hf")
 
@@ -39,8 +41,7 @@ def flown(scenario: Scenario) -> tuple[World, np.ndarray, list[str]]:
     return world, np.array(places), texts
 
 
-@pytest.mark.parametrize("method", GUIDED)
-@pytest.mark.parametrize("dimensions", [2, 3])
+@pytest.mark.parametrize(("method", "dimensions"), GUIDED)
 def test_a_guided_controller_flies_to_every_waypoint_in_turn(method: str, dimensions: int) -> None:
     waypoints, radius = (SQUARE[:3], 4.0) if method not in LEARNERS else ([[40.0, 100.0], [0.0, 0.0]], 8.0)
     own: dict[str, Any] = {"uavs": 1} if method in LEARNERS else AT_ORIGIN  # the learners need the wind
@@ -52,6 +53,21 @@ def test_a_guided_controller_flies_to_every_waypoint_in_turn(method: str, dimens
     nearest = np.linalg.norm(places[:, 0, None] - np.array(waypoints), axis=-1)
     assert nearest.min(axis=0).max() <= radius
     assert np.all(np.diff(nearest.argmin(axis=0)) > 0)
+
+
+def test_the_page_says_which_controllers_are_guided() -> None:
+    page = (ROOT / "docs" / "lasting-missions.md").read_text(encoding="utf-8")
+    named = {
+        row.split("|")[1].strip(): re.findall(r"`([\w-]+)`", row)
+        for row in re.findall(r"\| (?:guided|refused).*", page)
+    }
+    guided = {name: plugins.load("controller", name).guided for name in plugins.names("controller")}  # type: ignore[attr-defined]
+    assert named["guided"] == sorted(name for name in guided if guided[name])
+    refused = sorted(name for row, names in named.items() if row != "guided" for name in names)
+    assert refused == sorted(name for name in guided if not guided[name])
+    for name in refused:
+        with pytest.raises(mf.BadInput, match=f"controller '{name}' flies to one goal only"):
+            plan_of(Scenario(method=name, destination={"waypoints": SQUARE}))
 
 
 def test_a_filter_and_a_learner_pass_goals_on() -> None:

@@ -13,7 +13,7 @@ from meanflock.agent.controllers.policy.network import TRAINED, Network, read
 from meanflock.agent.controllers.policy.perception import Perception
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import States
+from meanflock.swarm.state import States, Vectors
 
 
 class PolicyController(Controller):
@@ -24,6 +24,7 @@ class PolicyController(Controller):
     """
 
     name = "policy"
+    guided = True
     dimensions = (2, 3)
     shares = True
     pairwise = True
@@ -61,6 +62,9 @@ class PolicyController(Controller):
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         return self._perception.init(uavs, plan)
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        return self._perception.guide(memory, rows, goals)
 
     def step(self, memory: Memory, tick: int, own: States, received: Sequence[Received]) -> Step:
         memory, refused = self._perception.receive(memory, tick, received)

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, of_kind
+from meanflock.agent.controllers.goals import Goals
 from meanflock.agent.controllers.sharing.base import FAR_M, NeighbourStates
-from meanflock.swarm import mission, state
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, States
+from meanflock.swarm.state import Floats, States, Vectors
 
 _AGE, _MASK, _MESSAGE = range(3)  # columns of another UAV behind its state; its message begins at the last
 _STATE_NUMBER, _MESSAGE_NUMBER = 0, 1  # positions of the broadcasts of a tick
@@ -40,13 +41,17 @@ class Perception:
         self.message = message
         self.broadcast_numbers = scenario.state_numbers + message
         self._others = NeighbourStates(scenario)
-        self._goals = mission.goal_states(scenario)
+        self._goals = Goals(scenario)
         self._dt = scenario.dt
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """The memory of rows with numbers (M,) at take-off."""
-        memory = self._others.init(uavs, plan)
+        memory = self._others.init(uavs, plan) | self._goals.init(uavs)
         return memory | {"message": np.zeros((len(uavs), len(plan), self.message))} if self.message else memory
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        """The memory after some rows were given other goals, (len(rows), d) m."""
+        return self._goals.guide(memory, rows, goals)
 
     def receive(self, memory: Memory, tick: int, received: Sequence[Received]) -> tuple[Memory, NDArray[np.int32]]:
         """The memory after the frames of a tick, and the senders of states that cannot be."""
@@ -76,7 +81,9 @@ class Perception:
         if self.message:
             near[..., numbers + _MESSAGE :] = memory["message"][rows, which]
         near[squared[rows, which] > 0.25 * FAR_M * FAR_M] = 0.0
-        return np.concatenate([own - self._goals[uavs], seen.reshape(len(own), seen.shape[1] * seen.shape[2])], axis=1)
+        relative = own.copy()
+        state.position(relative)[...] -= self._goals.of(memory, uavs)
+        return np.concatenate([relative, seen.reshape(len(own), seen.shape[1] * seen.shape[2])], axis=1)
 
     def send(
         self, memory: Memory, tick: int, own: States, messages: Floats | None

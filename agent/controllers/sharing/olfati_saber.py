@@ -7,13 +7,15 @@ from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from meanflock.agent.controllers import base
 from meanflock.agent.controllers.base import Memory, Step
 from meanflock.agent.controllers.cruise import acceleration_limit, limited
+from meanflock.agent.controllers.goals import Goals
 from meanflock.agent.controllers.sharing.base import SharingController
 from meanflock.agent.controllers.sharing.nearby import Near, edges, near, summed
-from meanflock.swarm import mission, state
+from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Rows, States, Vectors
 
@@ -31,6 +33,7 @@ class OlfatiSaber(SharingController):
     """
 
     name = "olfati-saber"
+    guided = True
     dimensions = (2, 3)
 
     class Options(base.Options, frozen=True):
@@ -59,14 +62,20 @@ class OlfatiSaber(SharingController):
             raise ValueError(f"`a` {options.a} is greater than `b` {options.b}; the action function needs 0 < a ≤ b")
         super().__init__(options, scenario)
         self._limit = acceleration_limit(scenario, options.acceleration_max_m_s2)
-        self._goals = mission.goals(scenario)
+        self._goals = Goals(scenario)
         self._range, self._distance = self._sigma(options.r_m**2), self._sigma(options.d_m**2)
         self._shift = abs(options.a - options.b) / math.sqrt(4.0 * options.a * options.b)
+
+    def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
+        return super().init(uavs, plan) | self._goals.init(uavs)
+
+    def guide(self, memory: Memory, rows: NDArray[np.intp], goals: Vectors) -> Memory:
+        return self._goals.guide(memory, rows, goals)
 
     def fly(self, memory: Memory, own: States, others: States) -> Step:
         uavs, options = memory["neighbour_uav"], self.options
         pairs = near(own, others, uavs, options.r_m)
-        way = (self._goals[uavs] - state.position(own)) / options.near_m
+        way = (self._goals.of(memory, uavs) - state.position(own)) / options.near_m
         way /= np.sqrt(1.0 + state.dot(way, way))[:, None]
         acceleration = options.pull_m_s2 * way - options.damping_1_s * state.velocity(own)
         acceleration += summed(pairs.row, self._of_pairs(pairs), len(own))
