@@ -41,6 +41,7 @@ from meanflock.swarm.events.nodes import (
     NodeIsSlow,
     NodeLost,
     NodesJoined,
+    TrainingFailed,
 )
 from meanflock.swarm.events.rounds import ClusterLeftOut, FragmentsReceived, RoundEnded, UploadsRefused
 
@@ -63,6 +64,7 @@ FlightEvent: TypeAlias = (
     | LeaderTookOver
     | LeaderFailed
     | AgentFailed
+    | TrainingFailed
     | UploadsRefused
     | StatesRefused
     | LastReturn
