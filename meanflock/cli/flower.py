@@ -22,7 +22,7 @@ from meanflock.results.event_log import event_of_row, stored_lines
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed, available, meant
-from meanflock.swarm.events import LeaderFailed, TrainingFailed
+from meanflock.swarm.events import FitFailed, LeaderFailed
 
 if TYPE_CHECKING:
     from meanflock.flower.app import App
@@ -150,7 +150,7 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
         RunFailed: the ServerApp failed, or never got a reply.
     """
     events = [event_of_row(json.loads(line)) for line in stored_lines(done.folder / EVENTS)]
-    failed = [event for event in events if isinstance(event, TrainingFailed)]
+    failed = [event for event in events if isinstance(event, FitFailed)]
     of_server = [event for event in events if isinstance(event, LeaderFailed)]
     if of_server and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
         raise RunFailed(of_server[-1].text)

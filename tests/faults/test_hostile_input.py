@@ -20,7 +20,7 @@ from meanflock.net import keys
 from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import TrainingFailed
+from meanflock.swarm.events import FitFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
@@ -297,7 +297,7 @@ def test_a_node_may_report_trainings_of_its_own_uavs_only(uavs: tuple[int, ...],
     for _ in ticks:
         pass
     assert engine.finish()["dropped_messages"] == ({"wrong-shape": 1} if dropped else {})
-    events = [event for block in kept.blocks for event in block.events if isinstance(event, TrainingFailed)]
+    events = [event for block in kept.blocks for event in block.events if isinstance(event, FitFailed)]
     assert [(event.uav, event.failure) for event in events] == ([] if dropped else [(0, "no data")])
 
 

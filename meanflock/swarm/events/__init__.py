@@ -31,6 +31,7 @@ from meanflock.swarm.events.mission import (
 from meanflock.swarm.events.nodes import (
     AgentFailed,
     Dropped,
+    FitFailed,
     FlightFailed,
     FlightFinished,
     FlightResumed,
@@ -41,7 +42,6 @@ from meanflock.swarm.events.nodes import (
     NodeIsSlow,
     NodeLost,
     NodesJoined,
-    TrainingFailed,
 )
 from meanflock.swarm.events.rounds import ClusterLeftOut, FragmentsReceived, RoundEnded, UploadsRefused
 
@@ -64,7 +64,7 @@ FlightEvent: TypeAlias = (
     | LeaderTookOver
     | LeaderFailed
     | AgentFailed
-    | TrainingFailed
+    | FitFailed
     | UploadsRefused
     | StatesRefused
     | LastReturn

@@ -136,7 +136,7 @@ class AgentFailed(BaseEvent, frozen=True):
         return f"{self.node}: {self.failure}"
 
 
-class TrainingFailed(BaseEvent, frozen=True):
+class FitFailed(BaseEvent, frozen=True):
     """A training of a learner gave no model."""
 
     meanings = {"training": "a training gave no model, so its UAV is silent in the round"}
@@ -164,10 +164,10 @@ class FailedTraining(NamedTuple):
 Problem: TypeAlias = str | FailedTraining  # what a node reports to the world
 
 
-def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | TrainingFailed:
+def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitFailed:
     """The event of a problem that an agent reports."""
     if isinstance(problem, FailedTraining):
-        return TrainingFailed(tick, node, *problem)
+        return FitFailed(tick, node, *problem)
     return AgentFailed(tick, node, problem)
 
 

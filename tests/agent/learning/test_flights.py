@@ -233,7 +233,7 @@ def test_a_model_that_cannot_be_sent_is_silent_and_told(number: float, text: str
     assert run.summary["lost"] == 0
     assert uploads(run) == 2 * 2
     assert f"learner 'wrong' of UAV 1: its trained model {text}; it uploads no model" in told(run)
-    failed = [event["fields"]["uav"] for event in run.events if event["event"] == "training-failed"]
+    failed = [event["fields"]["uav"] for event in run.events if event["event"] == "fit-failed"]
     assert failed == [1] * len(failed) != []
 
 
