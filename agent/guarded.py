@@ -20,6 +20,7 @@ from meanflock.federation.cut import bound_of_models
 from meanflock.swarm.declared import MAX_BROADCASTS, Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.base import listed
+from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.plugins.guard import as_floats, bounded_rows, check_bounded, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, distinct
@@ -55,11 +56,11 @@ class Guarded:
     controller: the controller, behind its filter.
     """
 
-    def __init__(self, scenario: Scenario, declared: Declared, uavs: Rows, problems: list[str]) -> None:
+    def __init__(self, scenario: Scenario, declared: Declared, uavs: Rows, problems: list[Problem]) -> None:
         """
         Args:
             scenario: as the controller gets it. declared: its declarations.
-            problems: a list that gets one text for each row in which the controller failed.
+            problems: a list that gets one text for each row in which the controller failed, and its news.
 
         Raises:
             BadInput: the controller is not installed, or its options do not fit.
@@ -244,7 +245,7 @@ class Guarded:
             return step
 
         steps = _each_row(range(len(own)), step_row)
-        self._problems += [text for step in steps.values() for text in step.news]
+        self._problems += [one for step in steps.values() for one in step.news]
         silence = [np.zeros((0, 1))]
         broadcasts = tuple(
             Broadcast(np.concatenate([*payloads.values()] or silence), np.array([*payloads], dtype=np.intp))

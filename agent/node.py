@@ -13,6 +13,7 @@ from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults, mission
 from meanflock.swarm.declared import PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record, expect
@@ -25,7 +26,7 @@ class Agent:
     def __init__(self, welcome: Welcome) -> None:
         """Raises BadInput if the controller cannot be made or its `init` fails."""
         self.uavs = np.array(welcome.uavs, dtype=np.intp)
-        self.problems: list[str] = []  # texts for the world that were not sent yet
+        self.problems: list[Problem] = []  # for the world, not sent yet
         self._names = self.uavs.astype(np.int32)  # as frames have them
         plan = plan_of(decode(welcome.scenario))
         self._scenario = plan.scenario

@@ -38,7 +38,7 @@ RACES = (
     "classifier",
     "profile",
 )
-ON_DEMAND = ("scale_processes",)  # minutes, gigabytes: only where named
+ON_DEMAND = ("scale_processes", "torch_agents")  # minutes, gigabytes, another environment: only where named
 ALL = (*RACES, *ON_DEMAND)
 EXIT_INTERRUPTED = 1
 

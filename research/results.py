@@ -70,6 +70,9 @@ PARTS = {
     "space": Reflown("the plane and space", ("-m research.plane_and_space",)),
     "round-cost": Reflown("the cost of a round on radios of today", ("-m research.round_cost",)),
     "mean-field-limit": Reflown("swarms of 10 to 100,000 UAVs", ("-m research.mean_field_limit --jobs 1",)),
+    "price-of-accuracy": Reflown(
+        "what 90 % accuracy costs in bits, airtime, joules and seconds", ("-m research.price_of_accuracy",)
+    ),
     "flower": Reflown("a Flower app on three radios", ("-m research.flower_app",)),
     "scaling": Reflown(
         "times of large swarms; alone on the machine",

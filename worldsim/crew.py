@@ -14,7 +14,6 @@ from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.events import (
-    AgentFailed,
     FlightEvent,
     FlightResumed,
     LeaderFailed,
@@ -22,6 +21,7 @@ from meanflock.swarm.events import (
     NodeLost,
     NodesJoined,
 )
+from meanflock.swarm.events.nodes import event_of_agent
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -220,7 +220,7 @@ class LocalCrew:
             acts.outbox += reply.outbox
             acts.add(reply)
             if agent.problems:
-                acts.news += [AgentFailed(senses.tick, self._nodes[number], text) for text in agent.problems]
+                acts.news += [event_of_agent(senses.tick, self._nodes[number], one) for one in agent.problems]
                 agent.problems.clear()
         if len(replies) == len(self.agents) == 1:
             acts.commands, acts.models = replies[0][1].commands, replies[0][1].models

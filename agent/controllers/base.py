@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from meanflock.swarm import state
+from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.mission import starts
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
@@ -74,7 +75,8 @@ class Step(msgspec.Struct, frozen=True, eq=False):
 
     memory: the memory after the tick. acceleration: (M, d), m/s². diagnostics: (M, K), in the declared order.
     broadcasts: the frames to send; a receiver gets their position in the tuple as `number`. refused: UAVs whose
-    received states were not used; the world counts them. news: texts for the events of the run.
+    received states were not used; the world counts them. news: what the events of the run should have: texts, and
+    trainings that gave no model.
     """
 
     memory: Memory
@@ -82,7 +84,7 @@ class Step(msgspec.Struct, frozen=True, eq=False):
     diagnostics: NDArray[np.float64] | None = None
     broadcasts: Sequence[Broadcast] = ()
     refused: NDArray[np.int32] = NOBODY
-    news: Sequence[str] = ()
+    news: Sequence[Problem] = ()
 
 
 class Arrival(msgspec.Struct, frozen=True, eq=False):

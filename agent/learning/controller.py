@@ -28,13 +28,14 @@ from meanflock.agent.controllers.base import Arrival, Controller, Memory, Predic
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
 from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
 from meanflock.agent.learning.trees import ModelForm
-from meanflock.agent.learning.worker import TRAININGS, Job
+from meanflock.agent.learning.worker import TRAININGS, Job, Owner
 from meanflock.federation.codec import check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.federation.schedule import drawn
 from meanflock.swarm import seeds
 from meanflock.swarm.declared import MAX_PARAMETERS
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.events.nodes import FailedTraining, Problem
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, contains
 
@@ -97,6 +98,7 @@ class Learning:
         self.broadcast_numbers, self.pairwise, self.shares = inner.broadcast_numbers, inner.pairwise, inner.shares
         self.recorded, self.guided = dict(inner.recorded), inner.guided
         self._learners: dict[int, Learner] = {}
+        self._owners: dict[int, Owner] = {}
         self._jobs: dict[int, tuple[int, Job]] = {}  # of each UAV: the tick in which its training began, and the call
 
     def __reduce__(self) -> Any:
@@ -150,7 +152,7 @@ class Learning:
         """See `Controller.step`."""
         inner_memory, mine = _split(memory)
         flown = self._flown(inner_memory, tick, own, received)
-        news: list[str] = []
+        news: list[Problem] = []
         mine = {name: array.copy() for name, array in mine.items()} if self._is_event(mine, tick) else mine
         number, since = divmod(tick, self.scenario.period_ticks)
         if since == 0 and mine["ready"].any():  # a round has just taken the models of its participants
@@ -249,7 +251,7 @@ class Learning:
             else:
                 mine["trains"][row] = False
 
-    def _finish(self, mine: Memory, tick: int, news: list[str]) -> None:
+    def _finish(self, mine: Memory, tick: int, news: list[Problem]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
         due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
         for row in np.flatnonzero(due).tolist():
@@ -270,11 +272,12 @@ class Learning:
             if mine["ends"][row] <= tick:
                 self._take(mine, row, outcome, news)
 
-    def _take(self, mine: Memory, row: int, outcome: TrainingResult, news: list[str]) -> None:
+    def _take(self, mine: Memory, row: int, outcome: TrainingResult, news: list[Problem]) -> None:
         """End the training of a row with its outcome."""
         mine["trains"][row] = False
         if outcome.problem:
-            news.append(f"{self._name} of UAV {mine['uav'][row]}: {outcome.problem}; it uploads no model")
+            uav = int(mine["uav"][row])
+            news.append(FailedTraining(uav, f"{self._name} of UAV {uav}: {outcome.problem}; it uploads no model"))
             return
         mine["model"][row], mine["kept"][row], mine["ready"][row] = outcome.model, outcome.kept, True
         mine["based"][row], mine["examples"][row] = mine["base_round"][row], outcome.examples
@@ -298,7 +301,7 @@ class Learning:
         uav, began = int(mine["uav"][row]), int(mine["began"][row])
         known, job = self._jobs.get(uav, (-1, None))
         if job is None or known != began:
-            job = TRAININGS.submit(self._call(mine, row))
+            job = TRAININGS.submit(self._call(mine, row), self._owners.setdefault(uav, Owner()))
             self._jobs[uav] = began, job
         return job
 

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from meanflock.swarm.errors import FAILURES
 
@@ -14,13 +15,21 @@ FIT_S = 300.0  # wall time after which a training is ended
 _JOIN_S = 1.0
 _NAME = "meanflock-learner"
 _FORBIDDEN = ("os.fork", "os.forkpty", "os.posix_spawn", "subprocess.Popen", "os.system")
+_NO_PROCESS = "a learner may start no process; train in this one, for example with num_workers=0"
+
+
+class Owner:
+    """For whom jobs are done. starts_processes: whether a thread that one of them started has tried to start one."""
+
+    def __init__(self) -> None:
+        self.starts_processes = False
 
 
 class Job:
     """A call that the worker makes. Read `result` when `done` is set."""
 
-    def __init__(self, call: Callable[[], Any]) -> None:
-        self.call = call
+    def __init__(self, call: Callable[[], Any], owner: Owner) -> None:
+        self.call, self.owner = call, owner
         self.done = threading.Event()
         self.begun: float | None = None  # on the monotonic clock
         self._answer: Any = None
@@ -43,7 +52,9 @@ class Job:
             self.done.set()
 
     def result(self) -> Any:
-        """The result of the call, or its error raised."""
+        """The result of the call, or its error raised; a RuntimeError if its owner has tried to start a process."""
+        if self.owner.starts_processes:
+            raise RuntimeError(_NO_PROCESS)
         if self._error is not None:
             raise self._error
         return self._answer
@@ -63,9 +74,9 @@ class TrainingThread:
         """Returns whether no job runs or waits."""
         return self._thread is None
 
-    def submit(self, call: Callable[[], Any]) -> Job:
+    def submit(self, call: Callable[[], Any], owner: Owner | None = None) -> Job:
         """Add a call to the queue."""
-        job = Job(call)
+        job = Job(call, owner or Owner())
         with self._lock:
             self._queue.append(job)
             if self._thread is None:
@@ -99,7 +110,7 @@ class TrainingThread:
         self._thread.start()
 
     def _work(self) -> None:
-        _forbid_processes()
+        _watch_learners()
         while True:
             with self._lock:
                 if self._thread is not threading.current_thread():  # abandoned
@@ -108,6 +119,7 @@ class TrainingThread:
                     self._thread = self._running = None
                     return
                 job = self._running = self._queue.popleft()
+            _owners[threading.current_thread()] = job.owner
             job.run()
 
     def _abandon(self, job: Job) -> None:
@@ -128,16 +140,32 @@ TRAININGS = TrainingThread()  # of this process; random generators are global, s
 
 
 _is_watched = False
+_owners: WeakKeyDictionary[threading.Thread, Owner] = WeakKeyDictionary()  # of the worker and the threads of learners
 
 
-def _forbid_processes() -> None:
-    """Make starting a process an error in threads of workers; a fork would copy the connection of the agent."""
+def _watch_learners() -> None:
+    """Make starting a process an error in threads of learners; a fork would copy the connection of the agent."""
     global _is_watched
     if not _is_watched:
         _is_watched = True
         sys.addaudithook(_refuse)
+        _note_threads()
+
+
+def _note_threads() -> None:
+    """Note the threads that a learner starts; Python 3.11 has no other way to know who started a thread."""
+    start = threading.Thread.start
+
+    def noted(thread: threading.Thread) -> None:
+        if (owner := _owners.get(threading.current_thread())) is not None:
+            _owners[thread] = owner
+        start(thread)
+
+    threading.Thread.start = noted  # type: ignore[method-assign, assignment]
 
 
 def _refuse(event: str, _arguments: Any) -> None:
-    if event in _FORBIDDEN and threading.current_thread().name == _NAME:
-        raise RuntimeError("a learner may start no process; train in this one, for example with num_workers=0")
+    """Nobody sees the error in a thread of the learner's own, so the training fails, too."""
+    if event in _FORBIDDEN and (owner := _owners.get(thread := threading.current_thread())) is not None:
+        owner.starts_processes |= thread.name != _NAME
+        raise RuntimeError(_NO_PROCESS)

@@ -32,27 +32,38 @@ def run(
     settings: Sequence[str],
     *,
     faults: Path | None,
+    keys: dict[str, Any],
+    as_json: bool,
+    **given: Any,
+) -> EndedRun:
+    """Fly a scenario that is loaded first.
+
+    Args:
+        file, settings, keys: the scenario, as for `load_scenario`. faults: a fault script.
+        given: as for `run_loaded`.
+    """
+    script = scenario.read_faults(faults) if faults is not None else None
+    with prints_apart(as_json):
+        flown = load_scenario(file, settings, **keys, faults=script)
+    return run_loaded(flown, as_json=as_json, **given)
+
+
+def run_loaded(
+    flown: scenario.Scenario,
+    *,
     realtime: str | None,
     record: bool | None,
     view: bool,
     web: bool,
     as_json: bool,
-    keys: dict[str, Any],
     **given: Any,
 ) -> EndedRun:
-    """Fly a scenario.
-
-    Args:
-        file, settings, keys: the scenario, as for `load_scenario`. faults: a fault script.
-        given: fields of `Options`, with `metrics` as text.
-    """
+    """Fly a scenario. `given`: fields of `Options`, with `metrics` as text."""
     if view and record is False:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
     if web and not view:
         raise BadInput("--web: says how to watch the flight; add --view")
-    script = scenario.read_faults(faults) if faults is not None else None
-    with _prints_apart(as_json):
-        flown = load_scenario(file, settings, **keys, faults=script)
+    with prints_apart(as_json):
         record = _records(view or record, "--view" if view else "--record", **given)
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
         disk.check(flown, given["out"], record, disk.OF_RUN)
@@ -95,7 +106,7 @@ def resume(folder: Path, as_json: bool, record: bool | None, **given: Any) -> No
     """Fly the rest of the run in a folder; `given` as for `run`."""
     from meanflock.launch.resume import back
 
-    with _prints_apart(as_json):
+    with prints_apart(as_json):
         dead = back(folder)
         record = _records(record, "--record", **given)
         _refuse_if_too_large(dead.scenario, given["in_process"], given["uavs_per_process"])
@@ -116,7 +127,7 @@ def _fly(
     """Fly a scenario, or the rest of a run, and print the result."""
     where = None if metrics is None else Address.parse("--metrics", metrics)
     only_logs = log_format == logs.JSON  # its lines name the run
-    with _prints_apart(as_json):
+    with prints_apart(as_json):
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
@@ -146,7 +157,7 @@ def _fly(
     return done
 
 
-def _prints_apart(as_json: bool) -> AbstractContextManager[object]:
+def prints_apart(as_json: bool) -> AbstractContextManager[object]:
     """Redirect the output of plug-ins to standard error if `--json` promises one object on standard output."""
     return redirect_stdout(sys.stderr) if as_json else nullcontext()
 

@@ -18,10 +18,11 @@ from meanflock.cli.arguments import (
     uavs_per_process_option,
 )
 from meanflock.cli.fly import _forker
-from meanflock.flower import CLIENT_FAILED
+from meanflock.results.event_log import event_of_row, stored_lines
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed, available, meant
+from meanflock.swarm.events import FitFailed, LeaderFailed
 
 if TYPE_CHECKING:
     from meanflock.flower.app import App
@@ -29,25 +30,6 @@ if TYPE_CHECKING:
 
 RESULT = "result.json"
 _PAIR = re.compile(r"""(?:[^\s"']|"(?:\\.|[^"\\])*"|'[^']*')+""")  # signs up to a space that is not quoted
-_PLUGIN = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
-
-from meanflock.flower.app import App
-from meanflock.flower.client import FlowerClient
-from meanflock.flower.server import FlowerServer
-
-
-class Client(FlowerClient):
-    name = {name!r}
-    app = App({folder!r}, {client!r}, {server!r}, {name!r}, {config!r})
-
-
-class Server(FlowerServer):
-    name = {name!r}
-    client = Client
-
-
-_ = Client.app.client_app  # imported before processes are forked, which share it
-'''
 
 
 @click.command()
@@ -70,6 +52,7 @@ def flower(
     settings: tuple[str, ...],
     in_process: bool,
     out: Path,
+    as_json: bool,
     **given: Any,
 ) -> None:
     """Fly a Flower app unmodified: the radio carries its models.
@@ -83,6 +66,7 @@ def flower(
       meanflock flower app --mission lossy --uavs 10 --set federation.retries=1
     """
     with available("the command `flower`", "flower"):
+        from meanflock.flower import plugin
         from meanflock.flower.app import App
     from meanflock.swarm import plugins
 
@@ -91,11 +75,7 @@ def flower(
         if key not in described.config:
             raise BadInput(f"--run-config {key}: the app has no such key{meant(key, described.config)}")
         described.config[key] = value
-    folder = Path(out) / ".flower"
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{described.name}.py"
-    path.write_text(_PLUGIN.format(fingerprint=described.fingerprint, **described._asdict()), encoding="utf-8")
-    plugins.load_files([path])
+    plugins.load_files([plugin.write(described, out / ".flower")])
     name = described.name
     fixed = (f"training.learner={name}", f"federation.aggregation={name}", "federation.fraction=1.0", "stop=rounds")
     file = None if mission is None else Path(mission)
@@ -105,19 +85,18 @@ def flower(
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
 
-        planned = load_scenario(file, (*fixed, *settings), **keys)
-        if planned.groups:
+        with flight.prints_apart(as_json):
+            flown = load_scenario(file, (*fixed, *settings), **keys)
+        if flown.groups:
             raise BadInput(f"{mission}: a Flower app trains all UAVs, and the scenario has `[[groups]]`; take another")
         if duration is None and rounds:
-            keys["duration"] = (rounds + 2) * planned.period_ticks * planned.dt
-        done = flight.run(
-            file,
-            (*fixed, *settings),
-            keys=keys,
+            flown = flown.replace(duration=(rounds + 2) * flown.period_ticks * flown.dt)
+        done = flight.run_loaded(
+            flown,
+            as_json=as_json,
             in_process=in_process,
             forker=forker,
             out=out,
-            faults=None,
             realtime=None,
             record=False,
             view=False,
@@ -170,15 +149,16 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
     Raises:
         RunFailed: the ServerApp failed, or never got a reply.
     """
-    rows = [json.loads(line) for line in (done.folder / EVENTS).read_text(encoding="utf-8").splitlines()]
-    failed = [row["text"] for row in rows if CLIENT_FAILED in row["text"]]
-    if ended and ended[-1]["reason"] == "the aggregation rule failed":
-        raise RunFailed([row["text"] for row in rows if row.get("event") == "leader-failed"][-1])
+    events = [event_of_row(json.loads(line)) for line in stored_lines(done.folder / EVENTS)]
+    failed = [event for event in events if isinstance(event, FitFailed)]
+    of_server = [event for event in events if isinstance(event, LeaderFailed)]
+    if of_server and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
+        raise RunFailed(of_server[-1].text)
     if ended and not any(one["received"] for one in ended):
-        why = failed[0] if failed else "the radio lost all of them"
+        why = failed[0].text if failed else "the radio lost all of them"
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
     if failed:
-        logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0]}", logging.WARNING)
+        logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0].text}", logging.WARNING)
     if done.summary["ticks"] >= done.scenario.max_ticks:  # the ServerApp has not ended
         logs.show(
             f"warning: the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "

@@ -14,6 +14,7 @@ from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
@@ -26,7 +27,7 @@ class Rounds:
     """A node's part in the rounds: it sends models, averages those of others, and takes averages over.
 
     Attributes:
-        problems: texts for the world, appended.
+        problems: reports to the world, appended.
         rule_record: the state of the aggregation rule after this tick's round, as a record; empty where none closed.
     """
 
@@ -35,7 +36,7 @@ class Rounds:
         plan: Plan,
         role: Role,
         uavs: NDArray[np.intp],
-        problems: list[str],
+        problems: list[str] | list[Problem],
         models: NodeModels | None = None,
     ) -> None:
         """`uavs`: (M,) ascending, the rows of an agent; of the leader none. `models`: those of the rows.

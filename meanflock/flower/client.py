@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Options as NoOptions
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
-from meanflock.flower import CLIENT_FAILED
 from meanflock.flower.app import FIRST_NODE, App, context, joined, numbers_in, split, state_bytes, state_of
 from meanflock.flower.grid import Asked, asked_first
 from meanflock.swarm.errors import FAILURES, last_line
@@ -110,7 +109,7 @@ class FlowerClient(Learner):
             reply = self._client(Message(joined(model, request.rest), self._node, "train"), self._context)
             arrays, rest = split(reply.content)
         except FAILURES as error:
-            raise TrainingFailed(f"{CLIENT_FAILED}: {last_line(self.app.at_fault(error))}") from error
+            raise TrainingFailed(f"the ClientApp failed: {last_line(self.app.at_fault(error))}") from error
         note = request.number.to_bytes(2, "little") + rest
         check_note("metrics", note, self.options.note_bytes)
         metrics = numbers_in(reply.content)

@@ -18,7 +18,6 @@ from meanflock.net.tick import TYPES
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.events import (
-    AgentFailed,
     FlightEvent,
     LastReturn,
     LeaderFailed,
@@ -27,8 +26,19 @@ from meanflock.swarm.events import (
     NodeLost,
     Rejoined,
 )
+from meanflock.swarm.events.nodes import FailedTraining, event_of_agent
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Acknowledgement, Event, Join, Message, Ready, Refusal, Stop, Welcome
+from meanflock.swarm.wire.messages import (
+    UNTRAINED,
+    Acknowledgement,
+    Event,
+    Join,
+    Message,
+    Ready,
+    Refusal,
+    Stop,
+    Welcome,
+)
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import MAX_DROP_EVENTS
 from meanflock.worldsim.world import World
@@ -235,10 +245,8 @@ class Admission:
             member.events += 1
             if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
-            is_leader = member.role == LEADER
-            failed = LeaderFailed if is_leader else AgentFailed
-            self._news.append(failed(self._world.tick, member.name, printable(message.text)))
-            self.leader_failed |= is_leader
+            self._news.append(_event_of(self._world.tick, member, message))
+            self.leader_failed |= member.role == LEADER
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:
@@ -343,6 +351,22 @@ class Admission:
     def _stop(self, name: str, reason: str, lost: bool = False) -> None:
         reason = f"lost: {reason}" if lost else reason
         self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, reason, lost)))
+
+
+def _event_of(tick: int, member: Member, message: Event) -> FlightEvent:
+    """The event of a failure that a node reports.
+
+    Raises:
+        MessageRejected: it reports a training of a UAV that it does not fly.
+    """
+    text = printable(message.text)
+    if member.role == LEADER:
+        return LeaderFailed(tick, member.name, text)
+    if message.kind != UNTRAINED:
+        return event_of_agent(tick, member.name, text)
+    if len(message.uavs) != 1 or message.uavs[0] not in member.uavs:
+        raise MessageRejected("wrong-shape", f"a training of UAVs {list(message.uavs)}; expected one of its own")
+    return event_of_agent(tick, member.name, FailedTraining(message.uavs[0], text))
 
 
 def _peer(where: str) -> str:

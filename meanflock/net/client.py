@@ -16,8 +16,9 @@ from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
+from meanflock.swarm.events.nodes import FailedTraining, Problem
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
+from meanflock.swarm.wire.messages import UNTRAINED, Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
 
 log = logging.getLogger("meanflock.node")
 
@@ -34,7 +35,9 @@ _MOST_RETURNS = 3  # rejoins of a node that was stopped; each costs all others t
 class Node(Protocol):
     """Agent or leader."""
 
-    problems: list[str]  # problems to report to the world; the client reports and clears them
+    @property
+    def problems(self) -> list[str] | list[Problem]:
+        """Problems to report to the world; the client reports and clears them."""
 
     def act(self, sense: Sense) -> Act:
         """Reply to a Sense; MessageRejected leaves the node unchanged."""
@@ -187,8 +190,12 @@ class NodeClient:
             self._drop(key, error)
 
     def _report_problems(self) -> None:
-        for text in self._node.problems:
-            self._bus.put(self._act_key, control.encode(Event(self._last_tick, "failed", text)))
+        for problem in self._node.problems:
+            if isinstance(problem, FailedTraining):
+                event = Event(self._last_tick, UNTRAINED, problem.failure, (problem.uav,))
+            else:
+                event = Event(self._last_tick, "failed", problem)
+            self._bus.put(self._act_key, control.encode(event))
         self._node.problems.clear()
 
     def _ready(self) -> None:

@@ -12,6 +12,7 @@ from meanflock.agent.learning.base import Learner
 from meanflock.agent.learning.controller import PREFIX, Learning
 from meanflock.swarm import declared, plugins, threads
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.events.nodes import FailedTraining
 from meanflock.swarm.mission import starts
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, as_builtins
@@ -134,8 +135,8 @@ def _rounds(learner: type[Learner], flown: Scenario, groups: list[NDArray[np.int
                 arrival = Arrival(number, np.tile(models, (len(rows), 1)), rows >= 0, [b""] * len(rows))
                 memory = instances[k].arrived(memory, rows, arrival)
             step = _asked(learner, instances[k].step, memory, tick, plan[group], ())
-            if lost := [text for text in step.news if "uploads no model" in text]:
-                fail(learner, lost[0], "guard divisions and roots, and take smaller steps")
+            if lost := [one for one in step.news if isinstance(one, FailedTraining)]:
+                fail(learner, lost[0].failure, "guard divisions and roots, and take smaller steps")
             memories[k] = step.memory
     return LearningTrial(uploads, {name: np.concatenate([one[name] for one in memories]) for name in memories[0]})
 

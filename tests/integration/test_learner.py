@@ -54,6 +54,8 @@ def flown(out: Path, how: str, *flags: str) -> tuple[int, dict[str, Any], str]:
         ("exits", (), 1, "UAV 1 lost"),
         ("forks", (), 1, "a learner may start no process"),
         ("forks", ("--in-process",), 1, "a learner may start no process"),
+        ("forks-in-a-thread", (), 1, "a learner may start no process"),
+        ("forks-in-a-thread", ("--in-process",), 1, "a learner may start no process"),
         ("leaves-threads", (), 0, "of UAV 1 left 1 thread running; end them in `fit`"),
         ("leaves-threads", ("--in-process",), 0, "of UAV 1 left 1 thread running; end them in `fit`"),
     ],
@@ -64,6 +66,12 @@ def test_a_learner_that_misbehaves_loses_its_uav_or_is_told_and_the_flight_ends(
     code, found, text = flown(tmp_path, how, *flags)
     assert (code, found["lost"], found["ticks"]) == (EXIT_DONE, lost, 150)
     assert said in text
+
+
+def test_a_learner_that_forks_on_every_uav_ends_the_flight(tmp_path: Path) -> None:
+    code, _, text = flown(tmp_path, "forks-in-a-thread", "--in-process", "--set", "training.options.uavs=[0, 1, 2]")
+    assert code == EXIT_RUN_FAILED
+    assert "a learner may start no process" in text
 
 
 def test_a_learner_that_ends_the_process_of_all_uavs_again_and_again_ends_the_flight(tmp_path: Path) -> None:

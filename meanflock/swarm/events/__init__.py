@@ -31,6 +31,7 @@ from meanflock.swarm.events.mission import (
 from meanflock.swarm.events.nodes import (
     AgentFailed,
     Dropped,
+    FitFailed,
     FlightFailed,
     FlightFinished,
     FlightResumed,
@@ -63,6 +64,7 @@ FlightEvent: TypeAlias = (
     | LeaderTookOver
     | LeaderFailed
     | AgentFailed
+    | FitFailed
     | UploadsRefused
     | StatesRefused
     | LastReturn

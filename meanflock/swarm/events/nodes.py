@@ -1,6 +1,8 @@
 """Events of the nodes: they join, fail, are lost and return; and the end of a flight."""
 
-from meanflock.swarm.events.base import BaseEvent, Count
+from typing import NamedTuple, TypeAlias
+
+from meanflock.swarm.events.base import BaseEvent, Count, Uavs
 
 
 class NodesJoined(BaseEvent, frozen=True):
@@ -132,6 +134,41 @@ class AgentFailed(BaseEvent, frozen=True):
     @property
     def text(self) -> str:
         return f"{self.node}: {self.failure}"
+
+
+class FitFailed(BaseEvent, frozen=True):
+    """A training of a learner gave no model."""
+
+    meanings = {"training": "a training gave no model, so its UAV is silent in the round"}
+    level = "WARN"
+    node: str
+    uav: Count
+    failure: str
+
+    @property
+    def uavs(self) -> Uavs:
+        return (self.uav,)
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.failure}"
+
+
+class FailedTraining(NamedTuple):
+    """Report of an agent: a training of a UAV gave no model."""
+
+    uav: int
+    failure: str
+
+
+Problem: TypeAlias = str | FailedTraining  # what a node reports to the world
+
+
+def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitFailed:
+    """The event of a problem that an agent reports."""
+    if isinstance(problem, FailedTraining):
+        return FitFailed(tick, node, *problem)
+    return AgentFailed(tick, node, problem)
 
 
 class Dropped(BaseEvent, frozen=True):

@@ -131,8 +131,14 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     outbox: tuple[Frames, ...] = ()
 
 
+UNTRAINED = "untrained"  # kind of the report that a training gave no model
+
+
 class Event(_ControlMessage, frozen=True, tag="event"):
-    """Message of a node: something failed. The world makes an event of the text and reads nothing else of it."""
+    """Message of a node: something failed. The world makes an event of it.
+
+    kind: `UNTRAINED` if a training of one of its UAVs, `uavs`, gave no model; of others the world reads the text only.
+    """
 
     tick: int
     kind: str

@@ -1,5 +1,6 @@
 """Flights with a learner: time and energy of training, stragglers, refusals, and what a learner may do wrong."""
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -187,7 +188,7 @@ def wrong(**methods: Any) -> type[mf.Learner]:
 
 
 def told(run: mf.Run) -> str:
-    return "\n".join(event["text"] for event in run.events if event["kind"] == "agent")
+    return "\n".join(event["text"] for event in run.events if event["kind"] in ("agent", "training"))
 
 
 def of_uav_1(change: Any) -> Any:
@@ -232,6 +233,8 @@ def test_a_model_that_cannot_be_sent_is_silent_and_told(number: float, text: str
     assert run.summary["lost"] == 0
     assert uploads(run) == 2 * 2
     assert f"learner 'wrong' of UAV 1: its trained model {text}; it uploads no model" in told(run)
+    failed = [event["fields"]["uav"] for event in run.events if event["event"] == "fit-failed"]
+    assert failed == [1] * len(failed) != []
 
 
 def test_a_lost_uav_trains_no_more() -> None:
@@ -261,6 +264,28 @@ def test_threads_that_a_learner_leaves_are_told() -> None:
         assert "learner 'wrong' of UAV 1 left 1 thread running" in told(fly(wrong(fit=of_uav_1(leave)), duration=1))
     finally:
         stop.set()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_process_that_a_thread_of_a_learner_starts_later_is_refused_and_loses_its_uav() -> None:
+    go, threads = threading.Event(), list[threading.Thread]()
+
+    def start() -> None:
+        go.wait()
+        os.fork()
+
+    def fit(self: Any, model: Any, config: mf.Fit) -> Any:
+        if self.uav == 1 and not threads:
+            threads.append(threading.Thread(target=start))
+            threads[0].start()
+        if self.uav == 0 and config.number == 2:
+            go.set()
+            threads[0].join()
+        return Line.fit(self, model, config)
+
+    run = fly(wrong(fit=fit), duration=6)
+    assert run.summary["lost"] == 1
+    assert "a learner may start no process" in told(run)
 
 
 def test_a_learner_that_hangs_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

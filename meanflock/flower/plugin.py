@@ -1,0 +1,33 @@
+"""Plug-in of a Flower app: a file with its learner and its aggregation rule, which every process of a flight loads."""
+
+from pathlib import Path
+
+from meanflock.flower.app import App
+
+_SOURCE = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
+
+from meanflock.flower.app import App
+from meanflock.flower.client import FlowerClient
+from meanflock.flower.server import FlowerServer
+
+
+class Client(FlowerClient):
+    name = {name!r}
+    app = App({folder!r}, {client!r}, {server!r}, {name!r}, {config!r})
+
+
+class Server(FlowerServer):
+    name = {name!r}
+    client = Client
+
+
+_ = Client.app.client_app  # imported before processes are forked, which share it
+'''
+
+
+def write(app: App, folder: Path) -> Path:
+    """Write the plug-in of an app into a folder; its learner and its rule have the name of the app."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{app.name}.py"
+    path.write_text(_SOURCE.format(fingerprint=app.fingerprint, **app._asdict()), encoding="utf-8")
+    return path
