@@ -13,7 +13,7 @@ from meanflock.studies.markdown import replaced
 from meanflock.studies.study import seeded
 from meanflock.swarm import scenario
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.wire.messages import FrameKind
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn
 
 PAGE = published.DOCS / "scaling.md"
 FIRST_SEED = 198301
@@ -63,13 +63,13 @@ def measure(flown: Scenario) -> dict[str, float]:
     up = [summary["radio"]["traffic"][name] for name in ("uplink", "relay")]
     rounds, leader = summary["rounds"], flown.federation.leader
     links = np.concatenate([block.links for block in record.blocks])
-    sent = links[np.isin(links[:, 3], (FrameKind.UPLOAD, FrameKind.RELAY))]
+    sent = links[np.isin(links[:, LinkColumn.KIND], (FrameKind.UPLOAD, FrameKind.RELAY))]
     slot_ms = flown.radio.coherence_time_s * 1e3
     row = {
-        "received": np.count_nonzero(sent[:, 2] == leader) / rounds,
+        "received": np.count_nonzero(sent[:, LinkColumn.TARGET] == leader) / rounds,
         "kbit": sum(bill["payload_bits"] for bill in up) / 1e3 / rounds,
         "airtime": sum(bill["airtime_s"] for bill in up) * 1e3 / rounds,
-        "queue": np.bincount(sent[:, 2], np.abs(sent[:, 4])).max() * slot_ms / rounds,
+        "queue": np.bincount(sent[:, LinkColumn.TARGET], sent[:, LinkColumn.SLOTS]).max() * slot_ms / rounds,
         "lost": 100 * sum(bill["outages"] for bill in up) / sum(bill["sent"] for bill in up),
         "share": float(np.mean([_share(flown, sent, number) for number in range(1, rounds + 1)])),
         "ticks": next(tick for tick in range(flown.period_ticks, 10**6) if Schedule(plan_of(flown)).closes(tick))
@@ -82,9 +82,11 @@ def measure(flown: Scenario) -> dict[str, float]:
 def _share(flown: Scenario, sent: np.ndarray, number: int) -> float:
     """Percent of the models of a round that reach the mean."""
     period = flown.period_ticks
-    in_round = sent[(sent[:, 0] >= number * period) & (sent[:, 0] < (number + 1) * period)]
-    failed = in_round[in_round[:, 4] < 0]
-    uploads, relays = (failed[failed[:, 3] == kind, 1] for kind in (FrameKind.UPLOAD, FrameKind.RELAY))
+    tick = sent[:, LinkColumn.TICK]
+    failed = sent[(tick >= number * period) & (tick < (number + 1) * period) & (sent[:, LinkColumn.DELIVERED] == 0)]
+    uploads, relays = (
+        failed[failed[:, LinkColumn.KIND] == kind, LinkColumn.SOURCE] for kind in (FrameKind.UPLOAD, FrameKind.RELAY)
+    )
     source = Schedule(plan_of(flown)).participants(number)
     lost = np.isin(source, uploads) | np.isin(Division(flown).head_of[source], relays)
     return float(100 * (1 - lost.mean()))
