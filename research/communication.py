@@ -23,7 +23,7 @@ from meanflock.net import process
 from meanflock.net.tick import write_act
 from meanflock.results import statistics
 from meanflock.studies import published
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from meanflock.studies.study import seeded
 from meanflock.swarm import scenario
 from meanflock.swarm.declared import controller
@@ -71,10 +71,7 @@ def main() -> None:
         "rounding": rounding(measured),
         "rejected": rejected(measured),
     }
-    page = PAGE.read_text(encoding="utf-8")
-    for name, lines in tables.items():
-        page = replaced(page, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    PAGE.write_text(page, encoding="utf-8")
+    PAGE.write_text(with_parts(PAGE.read_text(encoding="utf-8"), tables), encoding="utf-8")
     print(PAGE)
 
 

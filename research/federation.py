@@ -19,7 +19,7 @@ from meanflock.results import statistics
 from meanflock.studies import published
 from meanflock.studies.leaderboard import missions
 from meanflock.studies.leaderboard.rows import BoardRow
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 
@@ -124,9 +124,7 @@ def main() -> None:
 
 def page(text: str, code: str, flights: Sequence[Flight]) -> str:
     """The page `text` with the tables of these flights."""
-    for name, lines in {"code": [published.flown_by(code)], **tables(flights)}.items():
-        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    return text
+    return with_parts(text, {"code": [published.flown_by(code)], **tables(flights)})
 
 
 def cases() -> list[Case]:

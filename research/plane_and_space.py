@@ -14,7 +14,7 @@ from meanflock.studies import published
 from meanflock.studies.frontier import policies
 from meanflock.studies.leaderboard import missions
 from meanflock.studies.leaderboard.rows import chosen
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from meanflock.swarm.scenario import Scenario
 
 PAGE = published.DOCS / "plane-and-space.md"
@@ -94,9 +94,7 @@ def page(text: str, code: str, flights: Sequence[Flight]) -> str:
     )
     parts = {"flights": [flown], "findings": _findings(flights), "bits": _bits(flights)}
     parts |= {mission: _methods(flights, mission) for mission in MISSIONS}
-    for name, lines in parts.items():
-        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    return text
+    return with_parts(text, parts)
 
 
 def of(flights: Sequence[Flight], mission: str, method: str, policy: str, where: str) -> list[Flight]:

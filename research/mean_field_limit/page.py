@@ -7,7 +7,7 @@ import numpy as np
 from meanflock.results import statistics
 from meanflock.results.statistics import Estimate
 from meanflock.studies import published
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from research.mean_field_limit.cases import DEVIATIONS, DISTANCES, FIRST_SEED, INTERACTIONS, REFERENCE, Row
 from research.mean_field_limit.fit import FIT
 from research.mean_field_limit.flights import BEGINNING, METHOD, TIMES_S
@@ -37,9 +37,7 @@ def page(text: str, code: str, rows: Sequence[Row]) -> str:
         "whole": whole(rows),
         "deviations": deviations(rows),
     }
-    for name, lines in parts.items():
-        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    return text
+    return with_parts(text, parts)
 
 
 def sizes(rows: Sequence[Row], flight: str) -> list[int]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from meanflock.results import statistics
 from meanflock.results.statistics import Estimate
 from meanflock.studies import published
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from research.price_of_accuracy.expected import EXPECTED, Expected
 from research.price_of_accuracy.flights import (
     ALL,
@@ -40,9 +40,7 @@ def page(text: str, code: str, rows: Sequence[Flight]) -> str:
         **{mission: _costs(found, mission) for mission in ALL},
         "ratios": _ratios(found),
     }
-    for name, lines in parts.items():
-        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    return text
+    return with_parts(text, parts)
 
 
 Found = Mapping[MissionWay, Sequence[Flight]]

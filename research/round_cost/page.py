@@ -6,7 +6,7 @@ from typing import Any
 
 from meanflock.results import statistics
 from meanflock.studies import published
-from meanflock.studies.markdown import replaced, table
+from meanflock.studies.markdown import table, with_parts
 from research.round_cost.flights import ACCESS, CONTENTION, FIRST_SEED, OWN, SHARED, Cell
 
 PAGE = published.DOCS / "round-cost.md"
@@ -32,9 +32,7 @@ def page(text: str, code: str, rows: Sequence[Row]) -> str:
         "costs": _costs(found),
         "tracking": _tracking(found),
     }
-    for name, lines in parts.items():
-        text = replaced(text, f"<!-- {name} -->", "<!-- end -->", ["", *lines, ""])
-    return text
+    return with_parts(text, parts)
 
 
 def by_cell(rows: Sequence[Row]) -> Rows:
