@@ -1,7 +1,7 @@
 """Crews: who answers for the UAVs of a world. A flight is a world, a crew and sinks."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -101,9 +101,28 @@ def goals_of(senses: Senses, uavs: NDArray[np.intp]) -> bytes:
     return encode_record({"uavs": senses.guided[own], "goals": senses.goals[own]}) if own.any() else b""
 
 
-def no_models(plan: Plan) -> Floats:
-    """Learned weights (N, W) of a swarm of which no UAV has answered yet: NaN."""
-    return np.full((plan.scenario.uavs, plan.declared.weights), np.nan)
+class ReportedModels:
+    """The learned weights of all UAVs, (N, W), joined from those of their nodes.
+
+    The array is made once, because of many UAVs that takes a whole tick. It holds until the next report.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._shape = plan.scenario.uavs, plan.declared.weights
+        self._models: Floats | None = None
+
+    def joined(self, reports: Iterable[tuple[Place, Floats | None]]) -> Floats | None:
+        """The models with those of each node at the places of its UAVs, NaN for all others; None if nobody learns."""
+        if not self._shape[1]:
+            return None
+        if self._models is None:
+            self._models = np.full(self._shape, np.nan)
+        silent = np.ones(self._shape[0], dtype=bool)
+        for place, models in reports:
+            if models is not None:
+                self._models[place], silent[place] = models, False
+        self._models[silent] = np.nan
+        return self._models
 
 
 def place_of(uavs: NDArray[np.intp]) -> Place:
@@ -174,7 +193,7 @@ class LocalCrew:
         self._places = [place_of(agent.uavs) for agent in self.agents]
         self._nothing = np.zeros((uavs, plan.scenario.dimensions + len(plan.declared.diagnostics)))
         self._nobody = np.zeros(uavs, dtype=bool)
-        self._weights: Floats | None = None  # (N, W) of the last report
+        self._reported = ReportedModels(plan)
         self._standbys = plan.leaders(tick) if leaders is None else leaders
         nodes = len(set(self._nodes)) + self._standbys
         self._news: list[FlightEvent] = [(NodesJoined if resume is None else FlightResumed)(tick, nodes, uavs)]
@@ -239,11 +258,10 @@ class LocalCrew:
         """Learned weights of every UAV, (N, W); the last ones of a lost UAV, NaN of those that report none."""
         if len(self.agents) == 1:
             return self.agents[0].models
-        models = no_models(self._plan)
-        for agent, place in zip(self.agents, self._places, strict=True):
-            if (own := agent.models).shape[1] == models.shape[1]:
-                models[place] = own
-        return models
+        each_has = ((place, agent.models) for place, agent in zip(self._places, self.agents, strict=True))
+        reports = ((place, models if models.shape[1] else None) for place, models in each_has)
+        models = ReportedModels(self._plan).joined(reports)
+        return np.zeros((len(self._nobody), 0)) if models is None else models
 
     def _replies(self) -> list[tuple[int, Act]]:
         """The replies of the agents that have heard, with their numbers."""
@@ -258,22 +276,12 @@ class LocalCrew:
     def _join(self, replies: list[tuple[int, Act]], senses: Senses, acts: Acts) -> Mask:
         """Join the commands and models of several agents, by their numbers; returns the UAVs of the others, (N,)."""
         acts.commands, absent = self._nothing.copy(), np.ones(len(self._nobody), dtype=bool)
-        if senses.report and self._plan.declared.weights:
-            acts.models = self._reported(len(replies) == len(self.agents))
         for number, reply in replies:
             place = self._places[number]
             acts.commands[place], absent[place] = reply.commands, False
-            if reply.models is not None and acts.models is not None:
-                acts.models[place] = reply.models
+        if senses.report:
+            acts.models = self._reported.joined((self._places[number], reply.models) for number, reply in replies)
         return absent
-
-    def _reported(self, whole: bool) -> Floats:
-        """The array of all reported models, NaN unless `whole`. Made once: of many UAVs that takes a whole tick."""
-        if self._weights is None:
-            self._weights = no_models(self._plan)
-        elif not whole:
-            self._weights.fill(np.nan)
-        return self._weights
 
     def _lead(self, leader: Leader, senses: Senses, acts: Acts) -> None:
         """Let the leader answer; one that took over gets the state of the rule, and all mail."""

@@ -18,12 +18,12 @@ from meanflock.net.outbox import Outbox
 from meanflock.net.pace import DelayRules
 from meanflock.swarm.errors import MessageRejected, RunFailed
 from meanflock.swarm.events import FlightEvent, FlightResumed, LeaderTookOver, NodeLost, NodesJoined
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import Mask
 from meanflock.swarm.wire.control import decode_record
 from meanflock.swarm.wire.messages import Act
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import Durations, TickSchedule
-from meanflock.worldsim.crew import goals_of, inbox_of, no_models
+from meanflock.worldsim.crew import ReportedModels, goals_of, inbox_of
 from meanflock.worldsim.tick import Acts, Senses
 from meanflock.worldsim.world import KILLED, World
 
@@ -89,6 +89,7 @@ class RemoteCrew:
         )
         self.waits = Durations()
         self._world = world
+        self._reported = ReportedModels(world.plan)
         self._bus = bus
         self._outbox = outbox
         self._stations = stations
@@ -315,20 +316,10 @@ class RemoteCrew:
             if member.role == LEADER and reply.memory:
                 acts.rule_record = reply.memory
         if senses.report:
-            acts.models = self._models(found)
+            acts.models = self._reported.joined((member.place, reply.models) for member, reply in found)
         if senses.checkpoint and admission.settled(self._barrier_s):  # if the run is ending, nodes go one by one
             acts.memories = self._memories(found)
         return acts, ~barrier.replied
-
-    def _models(self, found: list[tuple[Member, Act]]) -> Floats | None:
-        """The learned weights of all UAVs, (N, W), NaN for those without a reply; None if none are reported."""
-        if not self._world.plan.declared.weights:
-            return None
-        models = no_models(self._world.plan)
-        for member, reply in found:
-            if reply.models is not None:
-                models[member.place] = reply.models
-        return models
 
     def _memories(self, found: list[tuple[Member, Act]]) -> Memories:
         memories = Memories(self._world.plan.groups)
