@@ -120,11 +120,8 @@ def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:
     links = meter.links()
     total = meter.all_kinds()
     return {
-        "payload_bits": {
-            **{name: meter.traffic[kind].payload_bits for kind, name in TRAFFIC.items()},
-            "total": total.payload_bits,
-        },
-        "bits_to_arrival": {**dict(zip(TRAFFIC.values(), to_arrival, strict=True)), "total": sum(to_arrival)},
+        "payload_bits": _named({kind: meter.traffic[kind].payload_bits for kind in TRAFFIC}),
+        "bits_to_arrival": _named(dict(zip(TRAFFIC, to_arrival, strict=True))),
         "wire_bytes": total.wire_bytes,
         "radio": {
             **_observed(total),
