@@ -79,10 +79,10 @@ class Agent:
             MessageRejected: a frame in it does not fit this node; nothing has changed.
         """
         before = self._memory
-        told = self._goals_in(sense.memory) if sense.memory else None
+        goals = self._goals_in(sense.memory) if sense.memory else None
         received = self._receive(sense)
-        if told is not None:
-            self._memory = self._controller.guided(self._memory, *told)
+        if goals is not None:
+            self._memory = self._controller.guided(self._memory, *goals)
         if self._controller.asleep is not None:
             self._memory = choose(self._controller.asleep, before, self._memory)
         return received

@@ -28,8 +28,8 @@ def run(effort: Effort, say: Say) -> Outcome:
     flights = {}
     for times in TIMES:
         grouped = scene(times)
-        alone = grouped.replace(groups=[], method="orca", **{"federation.group": None})
-        for name, flown in (("groups", grouped), ("orca", alone)):
+        ungrouped = grouped.replace(groups=[], method="orca", **{"federation.group": None})
+        for name, flown in (("groups", grouped), ("orca", ungrouped)):
             flights[name, times] = Engine(flown, "benchmark").fly()
     for ticks in flights.values():
         per_tick_ms(ticks, 5 * CHUNK)  # until the reserve has joined

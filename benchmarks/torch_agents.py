@@ -34,7 +34,9 @@ def run(effort: Effort, say: Say) -> Outcome:
     """Whole flights of the command, one after the other."""
     if not PYTHON.exists():
         raise BenchmarkFailed("there is no .venv-learners; make learners")
-    up, pss, launcher = [], [], []
+    up: list[float] = []
+    pss: list[float] = []
+    launcher: list[float] = []
     for repeat in range(effort.choose(3, 1)):
         say(f"flight {repeat + 1}")
         seconds, agents, ours = _fly()

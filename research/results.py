@@ -20,8 +20,7 @@ from meanflock.studies import published
 from meanflock.swarm.errors import BadInput, RunFailed
 
 ROOT = published.DOCS.parent
-OTHERS = ("paper-slow", "paper-printed", "paper-exchanged")
-OUT = " ".join(f"out/{name}" for name in ("paper", *OTHERS))
+JUDGED = "out/paper out/paper-slow out/paper-printed out/paper-exchanged"  # folders, in the order of the pages
 
 
 class Reflown(NamedTuple):
@@ -63,8 +62,8 @@ PARTS = {
             "-m meanflock paper --scenario paper-slow --seeds 10 --out out/paper-slow",
             "-m meanflock paper --scenario paper-printed --seeds 10 --out out/paper-printed",
             "-m meanflock paper --scenario paper-exchanged --seeds 6 --out out/paper-exchanged",
-            f"-m research.reproduction.page {OUT}",
-            f"-m research.reproduction.structural_page {OUT}",
+            f"-m research.reproduction.page {JUDGED}",
+            f"-m research.reproduction.structural_page {JUDGED}",
         ),
     ),
     "space": Reflown("the plane and space", ("-m research.plane_and_space",)),

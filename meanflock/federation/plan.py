@@ -382,10 +382,10 @@ def _with_starts(scenario: Scenario) -> Scenario:
         if group.vehicle is None or group.vehicle.file is None:
             continue
         try:
-            flown = _resolved_vehicle(alone := scenario.alone(group))
+            flown = _resolved_vehicle(of_group := scenario.alone(group))
         except (BadInput, ValueError) as error:
             raise BadInput(f"group {group.name!r}: {error}") from error
-        if flown is not alone:
+        if flown is not of_group:
             name = f"groups.{group.name}"
             found |= {f"{name}.start": as_builtins(flown.start), f"{name}.vehicle": as_builtins(flown.vehicle)}
     return scenario.replace(**found) if found else scenario

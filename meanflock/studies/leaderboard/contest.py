@@ -126,11 +126,11 @@ def _standings(row: BoardRow, mission: BoardMission, scenario: Scenario, flown: 
     if not scenario.groups:
         yield _standing(row, mission, Fronts(scenario), flown)
     for group, rows in parts(scenario):
-        alone = scenario.of_group(group)
+        of_group = scenario.of_group(group)
         results = [flights.of_group(result, group.name, rows) for result in flown]
-        whole = _standing(row, mission, Fronts(alone, rows), results)
+        whole = _standing(row, mission, Fronts(of_group, rows), results)
         yield msgspec.structs.replace(
-            whole, name=f"{row.name}/{group.name}", controller=alone.method, group=group.name, uavs=group.count
+            whole, name=f"{row.name}/{group.name}", controller=of_group.method, group=group.name, uavs=group.count
         )
 
 
