@@ -8,6 +8,10 @@ This time is rounded up to ticks, one at least. The trained model exists from th
 for the next round in which its UAV takes part. A row without a trained model is silent in a round. Its next training
 may begin meanwhile, from a newer global model; its result takes the place of a model that waits.
 
+A row that has nothing to do when a round opens has heard of no newer global model since its model was sent: the radio
+lost it, or all uploads. It goes on from its own model, or if it has none from the newest global model, so one round in
+which everything is lost does not end the learning.
+
 All that a training depends on is in the memory, so it can be repeated: after a checkpoint, or if a row is stepped
 again. The thread that trains, and the results that it has, are a cache of that. Arrays of the memory have names that
 begin with `learner_`.
@@ -155,8 +159,10 @@ class Learning:
         news: list[Problem] = []
         mine = {name: array.copy() for name, array in mine.items()} if self._is_event(mine, tick) else mine
         number, since = divmod(tick, self.scenario.period_ticks)
-        if since == 0 and mine["ready"].any():  # a round has just taken the models of its participants
-            mine["ready"] &= ~contains(drawn(self.scenario, number), mine["uav"])
+        if since == 0:
+            self._go_on(mine)
+            if mine["ready"].any():  # a round has just taken the models of its participants
+                mine["ready"] &= ~contains(drawn(self.scenario, number), mine["uav"])
         self._finish(mine, tick, news)
         self._begin(mine, tick, own)
         columns = [mine["metrics"], mine["examples"][:, None], mine["trains"][:, None]]
@@ -234,8 +240,20 @@ class Learning:
     def _is_event(self, mine: Memory, tick: int) -> bool:
         """Returns whether something of the memory of a learner changes in a tick."""
         due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
-        opens = tick % self.scenario.period_ticks == 0 and mine["ready"].any()
+        opens = tick % self.scenario.period_ticks == 0 and (mine["ready"] | self._idle(mine)).any()
         return bool(opens or due.any() or (mine["fresh"] & ~mine["trains"]).any())
+
+    def _idle(self, mine: Memory) -> Mask:
+        """Rows that train again without a newer global model when a round opens; a lost UAV has no slowness."""
+        busy = mine["fresh"] | mine["trains"] | mine["ready"]
+        return ~busy & (mine["slowness"] > 0.0) & self.learner.trains_again
+
+    def _go_on(self, mine: Memory) -> None:
+        """Have rows that are idle train again, from their own model if it comes from the newest global model."""
+        idle = self._idle(mine)
+        own = idle & (mine["based"] == mine["round"])
+        mine["global"][own] = mine["model"][own]
+        mine["fresh"] |= idle
 
     def _begin(self, mine: Memory, tick: int, own: States) -> None:
         """Begin the trainings of rows that are free and have a new global model."""

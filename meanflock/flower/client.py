@@ -48,6 +48,7 @@ class FlowerClient(Learner):
     """A ClientApp as a learner. `meanflock flower` makes a class of it for its app."""
 
     app: ClassVar[App]
+    trains_again = False  # the ServerApp asks
 
     class Options(NoOptions, frozen=True):
         """The options of an app."""

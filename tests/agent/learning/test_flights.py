@@ -87,6 +87,27 @@ def test_the_model_of_a_uav_that_is_not_drawn_waits_until_it_is() -> None:
     assert sorted(uav for event in rounds for uav in event.sent) == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("trains_again", [True, False])
+def test_a_uav_that_hears_no_newer_model_goes_on_from_its_own(trains_again: bool) -> None:
+    """All uploads are lost, so there is never a global model."""
+    steps: list[int] = []
+
+    class Alone(Line):
+        name = "alone"
+
+        def fit(self, model: Any, config: mf.Fit) -> mf.Trained | None:
+            assert config.based == 0
+            if self.uav == 1:
+                steps.append(int(model["steps"]))
+            return super().fit(model, config)
+
+    Alone.trains_again = trains_again
+    run = fly(Alone, duration=20.5, **{"radio.target_snr_db": 80.0})
+    assert (run.summary["rounds"], run.summary["rounds_void"]) == (0, 10)
+    assert uploads(run) == (5 if trains_again else 1) * 3  # taken in a round, and trained from the next one on
+    assert steps == (list(range(6)) if trains_again else [0])
+
+
 def test_training_costs_simulated_time_and_energy() -> None:
     """Trainings take 0.5 s + 20 · 0.01 s; there is one at take-off and one after each of four rounds."""
     keys = {"training.fit_s": 0.5, "training.example_s": 0.01, "training.power_W": 3.0}
