@@ -52,7 +52,8 @@ class Field(NamedTuple):
     key: dotted; `*` stands for any name. measured: its quantity, or the unit of a field without a name of its own:
     `1` for a pure number, empty for no number. cumulative: counted, summed or averaged since take-off. type: of the
     column; `[]`: an entry a UAV. symbol: on an axis; empty: that of the quantity. optional: whether the summary of an
-    older version of meanflock may lack it.
+    older version of meanflock may lack it. varying: whether it tells of the run, or of how it flew, so that the same
+    flight may leave another value.
     """
 
     key: str
@@ -62,6 +63,7 @@ class Field(NamedTuple):
     type: str = "float64"
     symbol: str = ""
     optional: bool = False
+    varying: bool = False
 
     @property
     def unit(self) -> str:
@@ -142,36 +144,39 @@ _KIND = "by kind of traffic: uplink, relay, broadcast or state"
 
 SUMMARY = (
     Field("schema", "1", "version of this record"),
-    Field("run_id", "", "name of the run"),
-    Field("version", "", "version of meanflock"),
+    Field("run_id", "", "name of the run", varying=True),
+    Field("version", "", "version of meanflock", varying=True),
     Field(
         "provenance.commit",
         "",
         "commit of the checkout of meanflock that flew, without changes that were not committed; null if there is none",
         optional=True,
+        varying=True,
     ),
-    Field("provenance.python", "", "version of Python", optional=True),
-    Field("provenance.numpy", "", "version of NumPy", optional=True),
+    Field("provenance.python", "", "version of Python", optional=True, varying=True),
+    Field("provenance.numpy", "", "version of NumPy", optional=True, varying=True),
     Field(
         "provenance.plugins.*",
         "",
         "name of the plug-in of each kind, and the version of its package or the hash of its file",
         optional=True,
+        varying=True,
     ),
     Field("scenario_sha256", "", "hash of the resolved scenario; equal for equal scenarios"),
     Field("method", "", "name of the controller; of groups, the names of all, joined by `+`"),
     Field("uavs", "UAVs", "number of UAVs"),
     Field("seed", "1", "seed of all randomness"),
-    Field("mode", "", "`processes`, or `in-process` if all nodes were in one process"),
-    Field("backend", "", "kernels of the world: `compiled` or `numpy`"),
-    Field("wall_time_s", "s", "wall time of the flight"),
+    Field("mode", "", "`processes`, or `in-process` if all nodes were in one process", varying=True),
+    Field("backend", "", "kernels of the world: `compiled` or `numpy`", varying=True),
+    Field("wall_time_s", "s", "wall time of the flight", varying=True),
     Field(
         "world_time_s",
         "s",
         "wall time that the world took; the rest is that of the UAVs, their messages and telemetry",
         optional=True,
+        varying=True,
     ),
-    Field("real_time_factor", "1", "simulated seconds per second of the wall clock"),
+    Field("real_time_factor", "1", "simulated seconds per second of the wall clock", varying=True),
     Field("ticks", "ticks", "ticks flown"),
     Field("sim_time_s", TIME, "simulated time flown"),
     _ARRIVED,
@@ -337,12 +342,12 @@ SUMMARY = (
     ),
     Field("dropped_messages.*", "messages", "messages that the receiver refused, by reason"),
     Field("held_commands", "commands", "late commands, in whose place the last one was held; null in lockstep"),
-    Field("realtime", "", "null in lockstep"),
-    Field("realtime.factor", "1", "planned simulated seconds per second of the wall clock"),
-    Field("realtime.deadline_misses", "ticks", "ticks in which a command came late"),
-    Field("realtime.tick_start_jitter_ms.mean", "ms", "delay with which a tick began: mean"),
-    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same delay: 99th percentile"),
-    Field("realtime.tick_start_jitter_ms.max", "ms", "the same delay: maximum"),
+    Field("realtime", "", "null in lockstep", varying=True),
+    Field("realtime.factor", "1", "planned simulated seconds per second of the wall clock", varying=True),
+    Field("realtime.deadline_misses", "ticks", "ticks in which a command came late", varying=True),
+    Field("realtime.tick_start_jitter_ms.mean", "ms", "delay with which a tick began: mean", varying=True),
+    Field("realtime.tick_start_jitter_ms.p99", "ms", "the same delay: 99th percentile", varying=True),
+    Field("realtime.tick_start_jitter_ms.max", "ms", "the same delay: maximum", varying=True),
     Field("steered", "", "null if no client could steer"),
     Field("steered.uav_ticks", "1", "commands replaced by those of clients; one for each UAV and tick"),
     Field("steered.replayable", "", "false if a client steered: scenario and seed do not fly it again"),
@@ -395,6 +400,7 @@ SUMMARY = (
     ),
     Field("telemetry_blocks_dropped", "blocks", "blocks of rows that the ground station did not receive"),
 )
+VARYING = frozenset(field.key.partition(".")[0] for field in SUMMARY if field.varying)  # names without their dots
 
 # Columns of timeseries.parquet. A row is a tick, the first that of take-off. The diagnostics of the controller lie
 # between the two tuples.

@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from meanflock.results.quantities import SUMMARY
+from meanflock.results.quantities import SUMMARY, VARYING
 from meanflock.results.scenario_keys import changed_keys, flat
 from meanflock.results.stored_run import StoredFolder, unit_of
 
-# Keys, or of the computer.
-_NO_FIGURES = ("schema", "uavs", "seed", "wall_time_s", "world_time_s", "real_time_factor", "realtime")
+_NO_FIGURES = VARYING | {"schema", "uavs", "seed"}
 _ORDER = list(dict.fromkeys(field.key.partition(".")[0] for field in SUMMARY))
 
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from meanflock import kernels
 from meanflock.federation.plan import plugins_of
+from meanflock.results.quantities import VARYING
 from meanflock.results.scenario_keys import flat
 from meanflock.studies.each_round import EACH_ROUND
 from meanflock.studies.flight_table import FLIGHTS, ROUNDS, Points, flight_table
@@ -25,8 +26,6 @@ from meanflock.swarm.scenario.values import validated
 
 STUDY_FILE = "study.json"
 SCHEMA = 1
-_OF_THE_MACHINE = ("run_id", "version", "mode", "backend", "wall_time_s", "world_time_s", "real_time_factor")
-_PROVENANCE = ("provenance.", "realtime.")  # begin columns of a flight that say what flew, and how fast
 Point = tuple[Any, ...]
 
 
@@ -155,7 +154,7 @@ def reproducible(table: pa.Table) -> list[dict[str, Any]]:
     """The rows of a table of flights with the columns that are the same wherever the flights are flown again; without
     unknown values.
     """
-    columns = [name for name in table.column_names if name not in _OF_THE_MACHINE and not name.startswith(_PROVENANCE)]
+    columns = [name for name in table.column_names if name.partition(".")[0] not in VARYING]
     rows = table.select(columns).to_pylist()
     return [{name: value for name, value in row.items() if value is not None} for row in rows]
 

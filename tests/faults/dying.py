@@ -9,11 +9,11 @@ import pytest
 from meanflock.cli.command import main
 from meanflock.launch.engine import Engine
 from meanflock.launch.resume import Back
+from meanflock.results.quantities import VARYING
 from meanflock.results.run_folder import RunFolder
 from meanflock.swarm.scenario import Scenario
 
 LATER = "duration=35"  # checkpoints in ticks 1, 101, 201 and 301
-TIMING = {"wall_time_s", "world_time_s", "real_time_factor", "mode"}
 
 
 class Died(Exception):
@@ -52,7 +52,7 @@ def resumed(folder: Path, *flags: str, in_process: bool = True, record: bool = F
 
 
 def steady(summary: dict[str, Any], *but: str) -> dict[str, Any]:
-    return {k: v for k, v in summary.items() if k not in TIMING | set(but)}
+    return {k: v for k, v in summary.items() if k not in VARYING | set(but)}
 
 
 def events(folder: Path, *without: str) -> list[Any]:

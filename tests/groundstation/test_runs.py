@@ -11,7 +11,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.cli.command import main
-from meanflock.results.quantities import SUMMARY
+from meanflock.results.quantities import SUMMARY, VARYING
 from meanflock.results.run_folder import CHECKPOINT
 from meanflock.results.stored_run import runs_in
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE
@@ -111,7 +111,7 @@ def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> N
     assert found["keys"] == {"seed": {"a": 1, "b": 2}, "wind.sigma": {"a": 0.1, "b": 0.2}}
     a, b = (json.loads((folder / "summary.json").read_text()) for folder in (first, second))
     plain = [field.key for field in SUMMARY if isinstance(a.get(field.key), int | float)]
-    others = {"seed", "wall_time_s", "world_time_s", "real_time_factor"}
+    others = VARYING | {"seed"}
     assert {key for key in found["figures"] if "." not in key} == {key for key in plain if a[key] != b[key]} - others
     assert found["figures"]["phi_A"]["change"] == b["phi_A"] - a["phi_A"]
     assert (found["same_flight"], found["figures"]["phi_A"]["unit"]) == (False, "m/s")
