@@ -117,8 +117,10 @@ def frontier(
 
     chosen = [name for name in names(policies) if name != "all"]
     check(chosen)
+    flown = known.chosen(names(missions) or _MISSIONS)
+    known.refuse_rows(flown, "remove `method` from a group")
     extent = Extent(
-        known.chosen(names(missions) or _MISSIONS),
+        flown,
         rows.chosen(names(controllers) or _CONTROLLERS),
         _sizes(uavs) or (_FULL_UAVS if full else _UAVS),
         [loss / 100.0 for loss in _losses(outages) or (_FULL_OUTAGES if full else _OUTAGES)],

@@ -82,7 +82,7 @@ def leaderboard(
 
     chosen = known.chosen(names(missions))
     if names(controllers) != [rows.ALL]:
-        known.refuse_rows(chosen)
+        known.refuse_rows(chosen, "leave out --controllers, or remove `method` from a group")
     contest = Contest(
         chosen,
         rows.chosen(names(controllers)),

@@ -57,10 +57,17 @@ def test_a_method_that_would_change_nothing_is_refused(run: Any, command: tuple[
 
 
 @pytest.mark.usefixtures("files")
-def test_rows_are_refused_for_a_mission_that_flies_once(run: Any) -> None:
-    code, _, err = run("leaderboard", "--missions", "named.toml", "--controllers", "cruise", *BOARD)
+@pytest.mark.parametrize(
+    ("command", "remedy"),
+    [
+        (("leaderboard", "--controllers", "cruise", *BOARD), "leave out --controllers"),
+        (("frontier", "--uavs", "4", "--quiet"), "remove `method` from a group"),
+    ],
+)
+def test_rows_are_refused_for_a_mission_that_flies_once(run: Any, command: tuple[str, ...], remedy: str) -> None:
+    code, _, err = run(*command, "--missions", "named.toml")
     assert code == EXIT_BAD_INPUT
-    assert "leave out --controllers" in err
+    assert remedy in " ".join(err.split())
 
 
 def test_python_refuses_it_too() -> None:

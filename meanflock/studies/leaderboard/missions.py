@@ -94,13 +94,13 @@ def chosen(names: Iterable[str]) -> list[BoardMission]:
     return list(missions.values())
 
 
-def refuse_rows(missions: Iterable[BoardMission]) -> None:
-    """Raise BadInput if rows are named for a mission that has a row of its own."""
+def refuse_rows(missions: Iterable[BoardMission], remedy: str) -> None:
+    """Raise BadInput if rows would fly a mission that has a row of its own. `remedy`: what mends it, in words."""
     for mission in missions:
         if mission.own_row() is not None:
             raise BadInput(
                 f"--controllers: every group of the mission {mission.name} names its controller, so all rows would be "
-                "the same flight; leave out --controllers, or remove `method` from a group"
+                f"the same flight; {remedy}"
             )
 
 
