@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meanflock.recording import drawing
 from meanflock.recording.drawing import Part, Point, circle
-from meanflock.recording.routes import has_route, landings, routes
+from meanflock.recording.routes import has_route, routes
 from meanflock.results.series import Reported
 from meanflock.swarm import mission, state
 from meanflock.swarm.faults import Gust, Interference, Jam, Kill, Partition, Pause
@@ -59,7 +59,7 @@ def is_about_its_start(scenario: Scenario) -> bool:
 def box(scenario: Scenario) -> Corners:
     """The mission on the map: all starts, all obstacles and stations, all goals with room to overshoot."""
     first, last = start_box(scenario)
-    goals = state.flat(np.concatenate([mission.all_goals(scenario), landings(scenario)]))
+    goals = state.flat(np.concatenate([mission.all_goals(scenario), mission.landings(scenario)]))
     discs = mission.obstacles(scenario)
     room = max(2 * scenario.destination.radius, ROOM * _way_m(scenario))
     low, high = np.minimum(first, goals.min(axis=0) - room), np.maximum(last, goals.max(axis=0) + room)
@@ -201,7 +201,7 @@ def _log_routes(part: Part, scenario: Scenario) -> None:
         entity, places = f"map/waypoints/{route.name or 'all'}", state.flat(route.places)
         part.dots(entity, places, route.color, 3.0)
         _log_words(part, f"{entity}/label", places, route.words, route.color)
-    if len(places := state.flat(landings(scenario))):
+    if len(places := state.flat(mission.landings(scenario))):
         part.dots("map/landings", places, drawing.GREY, 3.0)
         _log_words(part, "map/landings/label", places, ["landing"] * len(places), drawing.GREY)
 

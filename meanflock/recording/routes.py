@@ -1,4 +1,4 @@
-"""Waypoints and landing places of a mission, as recordings show them."""
+"""Waypoints of a mission, as recordings show them."""
 
 from typing import NamedTuple
 
@@ -48,8 +48,3 @@ def has_route(scenario: Scenario) -> NDArray[np.bool_]:
     for rows, destination in mission.destinations(scenario):
         mask[rows] = len(destination.waypoints) > 0
     return mask
-
-
-def landings(scenario: Scenario) -> NDArray[np.float64]:
-    """The landing places of UAVs with a low battery, (L, d) m."""
-    return scenario.space.vectors(scenario.energy.landings, scenario.start.height)

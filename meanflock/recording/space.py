@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from meanflock.recording import drawing
 from meanflock.recording.branches import IN_SPACE, MARKS
 from meanflock.recording.drawing import Floats, Part, Sent, Ticks, circle, cut
-from meanflock.recording.routes import has_route, landings, routes
+from meanflock.recording.routes import has_route, routes
 from meanflock.recording.stage import Stage, Vectors
 from meanflock.results.groups import uav_names
 from meanflock.swarm import mission, state
@@ -119,7 +119,7 @@ def _log_mission(part: Part, scenario: Scenario) -> None:
         entity = f"{ROOT}/waypoints/{route.name or 'all'}"
         _dots(part, entity, route.places, route.color)
         _labels(part, f"{entity}/label", route.places, route.words, route.color)
-    if len(places := landings(scenario)):
+    if len(places := mission.landings(scenario)):
         _dots(part, f"{ROOT}/landings", places, drawing.GREY)
         _labels(part, f"{ROOT}/landings/label", places, ["landing"] * len(places), drawing.GREY)
     stations = mission.stations(scenario)

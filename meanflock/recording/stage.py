@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.recording import mission_map
-from meanflock.recording.routes import landings
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Obstacle, Scenario
 
@@ -106,7 +105,7 @@ def _places(scenario: Scenario) -> Vectors:
     ]
     starts, goals = state.position(mission.starts(scenario)), mission.all_goals(scenario)
     return np.concatenate(
-        [starts, goals, landings(scenario), mission.stations(scenario), np.array(ends).reshape(-1, 3)]
+        [starts, goals, mission.landings(scenario), mission.stations(scenario), np.array(ends).reshape(-1, 3)]
     )
 
 

@@ -16,7 +16,7 @@ from meanflock.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.scenario import Destination, GroupTable, Metrics, Obstacle, Space, Start, Station
+from meanflock.swarm.scenario import Destination, Energy, GroupTable, Metrics, Obstacle, Space, Start, Station
 
 _MEND = "bring the file back, or fly the run again"
 _PIECE_STATES = 50_000  # UAVs × ticks that are in memory at once
@@ -35,6 +35,7 @@ class FlownKeys(msgspec.Struct):
     metrics: Metrics = field(default_factory=Metrics)
     obstacles: tuple[Obstacle, ...] = ()
     stations: tuple[Station, ...] = ()
+    energy: Energy = field(default_factory=Energy)
     groups: tuple[GroupTable, ...] = ()
 
 

@@ -53,6 +53,10 @@ class Mission(Protocol):
         """`[[stations]]`."""
 
     @property
+    def energy(self) -> Any:
+        """`[energy]`."""
+
+    @property
     def groups(self) -> Any:
         """`[[groups]]`."""
 
@@ -336,6 +340,12 @@ def _inside(solid: Floats, places: state.Vectors) -> NDArray[np.bool_]:
         gaps = np.stack([np.hypot(*gaps), places[:, 2] - highest])
     within: NDArray[np.bool_] = np.hypot(*gaps) <= solid[2]
     return within
+
+
+def landings(mission: Mission) -> state.Vectors:
+    """Landing places of UAVs with a low battery, (L, d) in m."""
+    places: state.Vectors = mission.space.vectors(mission.energy.landings, mission.start.height)
+    return places
 
 
 def stations(mission: Mission) -> Floats:

@@ -1,4 +1,4 @@
-"""Waypoints and landing places in recordings, in the plane and in space."""
+"""Waypoints and landing places in recordings and plots, in the plane and in space."""
 
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import meanflock as mf
 from meanflock.recording import drawing
 from meanflock.recording.mission_map import box
 from meanflock.recording.routes import Route, has_route, routes
+from meanflock.results.plots.run import plot_run
 from tests.groundstation.recordings import fixed
 
 LANDINGS = [[200.0, -50.0], [10.0, 80.0]]
@@ -69,3 +70,11 @@ def test_a_recording_has_dots_with_words_at_waypoints_and_landing_places(run: mf
         assert fixed(run.recording, f"{view}/landings/label", f"{points}:labels") == ["landing", "landing"]
     assert fixed(run.recording, "map/goal/label/d", "Points2D:labels") == ["goal"]
     assert fixed(run.recording, "map/goal/label/a", "Points2D:labels") == []
+
+
+def test_a_plot_shows_landing_places_from_above_and_from_the_side(run: mf.Run) -> None:
+    assert run.folder is not None
+    for up, ax in enumerate(plot_run(run.folder)["paths"].axes, start=1):
+        (line,) = (line for line in ax.get_lines() if line.get_label() == "landing places")
+        places = [[*place, 40.0] for place in LANDINGS]
+        np.testing.assert_allclose(line.get_xydata(), [[place[0], place[up]] for place in places])

@@ -91,6 +91,7 @@ RING: dict[str, Any] = {  # the goal, in a legend
     "markerfacecolor": "none",
     "markeredgewidth": 1.6,
 }
+SQUARE: dict[str, Any] = {**RING, "marker": "s", "color": INK, "markeredgewidth": 1.2}  # a landing place
 PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
 LETTERS_IN = 14.0  # letters of a title that an inch has room for
 _TEX = {  # longer names first

@@ -191,7 +191,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
 
 
 def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float) -> None:
-    """Draws goals, obstacles and stations over the paths, and names them in the legend.
+    """Draws goals, obstacles, stations and landing places over the paths, and names them in the legend.
 
     Args:
         up: as for `_draw_paths`. highest: of all places of UAVs, m; a column without an end is drawn up to there.
@@ -205,6 +205,8 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
     if len(flown.stations):
         places = mission.stations(flown)[:, [0, up]]
         ax.plot(*places.T, **plotstyle.TRIANGLE, label=f"station{'s' * (len(places) > 1)}")
+    if len(places := mission.landings(flown)):
+        ax.plot(*places[:, [0, up]].T, **plotstyle.SQUARE, label=f"landing place{'s' * (len(places) > 1)}")
     if (goals == goals[0]).all():
         for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
             size = {"fill": False, "edgecolor": color, "linewidth": width, "zorder": 5}
