@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Received
 from meanflock.agent.controllers.filtered import Filter, of_inner
-from meanflock.agent.guarded import check_broadcasts
 from meanflock.agent.learning.controller import Learning
+from meanflock.agent.step_checks import check_broadcasts
 from meanflock.agent.stepped import Command, External, refuse_groups
 from meanflock.federation.plan import plan_of
 from meanflock.flying import Progress, prepared

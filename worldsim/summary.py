@@ -19,7 +19,8 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import FrameKind, Status
 from meanflock.worldsim.clocks import TickSchedule
-from meanflock.worldsim.flight import Flight, Pair
+from meanflock.worldsim.encounters import Pair
+from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.world import World
 
 SCHEMA = 1

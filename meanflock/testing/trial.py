@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Received, Step
-from meanflock.agent.guarded import checked_step, received_by
+from meanflock.agent.guarded import received_by
+from meanflock.agent.step_checks import checked_step
 from meanflock.federation.cut import bound_of_models
 from meanflock.swarm import state
 from meanflock.swarm.declared import declarations_of

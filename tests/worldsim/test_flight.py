@@ -17,7 +17,8 @@ from meanflock.swarm.scenario import load
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.swarm.wire.messages import Status
 from meanflock.worldsim.commands import Commands
-from meanflock.worldsim.flight import Flight, pairs
+from meanflock.worldsim.encounters import pairs
+from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.summary import flight_summary
 
 ORACLES = Path(__file__).parents[1] / "oracle"

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.swarm import mission, state
+from meanflock.swarm import mission, mission_contradictions, state
 from meanflock.swarm.scenario import tables
 from meanflock.swarm.scenario.until import Until
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -67,7 +67,7 @@ def check(scenario: Any) -> None:
                 f"`obstacles[{number}]` is a sphere, because its `centre` has three numbers, and has no `height`; "
                 "leave out the height or the third number"
             )
-    mission.check(scenario)
+    mission_contradictions.check(scenario)
     widest = float(np.finfo(FLOAT_OF_BITS[scenario.radio.bits_per_float]).max)
     if mission.has_starts(scenario) and (farthest := float(np.abs(mission.starts(scenario)).max())) > widest:
         raise ValueError(
