@@ -85,7 +85,10 @@ class Recorded:
             return events[count - 1] if len(events) >= count else None
 
         return until(
-            found, f"{count} events {kind} of {uavs}", pause_s=0.1, seen=lambda: [*self.events("lost"), *self.events(kind)]
+            found,
+            f"{count} events {kind} of {uavs}",
+            pause_s=0.1,
+            seen=lambda: [*self.events("lost"), *self.events(kind)],
         )
 
     def events(self, kind: str, uavs: tuple[int, ...] | None = None) -> list[dict[str, Any]]:
