@@ -8,6 +8,7 @@
 ARG BASE_IMAGE=python:3.12-slim
 ARG EXTRAS
 ARG PACKAGES
+# Empty, or the stage that has them.
 ARG ADDED=${EXTRAS}${PACKAGES}
 ARG ADDED=${ADDED:+extended}
 
