@@ -84,12 +84,10 @@ class Recorded:
             events = self.events(kind, uavs)
             return events[count - 1] if len(events) >= count else None
 
-        return until(
-            found,
-            f"{count} events {kind} of {uavs}",
-            pause_s=0.1,
-            seen=lambda: [*self.events("lost"), *self.events(kind)],
-        )
+        def seen() -> list[dict[str, Any]]:
+            return [*self.events("lost"), *self.events(kind)]
+
+        return until(found, f"{count} events {kind} of {uavs}", pause_s=0.1, seen=seen)
 
     def events(self, kind: str, uavs: tuple[int, ...] | None = None) -> list[dict[str, Any]]:
         events = [event for folder in self.out.glob("*") for event in events_in(folder) if event["kind"] == kind]
