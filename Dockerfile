@@ -3,7 +3,14 @@
 #   world     + the Prometheus client         python -m meanflock.worldsim
 #   station   + Rerun, PyArrow, the CLI       python -m meanflock.groundstation, meanflock
 # docker build --target agent -t meanflock-agent:local .
+# Every process imports the plug-ins of a flight. With EXTRAS of meanflock (torch) or other PACKAGES that a learner imports,
+# all three images have the same libraries, in one layer that they share.
 ARG BASE_IMAGE=python:3.12-slim
+ARG EXTRAS
+ARG PACKAGES
+# Empty, or the stage that has them.
+ARG ADDED=${EXTRAS}${PACKAGES}
+ARG ADDED=${ADDED:+extended}
 
 FROM ${BASE_IMAGE} AS base
 ENV PYTHONUNBUFFERED=1 \
@@ -41,15 +48,23 @@ RUN pip install -q -c constraints.txt '.[world]'
 FROM world-dependencies AS station-dependencies
 RUN pip install -q -c constraints.txt '.[ground]'
 
-FROM agent-dependencies AS agent-venv
+FROM builder AS extended-dependencies
+ARG EXTRAS
+ARG PACKAGES
+ARG PIP_EXTRA_INDEX_URL
+RUN python -m venv /venv
+COPY pyproject.toml LICENSE constraints-learners.txt ./
+RUN pip install -q -c constraints-learners.txt ".[ground${EXTRAS:+,$EXTRAS}]" ${PACKAGES}
+
+FROM ${ADDED:-agent}-dependencies AS agent-venv
 COPY --from=wheel /wheel /wheel
 RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
 
-FROM world-dependencies AS world-venv
+FROM ${ADDED:-world}-dependencies AS world-venv
 COPY --from=wheel /wheel /wheel
 RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
 
-FROM station-dependencies AS station-venv
+FROM ${ADDED:-station}-dependencies AS station-venv
 COPY --from=wheel /wheel /wheel
 RUN pip install -q --no-deps --force-reinstall /wheel/*.whl && pip uninstall -q -y pip
 

@@ -78,7 +78,7 @@ picture: $(VENV)/.ground ## Draw the pictures of recordings again (needs a softw
 docs: .docs/.ready ## Build the documentation as a web site, site/index.html, and check its links
 	@.docs/bin/python docs/website.py
 
-images: ## Build the container images (BASE_IMAGE=... for another Python image)
+images: ## Build the container images (BASE_IMAGE=... for another Python image; EXTRAS=torch)
 	$(COMPOSE) build
 
 # Containers run as whoever types it, and as the images' user where that is root.

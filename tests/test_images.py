@@ -23,7 +23,8 @@ def test_images_start_from_the_one_base_image() -> None:
     text = (ROOT / "Dockerfile").read_text()
     assert "# syntax" not in text
     assert re.findall(r"^ARG BASE_IMAGE=(.*)$", text, re.MULTILINE) == ["python:3.12-slim"]
-    known = {"${BASE_IMAGE}", *stages()}
+    chosen = {f"${{ADDED:-{image}}}-dependencies" for image in ("agent", "world", "station")}  # or `extended`
+    known = {"${BASE_IMAGE}", *stages(), *chosen}
     assert set(stages().values()) <= known
     assert len(re.findall(r"^FROM ", text, re.MULTILINE)) == len(stages())
     assert {"agent", "world", "station"} <= stages().keys()
@@ -34,20 +35,52 @@ def test_every_package_enters_the_images() -> None:
         assert (ROOT / "meanflock" / room).readlink() == Path("..", room)
         assert (ROOT / room / "__init__.py").is_file()
     admitted = set(re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE))
-    assert admitted == {"pyproject.toml", "setup.py", "constraints.txt", "LICENSE", "meanflock", *BESIDE}
+    pins = {"constraints.txt", "constraints-learners.txt"}
+    assert admitted == {"pyproject.toml", "setup.py", *pins, "LICENSE", "meanflock", *BESIDE}
     assert "COPY . .\n" in (ROOT / "Dockerfile").read_text()
+
+
+FILE = ROOT / "docker-compose.yml"
+OTHERS = {"BASE_IMAGE", "EXTRAS", "PACKAGES", "PIP_EXTRA_INDEX_URL", "ATEN_CPU_CAPABILITY"}  # without our prefix
+
+
+def resolved(**variables: str) -> dict[str, Any]:
+    """The services of the compose file as the engine's own tool resolves it; no engine has to run."""
+    command = ["docker", "compose"]
+    if not shutil.which("docker") or ended(*command, "version").returncode != 0:
+        pytest.skip("no `docker compose` here to read docker-compose.yml with")
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("MEANFLOCK_", "COMPOSE_")) and name not in OTHERS
+    }
+    files = ("--env-file", os.devnull, "-f", FILE)
+    return json.loads(printed(*command, *files, "config", "--format=json", env=environment | variables))["services"]
 
 
 @pytest.fixture(scope="module")
 def compose() -> dict[str, Any]:
-    """The compose file as the engine's own tool resolves it for seven UAVs; no engine has to run."""
-    command = ["docker", "compose"]
-    if not shutil.which("docker") or ended(*command, "version").returncode != 0:
-        pytest.skip("no `docker compose` here to read docker-compose.yml with")
-    ours = {key: value for key, value in os.environ.items() if not key.startswith(("MEANFLOCK_", "COMPOSE_"))}
-    ours |= {"MEANFLOCK_UAVS": "7", "MEANFLOCK_SET": "seed=3", "MEANFLOCK_PLUGINS": "/plugins/spring.py"}
-    files = ("--env-file", os.devnull, "-f", ROOT / "docker-compose.yml")
-    return json.loads(printed(*command, *files, "config", "--format=json", env=ours))["services"]
+    return resolved(MEANFLOCK_UAVS="7", MEANFLOCK_SET="seed=3", MEANFLOCK_PLUGINS="/plugins/spring.py")
+
+
+def test_the_head_of_the_compose_file_lists_its_variables() -> None:
+    head, _, body = FILE.read_text().partition("\nname:")
+    names = {*re.findall(r"\$\{(\w+)", body), *OTHERS}
+    assert [name for name in sorted(names) if name.removeprefix("MEANFLOCK") not in head] == []
+
+
+def test_compose_adds_libraries_to_every_image_and_memory_to_every_process() -> None:
+    wanted = {"EXTRAS": "torch", "PACKAGES": "scikit-learn", "PIP_EXTRA_INDEX_URL": "https://example.org/cpu"}
+    services = resolved(**wanted, MEANFLOCK_MEMORY="2G", ATEN_CPU_CAPABILITY="avx2")
+    for name, service in services.items():
+        assert service["build"]["args"] == {"BASE_IMAGE": "python:3.12-slim", **wanted}, name
+        if name not in MOMENTARY:
+            assert int(service["deploy"]["resources"]["limits"]["memory"]) == 2 * 2**30, name
+            assert service["environment"]["ATEN_CPU_CAPABILITY"] == "avx2", name
+
+
+def test_the_kernels_of_torch_are_pinned_in_containers_unless_they_are_chosen(compose: dict[str, Any]) -> None:
+    assert compose["agent"]["environment"].get("ATEN_CPU_CAPABILITY") is None  # empty: torch would choose
 
 
 MOMENTARY = {"runs", "completed"}  # services that do one thing and end

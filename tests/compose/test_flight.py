@@ -66,6 +66,19 @@ def test_long_models_of_a_mounted_file_are_those_of_one_process_and_an_idle_lead
     assert (summary["lost"], summary["dropped_messages"]) == (0, {})
 
 
+def test_a_learner_of_a_mounted_file_learns_what_it_learns_in_one_process(compose, tmp_path) -> None:
+    file = REPOSITORY / "tests" / "agent" / "learning" / "lines.py"
+    ways = ("uavs=2", "method=orca", "training.learner=line", "training.fit_s=1.1", "training.spread=0.5")
+    mounted = {"MEANFLOCK_PLUGIN_DIR": str(file.parent), "MEANFLOCK_PLUGINS": f"/plugins/{file.name}"}
+    compose.up(" ".join([*SHORT, *ways]), MEANFLOCK_UAVS="2", **mounted)
+    summary = compose.finished()
+    expected = flown_alone(tmp_path / "alone", ways, "--plugin", file)
+    assert [summary[name] for name in HASHES] == [expected[name] for name in HASHES]
+    assert summary["rounds"] > 0
+    assert "loss" in summary["diagnostics"]
+    assert (summary["lost"], summary["dropped_messages"]) == (0, {})
+
+
 def test_under_tls_every_container_has_its_own_key_and_a_foreign_certificate_is_kept_out(compose, tmp_path) -> None:
     good, foreign = tmp_path / "certs", tmp_path / "foreign"
     certs.init(good, UAVS)

@@ -46,7 +46,7 @@ FLOWN: dict[str, Any] = {  # a round every 2 s
 }
 
 
-def fly(learner: type[mf.Learner] = Line, **settings: Any) -> mf.Run:
+def fly(learner: type[mf.Learner] = Line, **settings: Any) -> "mf.Run":  # an agent lacks PyArrow
     """A flight of four UAVs, which registers the learner."""
     return mf.fly("paper", learner=learner, **(FLOWN | settings))
 
