@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
@@ -109,13 +109,7 @@ class Transmission:
         hears = awake[target[by_radio]]
         self._reached[pair[hears], fragment[by_radio][hears]] = True
         self._own[own[awake[target[~by_radio]]]] = True
-        if is_new.all():
-            return frames
-        return (
-            only(frames, links[is_new], None if frames.slots is None else frames.slots[is_new])
-            if is_new.any()
-            else None
-        )
+        return picked(frames, is_new) if is_new.any() else None
 
     def fields(self) -> list[Any]:
         """All of it."""
