@@ -43,11 +43,12 @@ class Ring(Topology):
         following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
         codecs = self.codecs
         averages = codecs.relay(np.full(uavs, 4))
-        relays = self.upload_ticks(codecs.upload)
-        after = relays + self.ticks(averages)
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, codecs.upload)
+        relay = Hop(FrameKind.RELAY, self.ticks(upload), "agent", everyone, following, averages, "models")
+        after = relay.after + self.ticks(relay)
         return (
-            Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, codecs.upload),
-            Hop(FrameKind.RELAY, relays, "agent", everyone, following, averages, "models"),
+            upload,
+            relay,
             Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], codecs.broadcast, "means"),
         )
 
