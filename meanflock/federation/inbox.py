@@ -227,8 +227,10 @@ class _Lazy(Uploads):
         """Values (S, F, n), what arrived (S, F) and counts (S, F), 0 where nothing did; `headed` (S,): heads that
         arrived."""
         self._codec, self._values, self._arrived = round_._codec, values, arrived
-        based = np.where(headed, based_of(heads), sent - 1) if heads.shape[1] else None
-        self._tell(uavs, sent, slots, counts.max(axis=1, initial=0.0), round_.number, based, notes_of(heads))
+        self.uavs, self.sent, self.slots, self.round = uavs, sent, slots, round_.number
+        self.samples = counts.max(axis=1, initial=0.0)
+        self.based = np.where(headed, based_of(heads), sent - 1) if heads.shape[1] else sent - 1
+        self.notes = notes_of(heads)
 
     @cached_property
     def arrived(self) -> Mask:  # type: ignore[override]

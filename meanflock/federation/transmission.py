@@ -12,6 +12,8 @@ from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
 
+_ATTEMPT = ("_turn", "_left", "_due", "_attempt_ticks", "_is_first", "again")  # in a checkpoint, in this order
+
 
 class Acknowledge(Protocol):
     """Transmits acknowledgements, billed as the models are, and returns the mask (K,) of those that arrive."""
@@ -113,7 +115,7 @@ class Transmission:
 
     def fields(self) -> list[Any]:
         """All of it."""
-        attempt = [self._turn, self._left, self._due, self._attempt_ticks, self._is_first, self.again]
+        attempt = [getattr(self, name) for name in _ATTEMPT]
         return [self.frames, self._wanted, attempt, self._pairs, self._own, self._reached, self._acknowledged]
 
     @classmethod
@@ -122,14 +124,8 @@ class Transmission:
         models, wanted, attempt, pairs, *masks = fields
         frames = frames_of(models)
         restored = cls(next(hop for hop in hops if hop.label == frames.kind), frames, wanted.astype(bool), 0, 0, 0)
-        (
-            restored._turn,
-            restored._left,
-            restored._due,
-            restored._attempt_ticks,
-            restored._is_first,
-            restored.again,
-        ) = attempt
+        for name, value in zip(_ATTEMPT, attempt, strict=True):
+            setattr(restored, name, value)
         restored._pairs = pairs.astype(np.intp)
         restored._own, restored._reached, restored._acknowledged = (mask.astype(bool) for mask in masks)
         return restored
