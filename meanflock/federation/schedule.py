@@ -34,8 +34,9 @@ class Schedule:
         self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}
         self._over = 0  # ticks from the opening of a round until all of a global model that spreads has arrived
-        self.gathers = bool(self.hops) and self.hops[-1].codec.count > 1 and not self.hops[-1].is_local
-        self.spreads = self.gathers or bool(self.hops and not self.hops[-1].is_local and scenario.federation.retries)
+        by_radio = bool(self.hops) and not self.hops[-1].is_local
+        self.gathers = by_radio and self.hops[-1].codec.count > 1
+        self.spreads = self.gathers or (by_radio and scenario.federation.retries > 0)
         if self.spreads:
             attempts = 1 + scenario.federation.retries
             self._over = self.hops[-1].after + attempts * self.hops[-1].attempt_ticks
