@@ -47,7 +47,7 @@ class TorchLearner(Learner):
 
     def __init__(self, options: Any, scenario: Scenario, uav: int) -> None:
         super().__init__(options, scenario, uav)
-        self.net = self._made(self)
+        self.net = self._made()
         self._optimizer = self.optimizer(self._trained())
         self._fresh = self._optimizer.state_dict()
         self._data, self._tests = self.data(), self.tests()
@@ -74,16 +74,15 @@ class TorchLearner(Learner):
         """See `Learner.initial`. If the state of the optimiser is kept, this sets `state_bytes`, too."""
         blank = cls.__new__(cls)
         Learner.__init__(blank, options, scenario, -1)
-        blank.net = cls._made(blank)
+        blank.net = blank._made()
+        tree = blank._tree()
         if cls.keeps_optimizer:
             optimizer = blank._optimizer = blank.optimizer(blank._trained())
-            tree = blank._tree()
             for parameter in blank._trained():
                 parameter.grad = torch.zeros_like(parameter)
             optimizer.step()
             cls.state_bytes = int(_ROOM * len(blank.state())) + 1024
-            return tree
-        return blank._tree()
+        return tree
 
     def fit(self, model: Tree, config: Fit) -> Trained:
         """See `Learner.fit`: so many epochs of the loss, over the data in random order."""
@@ -125,10 +124,9 @@ class TorchLearner(Learner):
         state = torch.load(io.BytesIO(raw), weights_only=True) if raw else self._fresh
         self._optimizer.load_state_dict(state)
 
-    @staticmethod
-    def _made(learner: "TorchLearner") -> torch.nn.Module:
-        torch.manual_seed(learner.scenario.seed)
-        return learner.module()
+    def _made(self) -> torch.nn.Module:
+        torch.manual_seed(self.scenario.seed)
+        return self.module()
 
     def _trained(self) -> list[torch.nn.Parameter]:
         return [parameter for parameter in self.net.parameters() if parameter.requires_grad]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Received
 from meanflock.agent.node import Agent
-from meanflock.federation.mailbox import links_of, mail_for, only
+from meanflock.federation.mailbox import links_of, mail_for, picked
 from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import scenario as scenarios
@@ -82,12 +82,13 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
     """
     own = []
     for batch in senses.heard:
-        links = links_of(batch)
-        if len(uavs) < len(senses.states):
-            targets = links[:, 1]
-            links = links[targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)]
-        if len(links):
-            own.append(only(batch, links))
+        targets = links_of(batch)[:, 1]
+        if len(uavs) == len(senses.states):
+            reached = np.ones(len(targets), dtype=bool)
+        else:
+            reached = targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
+        if np.count_nonzero(reached):
+            own.append(picked(batch, reached))
     if senses.newest > after:
         own += mail_for(senses.letters, "agent", uavs, after)
     return tuple(own)

@@ -10,7 +10,7 @@ from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
 from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.ledger import Ledger
-from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.plan import Plan
 from meanflock.federation.seat import name_of, ticks_until_lost
 from meanflock.swarm import mission, state
@@ -447,8 +447,7 @@ def _reaching(due: list[Frames], awake: Mask) -> list[Frames]:
         return due
     arrived = []
     for batch in due:
-        links = links_of(batch)
-        links = links[awake[links[:, 1]]]
-        if len(links):
-            arrived.append(only(batch, links))
+        reached = awake[links_of(batch)[:, 1]]
+        if reached.any():
+            arrived.append(picked(batch, reached))
     return arrived

@@ -239,9 +239,8 @@ class Learning:
 
     def _is_event(self, mine: Memory, tick: int) -> bool:
         """Returns whether something of the memory of a learner changes in a tick."""
-        due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
         opens = tick % self.scenario.period_ticks == 0 and (mine["ready"] | self._idle(mine)).any()
-        return bool(opens or due.any() or (mine["fresh"] & ~mine["trains"]).any())
+        return bool(opens or self._due(mine, tick).any() or (mine["fresh"] & ~mine["trains"]).any())
 
     def _idle(self, mine: Memory) -> Mask:
         """Rows that train again without a newer global model when a round opens; a lost UAV has no slowness."""
@@ -271,8 +270,7 @@ class Learning:
 
     def _finish(self, mine: Memory, tick: int, news: list[Problem]) -> None:
         """Wait for trainings that may be over, and take the models of those that are."""
-        due = mine["trains"] & (self._earliest(mine) <= tick) & (mine["ends"] <= tick)
-        for row in np.flatnonzero(due).tolist():
+        for row in np.flatnonzero(self._due(mine, tick)).tolist():
             uav = int(mine["uav"][row])
             try:
                 outcome: TrainingResult | None = TRAININGS.wait(self._job(mine, row))
@@ -310,9 +308,10 @@ class Learning:
         seconds = (self._table.fit_s + self._table.example_s * examples) * slowness
         return np.ceil(np.clip(seconds / self.scenario.dt * (1.0 - 1e-9), 1.0, 2.0**40)).astype(np.int64)
 
-    def _earliest(self, mine: Memory) -> NDArray[np.int64]:
-        """First ticks (M,) in which the trainings can be over, before their examples are known."""
-        return mine["began"] + self._ticks(mine["slowness"])
+    def _due(self, mine: Memory, tick: int) -> Mask:
+        """Rows whose trainings may be over; while their examples are not known, `ends` is 0."""
+        earliest = mine["began"] + self._ticks(mine["slowness"])
+        return mine["trains"] & (earliest <= tick) & (mine["ends"] <= tick)
 
     def _job(self, mine: Memory, row: int) -> Job:
         """The call that trains a row; it is made if this process has not made it yet."""

@@ -103,30 +103,25 @@ class ModelForm:
 
     def join(self, vector: Floats, kept: NDArray[np.uint8]) -> Tree:
         """The tree of a vector and bytes; its arrays are new. Means of whole numbers are rounded."""
-        arrays, raw, place, begin = dict[str, NDArray[Any]](), kept.tobytes(), 0, 0
+        arrays, raw, place, begin = list[NDArray[Any]](), kept.tobytes(), 0, 0
         for leaf in self._leaves:
             if leaf.is_sent:
                 numbers = vector[place : place + leaf.size].reshape(leaf.shape)
-                arrays[leaf.name] = (numbers if leaf.dtype.kind == "f" else np.rint(numbers)).astype(leaf.dtype)
+                arrays.append((numbers if leaf.dtype.kind == "f" else np.rint(numbers)).astype(leaf.dtype))
                 place += leaf.size
             else:
                 end = begin + leaf.size * leaf.dtype.itemsize
-                arrays[leaf.name] = np.frombuffer(raw[begin:end], leaf.dtype).reshape(leaf.shape).copy()
+                arrays.append(np.frombuffer(raw[begin:end], leaf.dtype).reshape(leaf.shape).copy())
                 begin = end
-        return _filled(self._tree, arrays)
+        return _filled(self._tree, iter(arrays))
 
 
 def arrays_of(tree: Any, path: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
     """Name and array of every leaf of a tree."""
-    branches: Any = None
-    if isinstance(tree, Mapping):
-        branches = tree.items()
-    elif isinstance(tree, list | tuple):
-        branches = enumerate(tree)
-    if branches is None:
+    if not isinstance(tree, Mapping | list | tuple):
         yield path, as_array(path, tree)
         return
-    for name, branch in branches:
+    for name, branch in tree.items() if isinstance(tree, Mapping) else enumerate(tree):
         yield from arrays_of(branch, f"{path}.{name}" if path else str(name))
 
 
@@ -147,10 +142,10 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
     return array.astype(np.float32) if array.dtype.name == "bfloat16" else array
 
 
-def _filled(tree: Any, arrays: Mapping[str, NDArray[Any]], path: str = "") -> Any:
-    """A tree of the same form with other arrays."""
+def _filled(tree: Any, arrays: Iterator[NDArray[Any]]) -> Any:
+    """A tree of the same form with other arrays, which come in its order."""
     if isinstance(tree, Mapping):
-        return {name: _filled(one, arrays, f"{path}.{name}" if path else str(name)) for name, one in tree.items()}
+        return {name: _filled(branch, arrays) for name, branch in tree.items()}
     if isinstance(tree, list | tuple):
-        return [_filled(one, arrays, f"{path}.{number}" if path else str(number)) for number, one in enumerate(tree)]
-    return arrays[path]
+        return [_filled(branch, arrays) for branch in tree]
+    return next(arrays)

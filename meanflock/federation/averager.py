@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.inbox import Inbox, OwnModels, Round
+from meanflock.federation.inbox import Round
+from meanflock.federation.memory import OwnModels
 from meanflock.federation.plan import Plan
 from meanflock.federation.rule import Rule, RuleFailed
 from meanflock.federation.rules.base import Aggregate, State
@@ -53,7 +54,7 @@ class Averager:
     """The mail of the UAVs of a node that average for one hop, and the state of the aggregation rule in each.
 
     Attributes:
-        hop: the hop. inbox: the mail.
+        hop: the hop. mail: what has arrived, of all rounds.
         uavs: (A,) the UAVs of this node that average, ascending.
     """
 
@@ -63,8 +64,10 @@ class Averager:
         Raises:
             BadInput: the aggregation rule cannot begin.
         """
+        assert hop.mail is not None
         self.hop, self.uavs = hop, uavs
-        self.inbox = Inbox(hop, plan.scenario, uavs)
+        self.mail = Round(0, hop.mail.codec, uavs)
+        self._takes_late = plan.scenario.federation.deadline is not None
         self._schedule = schedule
         self._floats = plan.declared.parameters
         self._rule = Rule(plan) if hop.averages == "models" else None
@@ -109,7 +112,7 @@ class Averager:
         Args:
             own: their own models, where these are not in the mail.
         """
-        round_ = self.inbox.close(number)
+        round_ = self.mail.take(number, late=self._takes_late)
         round_.own = own
         rows = np.flatnonzero(speaking & self._due(round_))
         problems: list[str] = []
@@ -142,7 +145,7 @@ class Averager:
             return np.ones(len(self.uavs), dtype=bool)
         heard = round_.arrived.any(axis=(1, 2))
         if round_.own is not None:
-            return np.asarray(heard & round_.own.ready)
+            return np.asarray(heard & (round_.own.rounds == round_.number))
         if not self.hop.is_last:
             return np.asarray(heard)
         is_other = (round_.arrived.any(axis=2) & (round_.senders != self.uavs[:, None])).any(axis=1)

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.plan import Plan
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
@@ -40,16 +41,16 @@ class Backhaul(Stateful):
     def _gathered(self, frames: Frames, present: Mask) -> Frames | None:
         if frames.kind not in self._kinds or frames.kind == FrameKind.GLOBAL:
             return frames
-        links, seat, uavs = links_of(frames), self._plan.seat(frames.round), self._plan.scenario.uavs
-        at_station = links[:, 1] >= uavs
-        arrive = ~at_station | (present[links[:, 1]] & present[seat] & (seat >= uavs))  # the wire ends at stations
+        target, seat, uavs = links_of(frames)[:, 1], self._plan.seat(frames.round), self._plan.scenario.uavs
+        arrive = (target < uavs) | (present[target] & present[seat] & (seat >= uavs))  # the wire ends at stations
         if not arrive.any():
             return None
-        there, slots = links[arrive], None if frames.slots is None else frames.slots[arrive]
-        moves = at_station[arrive] & (there[:, 1] != seat)
+        there = picked(frames, arrive)
+        links = links_of(there).copy()
+        moves = (links[:, 1] >= uavs) & (links[:, 1] != seat)
         self._count(frames, int(np.count_nonzero(moves)))
-        there[moves, 1] = seat
-        return only(frames, there, slots)
+        links[moves, 1] = seat
+        return msgspec.structs.replace(there, links=links)
 
     def spread(self, on_air: Iterable[Frames], serving: NDArray[np.intp]) -> list[Frames]:
         """The frames that go on the air now, global models from all stations that serve a UAV.

@@ -1,5 +1,7 @@
 """How long the models of a hop are on the air: each link in a band of its own, or all one after another in one band."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,17 @@ def channel_of(scenario: Scenario) -> Any:
     channel: Any = plugins.create("channel", scenario.radio.model, scenario.radio.options, scenario)
     channel.check_rate()
     return channel
+
+
+@contextmanager
+def asked_channel(scenario: Scenario) -> Iterator[None]:
+    """Context in which a channel is asked; what it raises is a BadInput that names it."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except FAILURES as error:
+        raise BadInput(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
 
 
 def duties(plan: Any) -> NDArray[np.float64]:
@@ -37,10 +50,8 @@ def duties(plan: Any) -> NDArray[np.float64]:
         if targets is not None:
             sends = sends[(targets != sends[:, None]).any(axis=1)]
         receivers = len(scenario.members) - 1 if targets is None else targets.shape[1]
-        try:
+        with asked_channel(scenario):
             lasts = channel.mean_slots(scenario, hop.codec.bits, receivers, source)
-        except FAILURES as error:
-            raise BadInput(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
         share = scenario.federation.fraction if hop.averages == "nothing" else 1.0
         slots[sends] += share * hop.codec.count * lasts
     return slots * scenario.radio.coherence_time_s / (scenario.period_ticks * scenario.dt)
@@ -58,19 +69,14 @@ def attempt_ticks(scenario: Scenario, codec: Codec, senders: int, receivers: int
             others. source: the node that transmits, if it is the leader's.
 
     Raises:
-        BadInput: the channel is not installed, its options do not fit, or too many UAVs contend.
-        ValueError: the channel fails.
+        BadInput: the channel is not installed, its options do not fit, it fails, or too many UAVs contend.
     """
     apart = codec.ticks - 1 + scenario.hop_ticks
     if scenario.radio.access == "fdma" or not senders or not receivers:
         return apart
     channel = channel_of(scenario)
-    try:
+    with asked_channel(scenario):
         queue = channel.queue_slots(scenario, codec.bits, senders, receivers, codec.count, codec.ticks, source)
         if scenario.federation.retries:
             queue += channel.queue_slots(scenario, codec.acknowledgement_bits, receivers, 1, senders)
-    except BadInput:
-        raise
-    except FAILURES as error:
-        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     return max(apart, int(scenario.delivery_ticks(np.array(queue))))

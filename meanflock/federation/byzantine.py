@@ -9,9 +9,7 @@ from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import contains
 
 HUGE = 1e30  # or half of the largest number the radio's floats can hold
-BOOST = (
-    100.0  # times the honest model, with the sign turned: large enough to own a mean, small enough to pass for a model
-)
+BOOST = 100.0  # times the honest model, with the sign turned: it owns a mean, and passes for a model
 NOISE = 10.0  # standard deviation of false noise, in root-mean-square weights of the honest model
 
 

@@ -324,8 +324,7 @@ class Codec:
         if self.form.weighted and not np.where(behind > 0.0, _are_weights(weights, behind), weights == 0.0).all():
             raise MessageRejected("wrong-shape", "payload: weights of models that are not positive numbers")
         numbers, heads = self._numbers(raw, places)
-        scales = self._scales_of(raw)
-        if not (self._coding.valid(numbers).all() and ((scales >= FINEST) & (scales <= COARSEST)).all()):
+        if not self.valid(Coded(numbers, self._scales_of(raw))).all():
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
         if self.form.head and (lengths_of(heads) > self.note).any():
             raise MessageRejected("wrong-shape", f"payload: a note of more than {self.note} bytes")

@@ -1,19 +1,18 @@
 """Cut of models that are too long for one message: its size, and the codecs of a scenario's hops that share it."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.band import channel_of
-from meanflock.federation.codec import HEAD_BYTES, Codec, Cut, FragmentForm
+from meanflock.federation.band import asked_channel, channel_of
+from meanflock.federation.codec import HEAD_BYTES, Codec, Cut
 from meanflock.federation.codings.base import Coding
 from meanflock.federation.seat import seat
 from meanflock.swarm import plugins
 from meanflock.swarm.declared import Declared
-from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE
 
@@ -33,8 +32,9 @@ class Codecs:
         """It may ask the channel, so make it once.
 
         Raises:
-            BadInput: a coding, the aggregation rule or the channel is not installed, or its options do not fit.
-            ValueError: the channel fails, or a fragment has no room.
+            BadInput: a coding, the aggregation rule or the channel is not installed, its options do not fit, or the
+                channel fails.
+            ValueError: a fragment has no room.
         """
         federation = scenario.federation
         up = coding_of(scenario, scenario.upload_payload, upload=True)
@@ -45,7 +45,10 @@ class Codecs:
         note = max(declared.note_bytes, getattr(rule, "note_bytes", 0))
         self._head = HEAD_BYTES + note if note or declared.dated else 0
         self._cut: Cut | None = None
-        self._cut = self._common(scenario, [up, down])
+        sent = [self._codec(up, weighted=declared.weighted), self._codec(down)]
+        if federation.clusters > 1:
+            sent.append(self.relay(np.ones(0, dtype=np.intp)))
+        self._cut = _cut_of(scenario, declared.parts, sent)
         self.upload = self._codec(up, weighted=declared.weighted)
         self.broadcast = self._codec(down)
 
@@ -57,14 +60,6 @@ class Codecs:
     def _codec(self, coding: Coding, *, weighted: bool = False, most: NDArray[np.intp] | None = None) -> Codec:
         parts = self._declared.parts if most is None else (self._declared.parameters,)
         return Codec(coding, parts, self._cut, weighted=weighted, head=self._head, most=most)
-
-    def _common(self, scenario: Scenario, codings: list[Coding]) -> Cut | None:
-        """The cut of all models, by the longest of them; None: they go whole."""
-        weighted = self._declared.weighted
-        sent = [self._codec(coding, weighted=weighted and not place) for place, coding in enumerate(codings)]
-        if scenario.federation.clusters > 1:
-            sent.append(self.relay(np.ones(0, dtype=np.intp)))
-        return cut_of(scenario, self._declared.parts, max(codec.bits for codec in sent), [each.form for each in sent])
 
 
 def coding_of(scenario: Scenario, name: str, *, upload: bool = False) -> Coding:
@@ -84,17 +79,12 @@ def bound_of_models(scenario: Scenario) -> float:
     return min(BEYOND_SENSE, math.nextafter(coding.largest, math.inf))
 
 
-def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterable[FragmentForm]) -> Cut | None:
-    """The cut of a scenario's models, the longest of which have so many bits; None: they go whole.
+def _cut_of(scenario: Scenario, parts: tuple[int, ...], sent: Sequence[Codec]) -> Cut | None:
+    """The cut of all models that a scenario transmits, by the longest of them; None: they go whole.
 
-    Args:
-        forms: of all models that it transmits.
-
-    Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails, or a fragment has no room for a number, or for a note.
+    `sent`: their codecs, if they went whole. Raises ValueError if a fragment has no room for a number, or for a note.
     """
-    slots = scenario.federation.fragment
+    slots, bits = scenario.federation.fragment, max(codec.bits for codec in sent)
     if slots is None:
         is_whole = _fits(scenario, bits)
         if is_whole and scenario.dimensions == 3:  # in the plane models are cut by their length alone
@@ -102,7 +92,7 @@ def cut_of(scenario: Scenario, parts: tuple[int, ...], bits: int, forms: Iterabl
         slots = WHOLE if is_whole else longest(scenario)
     if slots == WHOLE:
         return None
-    radio, forms = scenario.radio, tuple(forms)
+    radio, forms = scenario.radio, [codec.form for codec in sent]
     per_slot = channel_of(scenario).bits_per_slot
     size = min(form.size(int(slots * per_slot / 8), parts) for form in forms)
     if size < 1:
@@ -127,8 +117,7 @@ def longest(scenario: Scenario) -> int:
     channel without closed forms gets a quarter of the latency threshold.
 
     Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+        BadInput: the channel is not installed, its options do not fit, or it fails.
     """
     limit, others = scenario.radio.latency_threshold_slots, _uploaders(scenario)
     channel = channel_of(scenario)
@@ -146,8 +135,7 @@ def share_delivered(scenario: Scenario, bits: int) -> float:
     unknown.
 
     Raises:
-        BadInput: the channel is not installed, or its options do not fit.
-        ValueError: the channel fails.
+        BadInput: the channel is not installed, its options do not fit, or it fails.
     """
     lost = _expected_losses(channel_of(scenario), scenario, bits)
     others = _uploaders(scenario)
@@ -163,14 +151,12 @@ def _expected_losses(channel: Any, scenario: Scenario, bits: int) -> float | Non
     """Expected losses of an upload of so many bits from every other UAV to where the leader averages, summed; None if
     unknown.
 
-    Raises ValueError if the channel fails.
+    Raises BadInput if the channel fails.
     """
     target = seat(scenario)
     source = np.setdiff1d(scenario.members, [target])
-    try:
+    with asked_channel(scenario):
         expected = channel.at_start(scenario, source, np.full_like(source, target), bits)
-    except FAILURES as error:
-        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     return None if expected is None else float(expected[0])
 
 
@@ -180,11 +166,9 @@ def _fits(scenario: Scenario, bits: int) -> bool:
     A channel that does not say how long a message takes is taken to be fast enough. Raises as `longest`.
     """
     channel = channel_of(scenario)
-    try:
+    with asked_channel(scenario):
         least = channel.least_slots(bits)
         if least is None or least <= scenario.radio.latency_threshold_slots:
             return True
-    except FAILURES as error:
-        raise ValueError(f"channel {scenario.radio.model!r}: failed: {last_line(error)}") from error
     in_time = int(scenario.delivery_ticks(np.array(least))) <= scenario.hop_ticks
     return in_time and _expected_losses(channel, scenario, bits) == 0.0

@@ -104,16 +104,15 @@ def _taking_part(scenario: Scenario, each: Sequence[Declared]) -> list[bool]:
         BadInput: a group that is named in `federation.group` shares no model.
     """
     named = scenario.federation.groups
+    taking_part = []
     for group, declared in zip(scenario.groups, each, strict=True):
         if group.name in named and not declared.is_federated:
             raise BadInput(
                 f"`federation.group` names {group.name!r}, whose controller {scenario.of_group(group).method!r} shares "
                 "no model; leave it out, or give that group a learner"
             )
-    return [
-        declared.is_federated and (not named or group.name in named)
-        for group, declared in zip(scenario.groups, each, strict=True)
-    ]
+        taking_part.append(declared.is_federated and (not named or group.name in named))
+    return taking_part
 
 
 def _joint(scenario: Scenario, each: Sequence[Declared], taking_part: Sequence[bool]) -> Declared:

@@ -1,16 +1,14 @@
-"""Inbox: the models that arrived at the UAVs of a node that average, put together from their fragments; and the round
-that is made of them."""
+"""Inbox: the models that arrived at the UAVs of a node that average, put together from their fragments, by rounds."""
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.codec import Codec, based_of, notes_of
+from meanflock.federation.memory import OwnModels
 from meanflock.federation.rules.base import Uploads, mean
-from meanflock.federation.topology.base import Hop
-from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, contains, distinct
 from meanflock.swarm.wire.messages import Frames
 
@@ -19,15 +17,6 @@ Indices = NDArray[np.intp]
 ABSURD = 1e9  # no weight of a learner that still learns: features are of order one, and so are the costs
 RECEIPT = np.dtype("<i4")  # of a batch that says how many slots the models before it were on the air
 _AT_ONCE = 2**16  # numbers that are averaged together: they fit into the caches
-
-
-class OwnModels(NamedTuple):
-    """The models of the UAVs that average, as their coding leaves them: models (A, L), what each counts (A,), and the
-    mask (A,) of those that had one when the round opened."""
-
-    models: Floats
-    samples: Floats
-    ready: Mask
 
 
 class Round:
@@ -238,8 +227,10 @@ class _Lazy(Uploads):
         """Values (S, F, n), what arrived (S, F) and counts (S, F), 0 where nothing did; `headed` (S,): heads that
         arrived."""
         self._codec, self._values, self._arrived = round_._codec, values, arrived
-        based = np.where(headed, based_of(heads), sent - 1) if heads.shape[1] else None
-        self._tell(uavs, sent, slots, counts.max(axis=1, initial=0.0), round_.number, based, notes_of(heads))
+        self.uavs, self.sent, self.slots, self.round = uavs, sent, slots, round_.number
+        self.samples = counts.max(axis=1, initial=0.0)
+        self.based = np.where(headed, based_of(heads), sent - 1) if heads.shape[1] else sent - 1
+        self.notes = notes_of(heads)
 
     @cached_property
     def arrived(self) -> Mask:  # type: ignore[override]
@@ -253,29 +244,6 @@ class _Lazy(Uploads):
         values = self._values.astype(np.float64, copy=False)
         models: Floats = self._codec.model(values)
         return models if self._arrived.all() else np.where(self.arrived, models, mean(models, None, self.arrived))
-
-
-class Inbox:
-    """The mail of the UAVs that average for one hop.
-
-    Attributes:
-        hop: the hop.
-        uavs: (A,) the UAVs of this node that average, ascending.
-    """
-
-    def __init__(self, hop: Hop, scenario: Scenario, uavs: Indices) -> None:
-        assert hop.mail is not None
-        self.hop, self.uavs = hop, uavs
-        self._takes_late = scenario.federation.deadline is not None
-        self._mail = Round(0, hop.mail.codec, uavs)
-
-    def collect(self, frames: Frames) -> None:
-        """Stores mail of this hop."""
-        self._mail.add(frames)
-
-    def close(self, number: int) -> Round:
-        """All that a round averages; forgets its mail and that of all rounds before it."""
-        return self._mail.take(number, late=self._takes_late)
 
 
 def usable(values: NDArray[np.floating]) -> Mask:

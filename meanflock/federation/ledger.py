@@ -72,9 +72,7 @@ class Ledger(Stateful):
         self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
         self._members = scenario.members
-        self._boxes = [(hop, Mailbox(hop, scenario.nodes)) for hop in self._hops if hop.mail is not None]
-        self._mailboxes = [box for _, box in self._boxes]
-        self._open: list[Mailbox] = []  # those that mail was sent to
+        self._mailboxes = [Mailbox(hop, scenario.nodes) for hop in self._hops if hop.mail is not None]
         # Ticks from the opening of a round until its uploads are averaged, by their label
         self._uploads = {hop.mail.label: hop.after for hop in self._hops if hop.mail and hop.mail.mail is None}
 
@@ -87,28 +85,25 @@ class Ledger(Stateful):
             if (arrived := self._new(frames, awake)) is None:
                 continue
             hop = self._schedule.sent(frames.kind, frames.round, tick)
-            found = next((each for each in self._boxes if hop is not None and each[0].mail is hop), None)
-            if found is None:
+            box = next((box for box in self._mailboxes if hop is not None and box.hop.mail is hop), None)
+            if box is None:
                 rest.append(arrived)
                 if hop is not None and hop.is_last and self._schedule.spreads:
                     self._reception.receive(arrived, awake)
                 continue
-            averaging, box = found
             self.newest += 1
             box.put(self.newest, arrived, awake)
             if (
                 self._scenario.federation.deadline is not None
-                and self._schedule.age(frames.round, tick) > averaging.after
+                and self._schedule.age(frames.round, tick) > box.hop.after
             ):
                 self.late += len(np.unique(frames.source[links_of(frames)[:, 0]]))
-        if len(rest) < len(due):
-            self._list_open()
         return rest
 
     @property
     def letters(self) -> tuple[Letter, ...]:
         """The mail that waits to be averaged; see `mailbox.mail_for`."""
-        return tuple(letter for box in self._open for letter in box.letters)
+        return tuple(letter for box in self._mailboxes for letter in box.letters)
 
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
         """Returns whether the leader has anything to do in this tick. It has not while its UAV or station is lost or
@@ -223,11 +218,11 @@ class Ledger(Stateful):
 
     def _wanted(self, hop: Hop, frames: Frames) -> Mask:
         """The fragments (R,) of models that are transmitted: of averages, those of which something arrived."""
-        box = next((box for averaging, box in self._boxes if averaging is hop), None)
+        box = next((box for box in self._mailboxes if box.hop is hop), None)
         if box is None or self._is_asked_void:
             return np.ones(len(frames.source), dtype=bool)
         uavs = distinct(frames.source)
-        arrived = np.stack([box.fragments(hop, uav) for uav in uavs.tolist()])
+        arrived = np.stack([box.fragments(uav) for uav in uavs.tolist()])
         return np.asarray(arrived[uavs.searchsorted(frames.source), hop.codec.places(frames.payload)])
 
     def _new(self, frames: Frames, awake: Mask) -> Frames | None:
@@ -265,7 +260,8 @@ class Ledger(Stateful):
             return ended
         if (last := self._schedule.ends(tick)) and (end := self._reception.close(self._other(awake, last))):
             note(FragmentsReceived(tick, last, *end))
-        for hop, box in self._boxes:
+        for box in self._mailboxes:
+            hop = box.hop
             if not (number := self._schedule.number(hop, tick)):
                 continue
             if self.is_done and number not in self._accounts:  # it opened after the last one that the rule wanted
@@ -292,7 +288,6 @@ class Ledger(Stateful):
                         reason = "its relay is lost" if uav in lost else "its head is silent"
                         note(ClusterLeftOut(tick, number, uav, reason))
             box.close(number)
-            self._list_open()
         self._refused.clear()
         self._has_failed = False
         self._verdict = RuleVerdict()
@@ -316,18 +311,12 @@ class Ledger(Stateful):
     def accounts(self, stored: list[tuple[int, Any]]) -> None:
         self._accounts = {number: msgspec.convert(fields, Account) for number, fields in stored}
 
-    def restored(self) -> None:
-        self._list_open()
-
     def _other(self, awake: Mask, number: int) -> Mask:
         """The UAVs among the nodes that are awake (N + B,), without the one that averages a round for all."""
         others = np.zeros_like(awake)
         others[self._members] = awake[self._members]
         others[self._plan.senders(self._hops[-1], number)] = False
         return others
-
-    def _list_open(self) -> None:
-        self._open = [box for box in self._mailboxes if box.addressed.any()]
 
     def _hop(self, label: FrameKind, tick: int) -> Hop | None:
         """The hop of a label that transmits in this tick."""

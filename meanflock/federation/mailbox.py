@@ -29,7 +29,7 @@ class Mailbox(Stateful):
     """The mail of all UAVs that average for one hop, until the round is averaged.
 
     Attributes:
-        letters: the mail, oldest first.
+        hop: the hop that averages. letters: the mail, oldest first.
         addressed: (N,) UAVs that mail was sent to since the box was last closed, delivered or not.
     """
 
@@ -38,7 +38,7 @@ class Mailbox(Stateful):
     def __init__(self, hop: Hop, uavs: int) -> None:
         self.letters: list[Letter] = []
         self.addressed = np.zeros(uavs, dtype=bool)
-        self._hop = hop
+        self.hop = hop
 
     def put(self, number: int, frames: Frames, awake: Mask) -> None:
         """Adds frames under a number for the UAVs that are awake (N,)."""
@@ -46,10 +46,11 @@ class Mailbox(Stateful):
         self.addressed[target] = True
         received = awake[target]
         if received.any():
-            self.letters.append(Letter(number, self._hop, _picked(frames, received)))
+            self.letters.append(Letter(number, self.hop, picked(frames, received)))
 
-    def fragments(self, hop: Hop, uav: int) -> Mask:
-        """The fragments that a UAV averages and sends in a hop, (F,): those that arrived; in a last hop from others."""
+    def fragments(self, uav: int) -> Mask:
+        """The fragments that a UAV averages and sends, (F,): those that arrived; in a last hop from others."""
+        hop = self.hop
         assert hop.mail is not None
         arrived = np.zeros(hop.codec.count, dtype=bool)
         for _, _, frames in self.letters:
@@ -63,8 +64,8 @@ class Mailbox(Stateful):
     def arrived(self, number: int) -> tuple[dict[int, int], int]:
         """The UAVs whose models of a round arrived, with the fragments of each that any UAV has, and how many messages
         of others arrived."""
-        assert self._hop.mail is not None
-        codec = self._hop.mail.codec
+        assert self.hop.mail is not None
+        codec = self.hop.mail.codec
         found = np.zeros((len(self.addressed), codec.count), dtype=bool)
         copies = 0
         for _, _, frames in self.letters:
@@ -97,7 +98,7 @@ class Mailbox(Stateful):
 
     @mail.setter
     def mail(self, stored: list[tuple[int, Any]]) -> None:
-        self.letters = [Letter(number, self._hop, frames_of(fields)) for number, fields in stored]
+        self.letters = [Letter(number, self.hop, frames_of(fields)) for number, fields in stored]
 
 
 def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None, after: int = 0) -> tuple[Frames, ...]:
@@ -113,7 +114,7 @@ def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None,
         averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
         here = np.isin(links_of(frames)[:, 1], averaging)
         if here.any():
-            part = frames if here.all() else _picked(frames, here)
+            part = picked(frames, here)
             found += [part, _receipt(part)]
     return tuple(found)
 
@@ -132,20 +133,14 @@ def links_of(frames: Frames) -> NDArray[np.int32]:
     return frames.links
 
 
-def only(frames: Frames, links: NDArray[np.int32], slots: NDArray[np.int32] | None = None) -> Frames:
-    """Frames reduced to some of their links (K, 2), which took `slots` (K,)."""
+def picked(frames: Frames, chosen: Mask) -> Frames:
+    """Frames reduced to the links that are `chosen` (K,), and to the rows that these use."""
+    links, slots = links_of(frames)[chosen], None if frames.slots is None else frames.slots[chosen]
     used = np.zeros(len(frames.source), dtype=bool)
     used[links[:, 0]] = True
-    if len(used) == 1 or np.logical_and.reduce(used):
-        if links is frames.links:
-            return frames
+    if np.count_nonzero(used) == len(used):
         return Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
     rows = used.nonzero()[0]
     return Frames(frames.kind, frames.round, frames.source[rows], frames.payload.take(rows, axis=0), renumbered, slots)
-
-
-def _picked(frames: Frames, picked: Mask) -> Frames:
-    """Frames reduced to the links that are `picked` (K,)."""
-    return only(frames, links_of(frames)[picked], None if frames.slots is None else frames.slots[picked])

@@ -1,4 +1,4 @@
-"""A node's memory of the models that its UAVs sent and received: rounding errors, and the last models of both."""
+"""A node's memory of the models that its UAVs had, sent and received: the last of each, and rounding errors."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -78,6 +78,27 @@ class Feedback:
             errors = np.where(self._codec.by_number(sent[valid]), errors, self.residuals[rows[valid]])
         self.residuals[rows[valid]] = errors
         return coded
+
+
+class OwnModels:
+    """The models of M rows when a round opened, as their coding leaves them.
+
+    Attributes:
+        models: (M, L). samples: (M,) what they count. rounds: (M,) of each, the last round in which it could be sent.
+    """
+
+    def __init__(self, codec: Codec, rows: int) -> None:
+        self._codec = codec
+        self.models = np.zeros((rows, codec.floats))
+        self.samples = np.ones(rows)
+        self.rounds = np.zeros(rows, dtype=np.int64)
+
+    def put(self, number: int, rows: NDArray[np.intp], coded: Coded, samples: Floats) -> None:
+        """Stores the models of rows (S,) in a round, but for those that cannot be sent."""
+        valid = self._codec.valid(coded)
+        self.models[rows[valid]] = self._codec.decode(coded.of(valid))
+        self.samples[rows[valid]] = samples[valid].astype(np.float32) if self._codec.form.weighted else 1.0
+        self.rounds[rows[valid]] = number
 
 
 class Sent:

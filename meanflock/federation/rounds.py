@@ -7,15 +7,14 @@ from numpy.typing import NDArray
 
 from meanflock.federation.averager import Averager, Averages
 from meanflock.federation.byzantine import Byzantine
-from meanflock.federation.codec import Codec, Coded
-from meanflock.federation.inbox import RECEIPT, OwnModels
-from meanflock.federation.memory import Feedback, GlobalModels, NodeModels, Sent
+from meanflock.federation.inbox import RECEIPT
+from meanflock.federation.memory import Feedback, GlobalModels, NodeModels, OwnModels, Sent
 from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events.nodes import Problem
-from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.control import expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
 
@@ -64,14 +63,14 @@ class Rounds:
         self._first = next((hop for hop in self._own if hop.mail is None), None)
         self._feedback: Feedback | None = None
         self._sent: Sent | None = None
-        self._copies: _Copies | None = None
+        self._copies: OwnModels | None = None  # where a hop is local
         if self._first is not None:
             codec = self._first.codec
             self._feedback = Feedback(codec, uavs, active=plan.keeps_residuals)
             if federation.upload_threshold or federation.share < 1.0:
                 self._sent = Sent(codec, len(uavs), federation.upload_threshold, federation.share)
             if any(hop.is_local for hop in self._own):
-                self._copies = _Copies(codec, len(uavs))
+                self._copies = OwnModels(codec, len(uavs))
         self._last = next((hop for hop in hops if hop.is_last), None) if role == "agent" else None
         self._globals: GlobalModels | None = None
         if self._last is not None and not self._last.is_local:
@@ -105,7 +104,7 @@ class Rounds:
             return
         for averager in self._averagers:
             if averager.hop.mail is hop:
-                averager.inbox.collect(frames)
+                averager.mail.add(frames)
         if hop is self._last and self._globals is not None:
             assert self._models is not None
             assert frames.links is not None
@@ -129,9 +128,8 @@ class Rounds:
             outbox += self._uploads(self._first, number)
         for averager in self._averagers:
             if number := self._schedule.number(averager.hop, tick):
-                averages = averager.average(
-                    number, self._speaking(averager, number), self._own_models(averager, number)
-                )
+                own = self._copies if averager.hop.is_local else None
+                averages = averager.average(number, self._speaking(averager, number), own)
                 refused += averages.refused
                 self.problems += averages.problems
                 outbox += self._sent_averages(averager, number, averages)
@@ -206,10 +204,6 @@ class Rounds:
             heads = codec.heads(based, self._models.notes(rows))
         return _frames(hop, number, source, codec.rows(coded, weights[:, None], None, heads), fits, chosen)
 
-    def _own_models(self, averager: Averager, number: int) -> OwnModels | None:
-        """The own models of the UAVs that average, where these are not in their mail."""
-        return self._copies.of_round(number) if averager.hop.is_local and self._copies is not None else None
-
     def _sent_averages(self, averager: Averager, number: int, averages: Averages) -> list[Frames]:
         """The averages as frames; the rows take those of a hop that is local."""
         hop, codec, (rows, models, weights, behind, notes, *_) = averager.hop, averager.hop.codec, averages
@@ -239,31 +233,6 @@ class Rounds:
         if self._models is None:
             return contains(self._plan.senders(averager.hop, number), averager.uavs)
         return ~contains(self._uavs[self._models.silent()], averager.uavs)
-
-
-class _Copies:
-    """The models of M rows when a round opened, as their coding leaves them.
-
-    Attributes:
-        models: (M, L). samples: (M,) what they count. rounds: (M,) in which they were copied.
-    """
-
-    def __init__(self, codec: Codec, rows: int) -> None:
-        self._codec = codec
-        self.models = np.zeros((rows, codec.floats))
-        self.samples = np.ones(rows)
-        self.rounds = np.zeros(rows, dtype=np.int64)
-
-    def put(self, number: int, rows: NDArray[np.intp], coded: Coded, samples: Floats) -> None:
-        """Keeps the models of rows (S,) for a round, but for those that cannot be sent."""
-        valid = self._codec.valid(coded)
-        self.models[rows[valid]] = self._codec.decode(coded.of(valid))
-        self.samples[rows[valid]] = samples[valid].astype(np.float32) if self._codec.form.weighted else 1.0
-        self.rounds[rows[valid]] = number
-
-    def of_round(self, number: int) -> OwnModels:
-        """The copies, of which those of a round are ready."""
-        return OwnModels(self.models, self.samples, self.rounds == number)
 
 
 def _frames(

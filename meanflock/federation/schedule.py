@@ -12,7 +12,6 @@ from meanflock.swarm.seeds import generator
 from meanflock.swarm.state import contains
 from meanflock.swarm.wire.messages import FrameKind
 
-_DRAWN_AT_ONCE = 8  # rounds: the first draw of a process among many finds nothing in the caches, the others do
 _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
 
 
@@ -29,20 +28,19 @@ class Schedule:
     def __init__(self, plan: Plan, uavs: NDArray[np.intp] | None = None) -> None:
         """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
         self._scenario = scenario = plan.scenario
+        self._members, self._participants = scenario.members, scenario.participants
         self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
         self.hops: tuple[Hop, ...] = plan.hops
         self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}
-        self._over = (
-            0  # ticks from the opening of a round to the last arrival of its last fragment, if a global model spreads
-        )
-        self.gathers = bool(self.hops) and self.hops[-1].codec.count > 1 and not self.hops[-1].is_local
-        self.spreads = self.gathers or bool(self.hops and not self.hops[-1].is_local and scenario.federation.retries)
+        self._over = 0  # ticks from the opening of a round until all of a global model that spreads has arrived
+        by_radio = bool(self.hops) and not self.hops[-1].is_local
+        self.gathers = by_radio and self.hops[-1].codec.count > 1
+        self.spreads = self.gathers or (by_radio and scenario.federation.retries > 0)
         if self.spreads:
             attempts = 1 + scenario.federation.retries
             self._over = self.hops[-1].after + attempts * self.hops[-1].attempt_ticks
             self._phases.add(self._over % self.period)
-        self._drawn: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 
     def is_busy(self, tick: int) -> bool:
         """Returns whether any hop may transmit in this tick."""
@@ -82,43 +80,31 @@ class Schedule:
 
     def participants(self, number: int) -> NDArray[np.intp]:
         """𝒩_h of a round: N_h UAVs, ascending."""
-        return self._draws(number)[0]
+        return self._members[_drawn(self._scenario.seed, len(self._members), self._participants, number)]
 
     def rows(self, number: int) -> NDArray[np.intp]:
         """The places of the participants of a round among `uavs`, ascending."""
-        return self._draws(number)[1]
+        return np.flatnonzero(contains(self.participants(number), self._uavs))
 
     def draw_ahead(self) -> None:
         """Draws the participants of the flight's rounds, or of the first of very many, while nobody waits."""
         if not self.period:
             return
-        most = max(_DRAWN_AT_ONCE, min(_DRAWN_AHEAD, _UAVS_AHEAD // self._scenario.participants))
-        self._draw_next(1, min(most, self._scenario.max_ticks // self.period))
-
-    def _draws(self, number: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        if number not in self._drawn:
-            self._draw_next(number, _DRAWN_AT_ONCE)
-        return self._drawn[number]
-
-    def _draw_next(self, first: int, count: int) -> None:
-        self._drawn = {}
-        for number in range(first, first + count):
-            participants = drawn(self._scenario, number)
-            rows = np.flatnonzero(contains(participants, self._uavs))
-            rows.flags.writeable = False
-            self._drawn[number] = participants, rows
+        most = min(_DRAWN_AHEAD, _UAVS_AHEAD // self._participants, self._scenario.max_ticks // self.period)
+        for number in range(1, most + 1):
+            self.participants(number)
 
 
 def drawn(scenario: Scenario, number: int) -> NDArray[np.intp]:
-    """The participants of a round of a scenario, ascending; not to be written to."""
+    """The participants of a round of a scenario, ascending."""
     members = scenario.members
-    found = _drawn(scenario.seed, len(members), scenario.participants, number)
-    return found if len(members) == scenario.uavs else members[found]
+    return members[_drawn(scenario.seed, len(members), scenario.participants, number)]
 
 
 @lru_cache(maxsize=_DRAWN_AHEAD)  # processes that are forked from one have those of their flight already
-def _drawn(seed: int, uavs: int, participants: int, number: int) -> NDArray[np.intp]:
+def _drawn(seed: int, members: int, participants: int, number: int) -> NDArray[np.intp]:
+    """The places of the participants of a round among the members, ascending; not to be written to."""
     draw = generator(seed, "participants", number)
-    found = np.sort(draw.choice(uavs, participants, replace=False))
+    found = np.sort(draw.choice(members, participants, replace=False))
     found.flags.writeable = False
     return found

@@ -6,11 +6,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.federation.mailbox import links_of, only
+from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.state import Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn, frames_of
+
+_ATTEMPT = ("_turn", "_left", "_due", "_attempt_ticks", "_is_first", "again")  # in a checkpoint, in this order
 
 
 class Acknowledge(Protocol):
@@ -109,17 +111,11 @@ class Transmission:
         hears = awake[target[by_radio]]
         self._reached[pair[hears], fragment[by_radio][hears]] = True
         self._own[own[awake[target[~by_radio]]]] = True
-        if is_new.all():
-            return frames
-        return (
-            only(frames, links[is_new], None if frames.slots is None else frames.slots[is_new])
-            if is_new.any()
-            else None
-        )
+        return picked(frames, is_new) if is_new.any() else None
 
     def fields(self) -> list[Any]:
         """All of it."""
-        attempt = [self._turn, self._left, self._due, self._attempt_ticks, self._is_first, self.again]
+        attempt = [getattr(self, name) for name in _ATTEMPT]
         return [self.frames, self._wanted, attempt, self._pairs, self._own, self._reached, self._acknowledged]
 
     @classmethod
@@ -128,14 +124,8 @@ class Transmission:
         models, wanted, attempt, pairs, *masks = fields
         frames = frames_of(models)
         restored = cls(next(hop for hop in hops if hop.label == frames.kind), frames, wanted.astype(bool), 0, 0, 0)
-        (
-            restored._turn,
-            restored._left,
-            restored._due,
-            restored._attempt_ticks,
-            restored._is_first,
-            restored.again,
-        ) = attempt
+        for name, value in zip(_ATTEMPT, attempt, strict=True):
+            setattr(restored, name, value)
         restored._pairs = pairs.astype(np.intp)
         restored._own, restored._reached, restored._acknowledged = (mask.astype(bool) for mask in masks)
         return restored

@@ -131,26 +131,26 @@ def split(content: RecordDict) -> tuple[dict[str, NDArray[Any]], bytes]:
             "aggregation, which exchanges keys, cannot fly"
         )
     name, record = records[0]
-    rest = recorddict_to_proto(RecordDict({key: value for key, value in content.items() if key != name}))
+    rest = RecordDict({key: value for key, value in content.items() if key != name})
     arrays = {key: array.numpy() for key, array in record.items()}
-    return arrays, bytes([len(name)]) + name.encode() + rest.SerializeToString(deterministic=True)
+    return arrays, bytes([len(name)]) + name.encode() + bytes_of(rest)
 
 
 def joined(arrays: dict[str, NDArray[Any]], note: bytes) -> RecordDict:
     """The content of a message of its arrays and the bytes of all else."""
-    name, rest = note[1 : 1 + note[0]].decode(), recorddict_from_proto(Proto.FromString(note[1 + note[0] :]))
+    name, rest = note[1 : 1 + note[0]].decode(), records_of(note[1 + note[0] :])
     record = ArrayRecord({key: Array(np.asarray(array, order="C")) for key, array in arrays.items()})
     return RecordDict({name: record, **rest})
 
 
-def state_bytes(state: RecordDict) -> bytes:
-    """The state of a ClientApp as bytes; none if it is empty."""
-    return recorddict_to_proto(state).SerializeToString(deterministic=True) if len(state) else b""
+def bytes_of(content: RecordDict) -> bytes:
+    """Records as bytes."""
+    return recorddict_to_proto(content).SerializeToString(deterministic=True)
 
 
-def state_of(raw: bytes) -> RecordDict:
-    """The state of a ClientApp in bytes."""
-    return recorddict_from_proto(Proto.FromString(raw)) if raw else RecordDict()
+def records_of(raw: bytes) -> RecordDict:
+    """The records in bytes; none in no bytes."""
+    return recorddict_from_proto(Proto.FromString(raw))
 
 
 def numbers_in(content: RecordDict) -> dict[str, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Options as NoOptions
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
-from meanflock.flower.app import FIRST_NODE, App, context, joined, numbers_in, split, state_bytes, state_of
+from meanflock.flower.app import FIRST_NODE, App, bytes_of, context, joined, numbers_in, records_of, split
 from meanflock.flower.grid import Asked, asked_first
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
@@ -119,11 +119,11 @@ class FlowerClient(Learner):
 
     def state(self) -> bytes:
         """See `Learner.state`."""
-        return state_bytes(self._context.state)
+        return bytes_of(self._context.state)
 
     def load(self, raw: bytes) -> None:
         """See `Learner.load`."""
-        self._context.state = state_of(raw)
+        self._context.state = records_of(raw)
 
 
 def check_note(content: str, note: bytes, most: int) -> None:

@@ -179,7 +179,7 @@ class RunningServer:
     """The thread of a ServerApp. One side runs at a time: the ServerApp until it waits, and then its caller.
 
     Attributes:
-        grid: its Grid. is_over: whether it has ended. error: what it raised.
+        grid: its Grid. is_over: whether it has ended.
     """
 
     def __init__(self, app: App, config: dict[str, Any], uavs: int, seed: int, expires: int = 1) -> None:
@@ -198,7 +198,7 @@ class RunningServer:
 
         self.grid = RadioGrid(uavs, answer, self._exchange, expires)
         self.is_over = False
-        self.error: BaseException | None = None
+        self._error: BaseException | None = None
         self._is_ended = False  # by its caller
         self._waits, self._continues = threading.Semaphore(0), threading.Semaphore(0)
         self._generators = Generators(seed)
@@ -209,7 +209,7 @@ class RunningServer:
         """Let the ServerApp run until it waits or ends.
 
         Raises:
-            TimeoutError: it did neither.
+            TimeoutError: it did neither. Or what it raises.
         """
         with self._generators:
             if self._thread is None:
@@ -219,6 +219,8 @@ class RunningServer:
                 self._continues.release()
             if not self._waits.acquire(timeout=limit_s):
                 raise TimeoutError(f"the ServerApp neither sent a model nor ended in {limit_s:g} s of wall time")
+        if self._error is not None:
+            raise self._error
 
     def end(self) -> None:
         """Unwind a ServerApp that waits."""
@@ -237,7 +239,7 @@ class RunningServer:
         except _Probed:
             pass
         except BaseException as error:  # an app may raise anything
-            self.error = self._app.at_fault(error)
+            self._error = self._app.at_fault(error)
         self.is_over = True
         self._waits.release()
 
@@ -250,8 +252,6 @@ def asked_first(app: App, config: dict[str, Any], uavs: int, seed: int, limit_s:
     """
     server = RunningServer(app, config, uavs, seed)
     server.go_on(limit_s)
-    if server.error is not None:
-        raise server.error
     if server.grid.asked is None:
         raise ValueError("the ServerApp ended without sending a model to train")
     server.end()

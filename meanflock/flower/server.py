@@ -19,7 +19,6 @@ from meanflock.flower.app import FIRST_NODE, joined
 from meanflock.flower.client import FlowerClient, TrainingRequest, check_note
 from meanflock.flower.grid import RunningServer
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
 
 
 class FlowerServer(Aggregator):
@@ -62,18 +61,18 @@ class FlowerServer(Aggregator):
         if server.is_over:
             return Aggregate(None, done=True)
         assert server.grid.asked is not None
-        kept = self._form.split(self._cast(server.grid.asked.arrays))
+        vector, kept = self._form.split(self._cast(server.grid.asked.arrays))
         for place, uav in enumerate(uploads.uavs.tolist()):
             note, arrived = uploads.notes[place], uploads.arrived[place]
             if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
                 continue
-            model = self._model(uploads.models[place], arrived, kept[0])
-            arrays: Any = self._form.join(model, kept[1])
+            model = uploads.models[place]
+            if self.options.incomplete == "fill":
+                model = np.where(arrived, model, vector)
+            arrays: Any = self._form.join(model, kept)
             server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
         outcome = {"asked": float(len(server.grid.asked.nodes)), "failures": float(server.grid.expire())}
         server.go_on(self.options.wait_s)
-        if server.error is not None:
-            raise server.error
         metrics = server.grid.metrics | outcome
         if server.is_over:
             return Aggregate(None, done=True, metrics=metrics)
@@ -88,17 +87,11 @@ class FlowerServer(Aggregator):
         config = self.client.run_config(self._client_options)
         server = RunningServer(self.client.app, config, self.scenario.uavs, self.scenario.seed, self.options.expires)
         server.go_on(self.options.wait_s)
-        if server.error is not None:
-            raise server.error
         assert server.grid.asked is not None
         self._first = server.grid.asked.arrays
         self._form = ModelForm(dict(self._first), self.scenario.training.integers, self.scenario.training.keeps)
         self._server = server
         return server
-
-    def _model(self, vector: Floats, arrived: Mask, sent: Floats) -> Floats:
-        """An upload with numbers in the place of those that were lost."""
-        return np.where(arrived, vector, sent) if self.options.incomplete == "fill" else vector
 
     def _cast(self, arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Arrays in the dtypes that they had first: strategies make floats of whole numbers."""

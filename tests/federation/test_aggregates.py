@@ -9,8 +9,9 @@ import pytest
 import meanflock as mf
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut
 from meanflock.federation.cut import coding_of
-from meanflock.federation.inbox import OwnModels, Round
+from meanflock.federation.inbox import Round
 from meanflock.federation.ledger import Ledger
+from meanflock.federation.memory import OwnModels
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.federation.rules.base import Aggregate
@@ -192,7 +193,7 @@ def test_a_head_is_lost_with_its_fragment_and_an_own_model_has_none() -> None:
         assert uploads.notes == (b"a", b"", b"")
         assert uploads.based.tolist() == [1, 4, 3]  # that of UAV 1 is unknown: the round before
         assert uploads.arrived.all(axis=1).tolist() == [True, False, True]
-    round_.own = OwnModels(np.zeros((1, 4)), np.ones(1), np.ones(1, dtype=bool))
+    round_.own = OwnModels(codec, 1)
     assert round_.uploads(0).based.tolist() == [1, 4, 3, 4]
     assert round_.uploads(0).notes == (b"a", b"", b"", b"")
 

@@ -10,8 +10,8 @@ import pytest
 import meanflock as mf
 from meanflock.federation.codec import Codec, Cut
 from meanflock.federation.cut import coding_of, longest
-from meanflock.federation.inbox import OwnModels, Round
-from meanflock.federation.memory import GlobalModels
+from meanflock.federation.inbox import Round
+from meanflock.federation.memory import GlobalModels, OwnModels
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rules.fedavg import FedAvg
 from meanflock.federation.rules.robust import Median
@@ -137,7 +137,8 @@ def test_each_fragment_is_averaged_over_the_uavs_whose_copy_arrived() -> None:
     _, middle = Median(Median.Options(), case).step({}, mail_of([[1, 1], [3, 3], [9, 9]], lost={(1, 0)}).uploads(0))
     assert middle.tolist() == [5, 5]
     round_ = mail_of([[1, 1, 1, 1], [0, 0, 0, 0], [4, 4, 4, 4]], lost={(1, 0), (1, 1), (2, 1)}, to=1)
-    round_.own = OwnModels(np.full((1, 4), 7.0), np.ones(1), np.ones(1, dtype=bool))
+    round_.own = OwnModels(codec_of(4), 1)
+    round_.own.models[:] = 7.0
     uploads = round_.uploads(0)
     assert uploads.uavs.tolist() == [0, 1, 2]
     assert FedAvg(FedAvg.Options(), case).step({}, uploads)[1].tolist() == [4, 4, 4, 4]

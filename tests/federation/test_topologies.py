@@ -10,7 +10,7 @@ import pytest
 import meanflock as mf
 from meanflock.federation.account import Account, ModelsHash
 from meanflock.federation.averager import Averager
-from meanflock.federation.inbox import OwnModels
+from meanflock.federation.memory import OwnModels
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Topology
@@ -43,11 +43,12 @@ class Ring(Topology):
         following = np.sort(np.stack([everyone, (everyone + 1) % uavs], axis=-1), axis=-1)
         codecs = self.codecs
         averages = codecs.relay(np.full(uavs, 4))
-        relays = self.upload_ticks(codecs.upload)
-        after = relays + self.ticks(averages)
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, codecs.upload)
+        relay = Hop(FrameKind.RELAY, self.ticks(upload), "agent", everyone, following, averages, "models")
+        after = relay.after + self.ticks(relay)
         return (
-            Hop(FrameKind.UPLOAD, 0, "agent", everyone, following, codecs.upload),
-            Hop(FrameKind.RELAY, relays, "agent", everyone, following, averages, "models"),
+            upload,
+            relay,
             Hop(FrameKind.GLOBAL, after, "agent", everyone, everyone[:, None], codecs.broadcast, "means"),
         )
 
@@ -141,9 +142,11 @@ def exchanged(case: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarr
     for batch in np.array_split(links, 3):  # as if they had arrived in three ticks
         source, row = np.unique(batch[:, 0], return_inverse=True)
         ends = np.stack([row, batch[:, 1]], axis=-1).astype(np.int32)
-        averager.inbox.collect(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
+        averager.mail.add(Frames(FrameKind.UPLOAD, 1, source.astype(np.int32), models[source], ends))
     each = np.ones(case.uavs, dtype=bool)
-    rows, averages, *_, refused, problems = averager.average(1, each, OwnModels(models, np.ones(case.uavs), each))
+    own = OwnModels(plan.hops[0].codec, case.uavs)
+    own.models, own.rounds[:] = models, 1
+    rows, averages, *_, refused, problems = averager.average(1, each, own)
     assert (refused, problems) == ([], [])
     after = models.copy()
     after[rows] = averages

@@ -58,19 +58,6 @@ class Uploads:
         notes: Sequence[bytes] | None = None,
     ) -> None:
         self.models, self.arrived = models, arrived
-        self._tell(uavs, sent, slots, samples, round, based, notes)
-
-    def _tell(
-        self,
-        uavs: NDArray[np.intp],
-        sent: NDArray[np.integer],
-        slots: NDArray[np.integer],
-        samples: Floats,
-        round: int,
-        based: NDArray[np.integer] | None,
-        notes: Sequence[bytes] | None,
-    ) -> None:
-        """Set all but the models."""
         self.uavs, self.sent, self.slots, self.samples, self.round = uavs, sent, slots, samples, round
         self.based = sent - 1 if based is None else based
         self.notes = (b"",) * len(uavs) if notes is None else tuple(notes)

@@ -90,12 +90,17 @@ def linked(hops: tuple[Hop, ...], scenario: Scenario) -> tuple[Hop, ...]:
     members = scenario.members if len(scenario.members) < scenario.uavs else None
     for number, hop in enumerate(hops, start=1):
         mail = chain[-1] if chain and hop.averages != "nothing" else None
-        source = seat(scenario) if hop.role == "leader" else None
-        ticks = attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario), source)
+        ticks = _attempt_ticks(hop, scenario)
         chain.append(
             msgspec.structs.replace(hop, mail=mail, is_last=number == len(hops), attempt_ticks=ticks, receivers=members)
         )
     return tuple(chain)
+
+
+def _attempt_ticks(hop: Hop, scenario: Scenario) -> int:
+    """Ticks until all fragments of an attempt have arrived or are lost."""
+    source = seat(scenario) if hop.role == "leader" else None
+    return attempt_ticks(scenario, hop.codec, *_traffic(hop, scenario), source)
 
 
 def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
@@ -108,14 +113,8 @@ def _traffic(hop: Hop, scenario: Scenario) -> tuple[int, int]:
     transmits = hop.senders
     if hop.bands is not None and hop.targets is not None:
         transmits = transmits[(hop.targets[transmits] != transmits[:, None]).any(axis=1)]
-    senders = in_busiest_band(hop.bands, transmits)
-    senders = senders if hop.averages != "nothing" else min(senders, scenario.participants)
-    return senders, receivers
-
-
-def in_busiest_band(bands: Indices | None, senders: Indices) -> int:
-    """Number of the `senders` (S,) that transmit in the busiest of the `bands` (N,)."""
-    return len(senders) if bands is None else int(np.bincount(bands[senders]).max(initial=0))
+    senders = len(transmits) if hop.bands is None else int(np.bincount(hop.bands[transmits]).max(initial=0))
+    return senders if hop.averages != "nothing" else min(senders, scenario.participants), receivers
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -130,6 +129,7 @@ class Topology:
     bears_groups: ClassVar[bool] = False  # whether it uses `scenario.members`, which may be some of the UAVs
     bears_clusters: ClassVar[bool] = True  # false: with `federation.clusters` > 1 it is refused
     bears_station: ClassVar[bool] = False  # whether its leader averages at `federation.station`, or it has no leader
+    by_station: ClassVar[bool] = False  # see `Hop`
     Options: ClassVar[type[msgspec.Struct]] = Options
 
     def __init__(self, options: Any, scenario: Scenario, declared: Declared) -> None:
@@ -158,15 +158,11 @@ class Topology:
         """(A,) the nodes where the leader may average, ascending: `senders` of its hops."""
         return np.sort(order_of_seats(self.scenario))
 
-    @property
-    def seat(self) -> int:
-        """The node where the leader averages, before any fault."""
-        return seat(self.scenario)
-
     def to_seat(self) -> dict[str, Any]:
-        """`targets` and `seats` of a hop to the node where the leader averages."""
-        targets = np.full((self.scenario.uavs, 1), self.seat)
-        return {"targets": targets, "seats": self.seats if len(self.seats) > 1 else None}
+        """`targets`, `seats` and `by_station` of a hop to the node where the leader averages."""
+        targets = np.full((self.scenario.uavs, 1), seat(self.scenario))
+        seats = self.seats if len(self.seats) > 1 else None
+        return {"targets": targets, "seats": seats, "by_station": self.by_station}
 
     def must_end(self, codec: Codec) -> bool:
         """Returns whether a round, of models written so, must be over before the next one opens.
@@ -176,31 +172,18 @@ class Topology:
         scenario = self.scenario
         return codec.count > 1 or scenario.federation.retries > 0 or scenario.radio.access != "fdma"
 
-    def ticks(self, codec: Codec, senders: int = 1, receivers: int = 1, source: int | None = None) -> int:
-        """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included.
-
-        Args:
-            senders: number of UAVs that transmit at once in a band, each to so many `receivers`; it matters only where
-                transmissions share a band.
-            source: the node that transmits, if it is the leader's.
-        """
-        return (1 + self.scenario.federation.retries) * attempt_ticks(self.scenario, codec, senders, receivers, source)
-
-    def upload_ticks(self, codec: Codec, receivers: int = 1, senders: int | None = None) -> int:
-        """The same for uploads of participants, of which those after `federation.deadline` are late.
-
-        Args:
-            senders: number of UAVs that may upload in a band; None: all participants upload in one.
+    def ticks(self, hop: Hop) -> int:
+        """Ticks from the transmission of a hop until all its fragments have arrived or are lost, retries included; of
+        uploads, those after `federation.deadline` are late.
 
         Raises:
             ValueError: no upload can be late.
         """
-        scenario = self.scenario
-        uploading = scenario.participants if senders is None else min(scenario.participants, senders)
-        one = attempt_ticks(scenario, codec, uploading, receivers)
-        if (deadline := scenario.federation.deadline) is None:
+        scenario, deadline = self.scenario, self.scenario.federation.deadline
+        one = _attempt_ticks(hop, scenario)
+        if deadline is None or hop.averages != "nothing":
             return (1 + scenario.federation.retries) * one
-        in_time = codec.ticks - 1 + scenario.deadline_ticks
+        in_time = hop.codec.ticks - 1 + scenario.deadline_ticks
         if in_time > one:
             raise ValueError(
                 f"`federation.deadline` {deadline} s is later than an upload can arrive, {one * scenario.dt:g} s; "

@@ -1,8 +1,9 @@
 """Heads of clusters average for the leader: two levels instead of one."""
 
+import msgspec
 import numpy as np
 
-from meanflock.federation.topology.base import Hop, Topology, in_busiest_band
+from meanflock.federation.topology.base import Hop, Topology
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
@@ -41,37 +42,22 @@ class Clusters(Topology):
         scenario = self.scenario
         self._check()
         division = Division(scenario)
-        uploads, broadcasts = self.codecs.upload, self.codecs.broadcast
-        averages = self.codecs.relay(division.sizes[division.cluster])
-        everyone, within, above, members = np.arange(scenario.uavs), None, None, None
-        if scenario.radio.bands == "cluster":
-            within, above = division.cluster, np.full(scenario.nodes, scenario.federation.clusters)
-            members = in_busiest_band(within, np.setdiff1d(everyone, division.heads))
-        relays = self.upload_ticks(uploads, senders=members)
-        after = relays + self.ticks(averages, len(division.heads))
-        least = after + (
-            self.ticks(broadcasts, receivers=scenario.uavs - 1, source=self.seat) if self.must_end(broadcasts) else 1
-        )
+        everyone, to_heads = np.arange(scenario.uavs), division.head_of[:, None]
+        averages = {"codec": self.codecs.relay(division.sizes[division.cluster]), **self.to_seat()}
+        has_bands = scenario.radio.bands == "cluster"
+        within = division.cluster if has_bands else None
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, to_heads, self.codecs.upload, bands=within)
+        relay = Hop(FrameKind.RELAY, self.ticks(upload), "agent", division.heads, averages="models", **averages)
+        after = relay.after + self.ticks(relay)
+        spread = Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, self.codecs.broadcast, "means")
+        least = after + (self.ticks(spread) if self.must_end(spread.codec) else 1)
         if scenario.period_ticks < least:
             raise ValueError(
                 f"`federation.clusters` is {scenario.federation.clusters}, but `federation.period` "
                 f"{scenario.period_ticks} has no room for two hops of up to {after} ticks in all; take at least {least}"
             )
-        to_heads = division.head_of[:, None]
-        return (
-            Hop(FrameKind.UPLOAD, 0, "agent", everyone, to_heads, uploads, bands=within),
-            Hop(
-                FrameKind.RELAY,
-                relays,
-                "agent",
-                division.heads,
-                codec=averages,
-                averages="models",
-                bands=above,
-                **self.to_seat(),
-            ),
-            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, broadcasts, "means", bands=above),
-        )
+        above = np.full(scenario.nodes, scenario.federation.clusters) if has_bands else None
+        return upload, *(msgspec.structs.replace(hop, bands=above) for hop in (relay, spread))
 
     def _check(self) -> None:
         """Raises ValueError where clusters cannot do what the rest of the scenario asks."""

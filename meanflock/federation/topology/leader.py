@@ -12,21 +12,17 @@ class LeaderTopology(Topology):
     bears_clusters = False
     bears_station = True
 
-    @property
-    def broadcasters(self) -> int:
-        """Number of nodes that broadcast the global model at once."""
-        return 1
-
     def hops(self) -> tuple[Hop, ...]:
         scenario, codecs = self.scenario, self.codecs
-        after = self.upload_ticks(codecs.upload)
-        ticks = after + self.ticks(codecs.broadcast, self.broadcasters, len(scenario.members) - 1, self.seat)
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", scenario.members, codec=codecs.upload, **self.to_seat())
+        after = self.ticks(upload)
+        spread = Hop(
+            FrameKind.GLOBAL, after, "leader", self.seats, None, codecs.broadcast, "models", by_station=self.by_station
+        )
+        ticks = after + self.ticks(spread)
         if ticks > scenario.period_ticks and self.must_end(codecs.upload):
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for a round of {ticks} ticks, in which "
                 f"models go in {codecs.upload.count} fragment{'s' * (codecs.upload.count > 1)}; take at least {ticks}"
             )
-        return (
-            Hop(FrameKind.UPLOAD, 0, "agent", scenario.members, codec=codecs.upload, **self.to_seat()),
-            Hop(FrameKind.GLOBAL, after, "leader", self.seats, None, codecs.broadcast, "models"),
-        )
+        return upload, spread

@@ -19,14 +19,12 @@ class Neighbours(Topology):
         scenario = self.scenario
         self.check_rounds()
         everyone, codec = scenario.members, self.codecs.upload
-        ticks = self.upload_ticks(codec, len(scenario.members) - 1)
+        reach = scenario.federation.range_m or scenario.radio.range_m
+        upload = Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, codec, range_m=reach)
+        ticks = self.ticks(upload)
         if scenario.period_ticks <= ticks:
             raise ValueError(
                 f"`federation.period` {scenario.period_ticks} has no room for uploads of up to {ticks} ticks; "
                 f"take at least {ticks + 1}"
             )
-        reach = scenario.federation.range_m or scenario.radio.range_m
-        return (
-            Hop(FrameKind.UPLOAD, 0, "agent", everyone, None, codec, range_m=reach),
-            Hop(FrameKind.GLOBAL, ticks, "agent", everyone, None, codec, "models", is_local=True),
-        )
+        return upload, Hop(FrameKind.GLOBAL, ticks, "agent", everyone, None, codec, "models", is_local=True)

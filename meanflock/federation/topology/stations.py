@@ -1,7 +1,5 @@
 """Several stations receive the uploads, average over a wire, and each broadcasts to the UAVs that it serves."""
 
-import msgspec
-
 from meanflock.federation.topology.base import Hop
 from meanflock.federation.topology.leader import LeaderTopology
 
@@ -11,10 +9,7 @@ class Stations(LeaderTopology):
     the leader averages, and each of them broadcasts the global model to the UAVs that it serves."""
 
     name = "stations"
-
-    @property
-    def broadcasters(self) -> int:
-        return len(self.scenario.stations)
+    by_station = True
 
     def hops(self) -> tuple[Hop, ...]:
         federation = self.scenario.federation
@@ -26,4 +21,4 @@ class Stations(LeaderTopology):
                 f"`federation.retries` is {federation.retries}, and stations repeat nothing, because a UAV may be "
                 "served by another one by then; set 0"
             )
-        return tuple(msgspec.structs.replace(hop, by_station=True) for hop in super().hops())
+        return super().hops()
