@@ -123,7 +123,7 @@ def _networked(effort: Effort, say: Say) -> list[float]:
                     share.append(100 * (with_recorder - without) / with_recorder)
             watched.check()
             worlds[0].finish(lambda: 0.0)
-            worlds[1].stop("measured")
+            worlds[1].nodes.stop("measured")
             for children in (watched, alone):
                 children.wait(8.0)
         finally:
