@@ -104,11 +104,11 @@ def wind_maps(found: Board) -> list[str]:
 
 
 SINCE = (
-    "**Since 1.0**: all rows flew again with other seeds, and missions in space joined, `sphere` and `layers`. The four "
-    "findings stand. Of 62 bold marks 55 stand, 7 are gone and 3 are new, all between close rows. Of 207 rows whose "
-    "flights were all free of collisions 199 are so again; the others have a collision or a hit in one flight, but for `mfg-fast-ecbf` "
-    "on `windy` and `obstacles` and `fed-lspi-alone` on `windmap`, in three each. `orca` is no longer without a collision "
-    "in every mission: on `crowd` it has one in one flight of 30."
+    "**Since 1.0**: all rows flew again with other seeds, and missions in space joined, `sphere` and `layers`. The "
+    "four findings stand. Of 62 bold marks 55 stand, 7 are gone and 3 are new, all between close rows. Of 207 rows "
+    "whose flights were all free of collisions 199 are so again; the others have a collision or a hit in one "
+    "flight, but for `mfg-fast-ecbf` on `windy` and `obstacles` and `fed-lspi-alone` on `windmap`, in three each. "
+    "`orca` is no longer without a collision in every mission: on `crowd` it has one in one flight of 30."
 )
 
 
