@@ -157,14 +157,15 @@ class Learning:
         inner_memory, mine = _split(memory)
         flown = self._flown(inner_memory, tick, own, received)
         news: list[Problem] = []
-        mine = {name: array.copy() for name, array in mine.items()} if self._is_event(mine, tick) else mine
-        number, since = divmod(tick, self.scenario.period_ticks)
-        if since == 0:
-            self._go_on(mine)
-            if mine["ready"].any():  # a round has just taken the models of its participants
-                mine["ready"] &= ~contains(drawn(self.scenario, number), mine["uav"])
-        self._finish(mine, tick, news)
-        self._begin(mine, tick, own)
+        if self._is_event(mine, tick):
+            mine = {name: array.copy() for name, array in mine.items()}
+            number, since = divmod(tick, self.scenario.period_ticks)
+            if since == 0:
+                self._go_on(mine)
+                participants = drawn(self.scenario, number)  # a round has just taken their models
+                mine["ready"] &= ~contains(participants, mine["uav"])
+            self._finish(mine, tick, news)
+            self._begin(mine, tick, own)
         columns = [mine["metrics"], mine["examples"][:, None], mine["trains"][:, None]]
         reported = [] if flown.diagnostics is None else [flown.diagnostics]
         return msgspec.structs.replace(
