@@ -134,12 +134,15 @@ def links_of(frames: Frames) -> NDArray[np.int32]:
 
 
 def picked(frames: Frames, chosen: Mask) -> Frames:
-    """Frames reduced to the links that are `chosen` (K,), and to the rows that these use."""
-    links, slots = links_of(frames)[chosen], None if frames.slots is None else frames.slots[chosen]
+    """Frames reduced to the links that are `chosen` (K,), and to the rows that these use; not copied if all stay."""
+    is_whole = np.count_nonzero(chosen) == len(chosen)
+    links, slots = links_of(frames), frames.slots
+    if not is_whole:
+        links, slots = links[chosen], None if slots is None else slots[chosen]
     used = np.zeros(len(frames.source), dtype=bool)
     used[links[:, 0]] = True
     if np.count_nonzero(used) == len(used):
-        return Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
+        return frames if is_whole else Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
     place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
     renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
     rows = used.nonzero()[0]
