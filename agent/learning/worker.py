@@ -148,7 +148,8 @@ def _watch_learners() -> None:
     global _is_watched
     if not _is_watched:
         _is_watched = True
-        sys.addaudithook(_refuse)
+        sys.addaudithook(_refuse_event)
+        _refuse_multiprocessing()
         _note_threads()
 
 
@@ -164,8 +165,26 @@ def _note_threads() -> None:
     threading.Thread.start = noted  # type: ignore[method-assign, assignment]
 
 
-def _refuse(event: str, _arguments: Any) -> None:
+def _refuse_event(event: str, _arguments: Any) -> None:
+    if event in _FORBIDDEN:
+        _refuse()
+
+
+def _refuse_multiprocessing() -> None:
+    """Its processes that are spawned, or forked by a server, cause no event."""
+    from multiprocessing.process import BaseProcess  # here: an agent without learner does not need it
+
+    start = BaseProcess.start
+
+    def refused(process: BaseProcess) -> None:
+        _refuse()
+        start(process)
+
+    BaseProcess.start = refused  # type: ignore[method-assign]
+
+
+def _refuse() -> None:
     """Nobody sees the error in a thread of the learner's own, so the training fails, too."""
-    if event in _FORBIDDEN and (owner := _owners.get(thread := threading.current_thread())) is not None:
+    if (owner := _owners.get(thread := threading.current_thread())) is not None:
         owner.starts_processes |= thread.name != _NAME
         raise RuntimeError(_NO_PROCESS)

@@ -1,5 +1,6 @@
 """Flights with a learner: time and energy of training, stragglers, refusals, and what a learner may do wrong."""
 
+import multiprocessing
 import os
 import threading
 import time
@@ -234,6 +235,8 @@ def of_uav_1(change: Any) -> Any:
         (lambda t: exec("raise SystemExit(3)"), "SystemExit: 3"),
         (lambda t: __import__("os").fork(), "a learner may start no process"),
         (lambda t: __import__("subprocess").run(["true"]), "a learner may start no process"),
+        (lambda t: multiprocessing.get_context("spawn").Process().start(), "a learner may start no process"),
+        (lambda t: multiprocessing.get_context("forkserver").Process().start(), "a learner may start no process"),
     ],
 )
 def test_a_learner_that_fails_loses_its_uav_and_no_other(change: Any, text: str) -> None:
