@@ -31,7 +31,7 @@ BEGIN, END = "<!-- ranking: meanflock.studies.equal_bits -->", "<!-- end of rank
 CONTROLLERS = ("orca", "bvc", "vasarhelyi", "olfati-saber", "potential-field", "cruise-ecbf", "cruise-braking")
 MISSIONS = {"lossy": 25, "streams": 64}  # name → UAVs
 BUDGETS = (2.0, 4.0, 8.0)  # kbit a UAV
-CHOICE, FIRST, SECOND = range(99001, 99011), range(99101, 99131), range(99201, 99231)  # seeds
+CHOICE, FIRST, SECOND = range(199001, 199011), range(199101, 199131), range(199201, 199231)  # seeds
 NONE = "none within the budget"
 Row = dict[str, Any]
 

@@ -21,7 +21,8 @@ SINCE = (
     "bits are less certain than their intervals, which are of one policy: of the 48 targets that controllers that "
     "share reached in 1.0, 29 are reached with the same bits within 5 %, 17 with 0.63 to 1.90 times as many, nearly "
     "always because another policy is the cheapest that passes, and two are no longer reached, `vasarhelyi` with 64 "
-    "UAVs and half of the broadcasts lost."
+    "UAVs and half of the broadcasts lost. Of 31 differences at equal bits 28 are found again, 3 are undecided now, "
+    "and 13 are new; none is reversed."
 )
 
 
