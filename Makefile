@@ -21,7 +21,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 in_place := [ -x $(BIN)/python ] && [ "$$(cat $(VENV)/.home 2>/dev/null)" = "$$(pwd -P)" ]
 STALE := $(shell $(in_place) || echo stale)
 
-.PHONY: help run test check format bench learners peers fuzz soak robustness picture docs results images up test-compose judges wheels constraints clean stale
+.PHONY: help run test check format bench learners peers fuzz soak picture docs results images up test-compose judges wheels constraints clean stale
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  \033[1m%-14s\033[0m %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -65,9 +65,6 @@ fuzz: $(VENV)/.dev ## Throw a million mutated messages at a flight (ARGS="--coun
 
 soak: $(VENV)/.dev ## Fly 10,000 ticks on processes that are killed, frozen and restarted (ARGS="--ticks 1000")
 	@$(BIN)/python -m tests.soak $(ARGS)
-
-robustness: $(VENV)/.ground ## Fly swarms with malicious UAVs and write docs/robustness.md
-	@$(BIN)/python -m research.robustness $(ARGS)
 
 results: $(VENV)/.dev ## Fly published results again, a part or more; without ARGS list the parts (ARGS=federation)
 	@$(BIN)/python -m research.results $(ARGS)

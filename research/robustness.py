@@ -1,6 +1,6 @@
 """Flies swarms with malicious UAVs under every aggregation rule, and writes docs/robustness.md.
 
-    make robustness          # 360 flights of the paper's scenario; ten minutes on two cores
+    python -m research.robustness          # 360 flights of the paper's scenario; ten minutes on two cores
 
 The flights are whole swarms in one process, so the same nodes, messages and codec as the swarm of processes. Their
 summaries are kept in docs/results/robustness.json; `--page` writes the page again from them and flies nothing.
