@@ -85,8 +85,9 @@ _GRID = "; mean over seeds with 95 % interval. Dotted in (d): the floor 1/N of �
 FIGURES: dict[str, tuple[Callable[[View], Figure | None], str]] = {
     "fig2": (
         trajectories,
-        "One S0 run a method (seed 1), UAVs coloured by φ_G among the true states; stars are collisions, the square is "
-        "the start, the ring the destination. Right: the 54 weights ŵ_H1 of UAV 0; ticks above mark the rounds.",
+        "One S0 run a method (first seed), UAVs coloured by φ_G among the true states; stars are collisions, the "
+        "square is the start, the ring the destination. Right: the 54 weights ŵ_H1 of UAV 0; ticks above mark the "
+        "rounds.",
     ),
     "fig3": (
         six_panels,
@@ -104,8 +105,8 @@ FIGURES: dict[str, tuple[Callable[[View], Figure | None], str]] = {
     "fig7": (against_wind, "Against the strength of the wind" + _GRID),
     "fig8": (
         offline,
-        "A programmed swarm without and with random wind, and one trained at σ = 0.1 that flies at σ = 1.5 (seed 1 "
-        "each); stars are collisions.",
+        "A programmed swarm without and with random wind, and one trained at σ = 0.1 that flies at σ = 1.5 (first "
+        "seed each); stars are collisions.",
     ),
     "map": (
         regime_map,

@@ -43,7 +43,8 @@ class Method(enum.StrEnum):
 
 MAP_SETTINGS = 300
 MAP_SEEDS = range(6001, 6003)
-FRESH_SEED = 7001  # first seed of the settings that fly again
+FIRST_SEED = 101001  # of the paper's scenario
+FRESH_SEED = 107001  # of other scenarios, and of the settings that fly again
 _DESIGN_SEED = 20200403  # of the design, not of any flight
 _SCALES = {"learner.position_scale": (100.0, 3000.0), "learner.velocity_scale": (10.0, 150.0)}  # log-uniform
 _KAPPA, _STEEPNESS = (0.001, 0.2), (0.05, 5.0)  # log-uniform; and κ = 0 in one of six
@@ -161,6 +162,7 @@ EXPERIMENTS: dict[str, tuple[float, bool]] = {
 }
 
 
+FEWEST = {"separation": 10}  # flights of a point: of three free ones of three, O4 would be undecided
 TRACED = frozenset({"s0", "offline", "trained", "held-back"})  # the first seed of each point
 
 
@@ -201,7 +203,7 @@ class Wanted:
     def traced(self) -> bool:
         """Returns whether trajectory and weights are recorded: the first seed of the flights in figures 2 and 8, and of
         those whose direction C7 is about."""
-        return self.seed in (1, FRESH_SEED) and self.point.experiment in TRACED
+        return self.seed in (FIRST_SEED, FRESH_SEED) and self.point.experiment in TRACED
 
 
 def _seeded(flown: Scenario, seed: int) -> Scenario:
@@ -288,11 +290,11 @@ def random_design() -> list[list[str]]:
 
 
 def seeds_of(experiment: str, seeds: int, fresh: bool = False) -> range:
-    """Seeds 1, 2 … or, if `fresh`, 7001, 7002 …: `seeds` times the experiment's share, at least one."""
+    """Seeds from `FIRST_SEED` or, if `fresh`, `FRESH_SEED` on, `seeds` times the experiment's share of them."""
     if experiment in ("map", "exchanged-map"):
         return MAP_SEEDS
-    first = FRESH_SEED if fresh or experiment == "found" else 1
-    return range(first, first + max(1, round(seeds * EXPERIMENTS[experiment][0])))
+    first = FRESH_SEED if fresh or experiment == "found" else FIRST_SEED
+    return range(first, first + max(FEWEST.get(experiment, 1), round(seeds * EXPERIMENTS[experiment][0])))
 
 
 def wanted(seeds: int, scenario: Path | None = None) -> list[Wanted]:

@@ -22,6 +22,7 @@ SAVES = "energy_mean_J, mfgfl-hf / mfgfl-h"
 ALIGNS = "phi_A_175, mfgfl-hf / mfgfl-h"
 RISKS = "phi_C_distinct_175, mfgfl-hf / hjb"
 LASTS = "t_avg_censored_s, mfgfl-hf / mfgfl-h"
+HUGE = 1e4  # numbers beyond it have an exponent
 
 
 def main(*folders: Path) -> None:
@@ -160,7 +161,8 @@ def readings(described: Record) -> list[str]:
         rows.append([f"`{row['name']}`", str(row["seeds"]), *means, *ratios, pairs, ", ".join(row["holds"])])
     return [
         "Readings, one change at a time. Times, energies and collisions are those of sharing both models. The last "
-        "column has the claims about S0 that hold, judged with these seeds:",
+        "column has the claims about S0 that hold, judged with these seeds. In a row with a huge mean a learner "
+        "diverged in one flight:",
         "",
         *markdown.table(head, rows),
     ]
@@ -192,9 +194,9 @@ def losses(described: Record) -> str:
     found = described["losses"]
     rate = {method: 100 * numbers[0] for method, numbers in found["broadcast_outage_rate"].items()}
     return (
-        f"**Why O2 fails.** At equal rounds `mfgfl-hf` loses {rate['hf']:.1f} % of its global models by radio, one in "
-        f"{100 / rate['hf']:.0f}, and `mfgfl-h` {rate['h']:.1f} %. Without losses φ_A with both models shared is "
-        f"{_interval(found['without losses, HF / H'])} times that with the value model shared, with losses "
+        f"**Why O2 does not hold.** At equal rounds `mfgfl-hf` loses {rate['hf']:.1f} % of its global models by "
+        f"radio, one in {100 / rate['hf']:.0f}, and `mfgfl-h` {rate['h']:.1f} %. Without losses φ_A with both models "
+        f"shared is {_interval(found['without losses, HF / H'])} times that with the value model shared, with losses "
         f"{_interval(found['with losses, HF / H'])}. Lost uploads do little: an eighth fewer of them change φ_A by a "
         f"factor {_interval(found['HF, an eighth fewer uploads / all'])}, and what is left, lost downloads, by "
         f"{_interval(found['HF, with losses / an eighth fewer uploads'])} ({found['seeds']} seeds)."
@@ -249,12 +251,16 @@ def _plus_minus(numbers: Sequence[float | None], digits: int) -> str:
     value, _, high = numbers
     if value is None:
         return "unbounded"
-    return f"{value:.{digits}f}" + ("" if high is None else f" ± {high - value:.{digits}f}")
+    return _number(value, digits) + ("" if high is None else f" ± {_number(high - value, digits)}")
 
 
 def _interval(numbers: Sequence[float | None]) -> str:
-    value, low, high = ("?" if number is None else f"{number:.2f}".replace("-", "−") for number in numbers)
+    value, low, high = ("?" if number is None else _number(number, 2) for number in numbers)
     return f"{value} [{low}, {high}]"
+
+
+def _number(number: float, digits: int) -> str:
+    return (f"{number:.0e}" if abs(number) >= HUGE else f"{number:.{digits}f}").replace("-", "−")
 
 
 if __name__ == "__main__":
