@@ -44,6 +44,7 @@ forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked
 def test_nodes_of_a_killed_world_say_how_to_go_on_and_the_run_is_resumed_under_tls(processes, tmp_path) -> None:
     certs.init(tmp_path / "certs", 3)
     flown = (*ENDLESS, "method=mfgfl-h", "duration=200")
+    processes.base += ("--wait", "20")  # so long nodes wait for a world that comes back
     flight = Flight(processes, tmp_path / "runs", settings=flown)
     flight.flying()
     until((flight.folder / CHECKPOINT).exists, "a checkpoint")
