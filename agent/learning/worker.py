@@ -180,7 +180,7 @@ def _refuse_multiprocessing() -> None:
         _refuse()
         start(process)
 
-    BaseProcess.start = refused  # type: ignore[method-assign]
+    BaseProcess.start = refused  # type: ignore[method-assign, assignment]
 
 
 def _refuse() -> None:
