@@ -51,20 +51,21 @@ def flown(out: Path, how: str, *flags: str) -> tuple[int, dict[str, Any], str]:
 @pytest.mark.parametrize(
     ("how", "flags", "lost", "said"),
     [
-        ("exits", (), 1, "UAV 1 lost"),
-        ("forks", (), 1, "a learner may start no process"),
-        ("forks", ("--in-process",), 1, "a learner may start no process"),
-        ("forks-in-a-thread", (), 1, "a learner may start no process"),
-        ("forks-in-a-thread", ("--in-process",), 1, "a learner may start no process"),
-        ("leaves-threads", (), 0, "of UAV 1 left 1 thread running; end them in `fit`"),
-        ("leaves-threads", ("--in-process",), 0, "of UAV 1 left 1 thread running; end them in `fit`"),
+        ("exits", (), (0, 1), "UAV 1 lost"),  # a new agent may take its place before the flight ends
+        ("forks", (), (1,), "a learner may start no process"),
+        ("forks", ("--in-process",), (1,), "a learner may start no process"),
+        ("forks-in-a-thread", (), (1,), "a learner may start no process"),
+        ("forks-in-a-thread", ("--in-process",), (1,), "a learner may start no process"),
+        ("leaves-threads", (), (0,), "of UAV 1 left 1 thread running; end them in `fit`"),
+        ("leaves-threads", ("--in-process",), (0,), "of UAV 1 left 1 thread running; end them in `fit`"),
     ],
 )
 def test_a_learner_that_misbehaves_loses_its_uav_or_is_told_and_the_flight_ends(
-    tmp_path: Path, how: str, flags: tuple[str, ...], lost: int, said: str
+    tmp_path: Path, how: str, flags: tuple[str, ...], lost: tuple[int, ...], said: str
 ) -> None:
     code, found, text = flown(tmp_path, how, *flags)
-    assert (code, found["lost"], found["ticks"]) == (EXIT_DONE, lost, 150)
+    assert (code, found["ticks"]) == (EXIT_DONE, 150)
+    assert found["lost"] in lost
     assert said in text
 
 
