@@ -24,8 +24,8 @@ def test_images_start_from_the_one_base_image() -> None:
     assert "# syntax" not in text
     assert re.findall(r"^ARG BASE_IMAGE=(.*)$", text, re.MULTILINE) == ["python:3.12-slim"]
     dependencies = {f"${{ADDED:-{image}}}-dependencies" for image in ("agent", "world", "station")}  # or `extended`
-    known = {"${BASE_IMAGE}", *stages(), *dependencies}
-    assert set(stages().values()) <= known
+    bases = {"${BASE_IMAGE}", *stages(), *dependencies}
+    assert set(stages().values()) <= bases
     assert len(re.findall(r"^FROM ", text, re.MULTILINE)) == len(stages())
     assert {"agent", "world", "station"} <= stages().keys()
 

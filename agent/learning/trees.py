@@ -103,7 +103,9 @@ class ModelForm:
 
     def join(self, vector: Floats, kept: NDArray[np.uint8]) -> Tree:
         """The tree of a vector and bytes; its arrays are new. Means of whole numbers are rounded."""
-        arrays, raw, place, begin = list[NDArray[Any]](), kept.tobytes(), 0, 0
+        arrays: list[NDArray[Any]] = []
+        raw = kept.tobytes()
+        place = begin = 0
         for leaf in self._leaves:
             if leaf.is_sent:
                 numbers = vector[place : place + leaf.size].reshape(leaf.shape)

@@ -41,7 +41,8 @@ class Backhaul(Stateful):
     def _gathered(self, frames: Frames, present: Mask) -> Frames | None:
         if frames.kind not in self._kinds or frames.kind == FrameKind.GLOBAL:
             return frames
-        target, seat, uavs = links_of(frames)[:, 1], self._plan.seat(frames.round), self._plan.scenario.uavs
+        seat, uavs = self._plan.seat(frames.round), self._plan.scenario.uavs
+        target = links_of(frames)[:, 1]
         arrive = (target < uavs) | (present[target] & present[seat] & (seat >= uavs))  # the wire ends at stations
         if not arrive.any():
             return None

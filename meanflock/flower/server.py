@@ -61,14 +61,14 @@ class FlowerServer(Aggregator):
         if server.is_over:
             return Aggregate(None, done=True)
         assert server.grid.asked is not None
-        vector, kept = self._form.split(self._cast(server.grid.asked.arrays))
+        sent, kept = self._form.split(self._cast(server.grid.asked.arrays))
         for place, uav in enumerate(uploads.uavs.tolist()):
             note, arrived = uploads.notes[place], uploads.arrived[place]
             if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
                 continue
             model = uploads.models[place]
             if self.options.incomplete == "fill":
-                model = np.where(arrived, model, vector)
+                model = np.where(arrived, model, sent)
             arrays: Any = self._form.join(model, kept)
             server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
         outcome = {"asked": float(len(server.grid.asked.nodes)), "failures": float(server.grid.expire())}

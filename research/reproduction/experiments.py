@@ -41,8 +41,8 @@ def run_grid(
         jobs: processes, -1 for one a core. backend: "processes" or "dask". scheduler: address of the Dask scheduler;
             None: a cluster on this machine, for as long as it takes.
         quiet: no progress. plan: runs to fly in the place of the grid. scenario: what the grid is about, a
-            file; by default the paper's. Every other one needs a folder of its own, and flies
-            other seeds, from `grid.FRESH_SEED` on.
+            file; by default the paper's. Every other one needs a folder of its own, and flies other seeds, from
+            `grid.FRESH_SEED` on.
 
     Raises:
         BadInput: an unknown experiment or backend, or a folder that cannot be written.

@@ -162,7 +162,7 @@ EXPERIMENTS: dict[str, tuple[float, bool]] = {
 }
 
 
-FEWEST = {"separation": 10}  # flights of a point: of three free ones of three, O4 would be undecided
+FEWEST = {"separation": 10}  # flights of a point at least: three flights would leave O4 undecided
 TRACED = frozenset({"s0", "offline", "trained", "held-back"})  # the first seed of each point
 
 

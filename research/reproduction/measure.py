@@ -18,12 +18,12 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status
 from research.reproduction import theory
 from research.reproduction.flight import version
-from research.reproduction.grid import LEARNING, Method
+from research.reproduction.grid import FIRST_SEED, LEARNING, Method
 
 Floats = NDArray[np.float64]
 
 MEASURED = "theory.json"
-SEEDS = range(101001, 101009)
+SEEDS = range(FIRST_SEED, FIRST_SEED + 8)
 LONG_S = 1750.0  # ten trips
 TRIP_S = 175.0
 NOISE = 0.02  # ε_F: as large as the paper lets the residual be

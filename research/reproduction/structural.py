@@ -38,6 +38,7 @@ from research.reproduction.grid import (
     WITHOUT_DENSITY,
     Method,
 )
+from research.reproduction.measure import SEEDS
 from research.reproduction.tables import Frame, Results, View
 from research.reproduction.tables import load as load_tables
 from research.reproduction.verdict import HOLDING, evaluate, of_setting
@@ -68,7 +69,6 @@ RATIOS = (  # metric, numerator and denominator
     ("phi_C_distinct_175", "mfgfl-hf", "hjb"),
 )
 DRIFT_S = 30.0
-COST_SEEDS = range(101001, 101009)
 SCENARIOS = ("paper", "paper-slow", "paper-printed", "paper-exchanged")
 
 # -- flights of the grid -----------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@ def _numbers(found: Estimate) -> list[float | None]:
 # -- the density in the cost -------------------------------------------------------------------------------------------
 
 
-def cost_shares(seeds: Sequence[int] = COST_SEEDS) -> Record:
+def cost_shares(seeds: Sequence[int] = SEEDS) -> Record:
     """By scenario: share of c₂φ_G, as the UAVs of `mfgfl-hf` believe it, in the cost of a flight; see `cost_share`."""
     scenarios = {name: [load(Path(name), seed=seed) for seed in seeds] for name in SCENARIOS}
     shares = {name: _numbers(statistics.mean(list(map(cost_share, flown)))) for name, flown in scenarios.items()}

@@ -161,8 +161,7 @@ def readings(described: Record) -> list[str]:
         rows.append([f"`{row['name']}`", str(row["seeds"]), *means, *ratios, pairs, ", ".join(row["holds"])])
     return [
         "Readings, one change at a time. Times, energies and collisions are those of sharing both models. The last "
-        "column has the claims about S0 that hold, judged with these seeds. In a row with a huge mean a learner "
-        "diverged in one flight:",
+        "column has the claims about S0 that hold, judged with these seeds. Where a mean is huge, a learner diverged:",
         "",
         *markdown.table(head, rows),
     ]

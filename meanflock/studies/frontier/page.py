@@ -32,8 +32,8 @@ def page(record: FrontierRecord) -> str:
     parts = [
         "# The price of safety, in bits",
         f"{_question(record)} {coverage(record)}",
-        "\n".join(f"{number}. {finding}" for number, finding in enumerate(findings(record), 1)),
         SINCE,
+        "\n".join(f"{number}. {finding}" for number, finding in enumerate(findings(record), 1)),
         _picture(first),
         "## Fewest bits",
         "Mean kbit of the confirmation with the ends of its 95 % interval, and the policy. Where a target was never "

@@ -250,7 +250,7 @@ def test_every_number_of_the_page_is_that_of_the_flights(docs) -> None:
     assert "90 %: 29 flights, 0 may fail; 95 %: 59 flights, 0 may fail" in text
     assert f"a probability of only {100 * 0.99**59:.0f} %" in text
     assert max(map(len, text.partition("## Fewest bits")[0].splitlines())) < 1000
-    findings = text.partition("\n1. ")[2].partition("\n\n")[0]
+    findings = text.partition("\n1. ")[2].partition("![")[0]
     assert len(findings.split()) < 300  # one screen
 
 
