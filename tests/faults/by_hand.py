@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from meanflock.launch.processes import free_endpoint
+from meanflock.net.session import LEASE
 from meanflock.results.spool import spooled
 from tests.polling import DEADLINE_S, until
 
@@ -48,11 +49,12 @@ class Processes:
         self._started.append(process)
         return process
 
-    def world(self, *flags: str, settings: tuple[str, ...] = ()) -> Process:
-        return self.start("worldsim", *flags, *(word for setting in settings for word in ("--set", setting)))
+    def world(self, *flags: str, settings: tuple[str, ...] = (), **options: Any) -> Process:
+        words = (word for setting in settings for word in ("--set", setting))
+        return self.start("worldsim", *flags, *words, **options)
 
-    def station(self, out: Path, *flags: str, base: tuple[str, ...] | None = None) -> Process:
-        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags, base=base)
+    def station(self, out: Path, *flags: str, **options: Any) -> Process:
+        return self.start("groundstation", "--out", str(out), "--rerun", "", *flags, **options)
 
     def close(self) -> None:
         for process in self._started:
@@ -107,11 +109,15 @@ class Flight(Recorded):
         agents: int = 3,
         leaders: int = 1,
         station_base: tuple[str, ...] | None = None,
+        link_s: float | None = None,
     ) -> None:
+        """`link_s`: how long the link between world and station outlives a station that is frozen."""
         super().__init__(out)
         self.processes = processes
-        self.world = processes.world("--stations", "1", "--barrier", str(barrier_s), settings=settings)
-        self.station = processes.station(out, "--resume", "latest", base=station_base)
+        self._linked = {"env": {LEASE: f"{link_s:g}"}} if link_s is not None else {}
+        patience = ("--barrier", str(barrier_s))
+        self.world = processes.world("--stations", "1", *patience, settings=settings, **self._linked)
+        self.station = processes.station(out, "--resume", "latest", base=station_base, **self._linked)
         self.agents = [self.agent(uav) for uav in range(agents)]
         self.leaders = [self.leader() for _ in range(leaders)]
 
@@ -131,7 +137,7 @@ class Flight(Recorded):
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         rows = self._rows()
-        self.station = self.processes.station(self.out, "--resume", "latest", "--wait", "5")
+        self.station = self.processes.station(self.out, "--resume", "latest", **self._linked)
         until(lambda: self._rows() > rows, "another station records", pause_s=0.1)
 
     def end(self) -> dict[str, Any]:
