@@ -7,8 +7,8 @@ from meanflock.swarm.scenario import Scenario
 TITLE = "Groups of UAVs"
 ABOUT = (
     "The scenario `groups` and multiples of it in one process: learners and a reserve of `mfgfl-hf`, couriers of "
-    "`orca`, all behind `ecbf`. The floor is `orca` for all UAVs. A group is an agent of its own, so a small "
-    "swarm pays for three."
+    "`orca`, all behind `ecbf`. The floor is `orca` for all UAVs. Learners and reserve are one agent, couriers "
+    "another, so a small swarm pays for two controllers and two filters."
 )
 TIMES = (1, 4, 12)  # UAVs, as multiples of the scenario's
 LARGEST = 1.0  # asked of the ratio

@@ -4,7 +4,6 @@ import http.client
 import json
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -29,7 +28,8 @@ from meanflock.results.series import Reported
 from meanflock.swarm import logs, scenario, state
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
-from tests.commands import COMMAND, ended, printed
+from tests.commands import COMMAND, printed
+from tests.groundstation.browser import CHROMIUM, Browser
 from tests.groundstation.conftest import QUICK
 from tests.groundstation.recordings import DIAGNOSTICS, WEIGHTS, flight, record
 from tests.polling import DEADLINE_S, until
@@ -172,15 +172,6 @@ def test_a_picture_shows_one_view_alone_and_none_in_space_of_a_flight_in_the_pla
 
 
 CANVAS, GOAL = (16, 19, 26), (0x35, 0xD6, 0xA0)  # colours of the map's background and of the goal's ring on it
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-ASKED_BY_A_PAGE = re.compile(r'"initiator":"http://127\.0\.0\.1[^\n]*?"url":"\w+://([^/:"]+)')  # not by Chromium itself
-FLAGS = (
-    *("--headless", "--no-sandbox", "--incognito", "--no-first-run", "--disable-dev-shm-usage"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=640,480"),
-    *("--virtual-time-budget=20000", "--proxy-server=http://127.0.0.1:9"),  # no proxy: nothing leaves this machine
-    *("--user-data-dir=profile", "--screenshot=page.png", "--log-net-log=net.json"),
-)
 
 
 def answer(url: str, host: str = "127.0.0.1") -> http.client.HTTPResponse:
@@ -202,13 +193,10 @@ def shown_at(page: str) -> str:
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> None:
     recorder = Recorder(Scenario(uavs=4), "test", tmp_path / "recording.rrd", serve=("127.0.0.1", 0))
-    asked: set[str] = set()
 
     def shows_a_map() -> bool:
         """Whether a fair part of the page is the map's canvas, with the goal on it."""
-        ended(CHROMIUM, *FLAGS, page.url, cwd=tmp_path)
-        asked.update(ASKED_BY_A_PAGE.findall((tmp_path / "net.json").read_text(encoding="utf-8")))
-        seen = np.round(imread(tmp_path / "page.png")[..., :3] * 255)
+        seen = np.round(imread(browser.photograph())[..., :3] * 255)
         return bool(np.mean((seen == CANVAS).all(axis=-1)) > 0.05 and (seen == GOAL).all(axis=-1).sum() > 5)
 
     with WebPage() as page, recorder:
@@ -216,8 +204,9 @@ def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> N
             recorder.write(block)
         recorder.flush()
         page.recording = recorder.live_url
-        until(shows_a_map, "the map in the browser, which comes late")
-    assert asked == {"127.0.0.1"}
+        with Browser(page.url, tmp_path) as browser:
+            until(shows_a_map, "the map in the browser, which comes late", pause_s=0.5)
+            assert browser.asked() == {"127.0.0.1"}
     assert verify(tmp_path / "recording.rrd") is None
 
 
