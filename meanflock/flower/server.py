@@ -60,8 +60,9 @@ class FlowerServer(Aggregator):
         server = self._server or self._begin()
         if server.is_over:
             return Aggregate(None, done=True)
-        assert server.grid.asked is not None
-        sent, kept = self._form.split(self._cast(server.grid.asked.arrays))
+        asked = server.grid.asked  # the training that the replies answer
+        assert asked is not None
+        sent, kept = self._form.split(self._cast(asked.arrays))
         for place, uav in enumerate(uploads.uavs.tolist()):
             note, arrived = uploads.notes[place], uploads.arrived[place]
             if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
@@ -71,15 +72,16 @@ class FlowerServer(Aggregator):
                 model = np.where(arrived, model, sent)
             arrays: Any = self._form.join(model, kept)
             server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
-        outcome = {"asked": float(len(server.grid.asked.nodes)), "failures": float(server.grid.expire())}
+        outcome = {"asked": float(len(asked.nodes)), "failures": float(server.grid.expire())}
         server.go_on(self.options.wait_s)
         metrics = server.grid.metrics | outcome
         if server.is_over:
             return Aggregate(None, done=True, metrics=metrics)
-        asked = server.grid.asked
-        note = TrainingRequest.of_asked(server.grid.number, asked, self.scenario.uavs).note
+        wanted = server.grid.asked  # the next training
+        assert wanted is not None
+        note = TrainingRequest.of_asked(server.grid.number, wanted, self.scenario.uavs).note
         check_note("configuration", note, self.note_bytes)
-        vector, _ = self._form.split(self._cast(asked.arrays))
+        vector, _ = self._form.split(self._cast(wanted.arrays))
         return Aggregate(vector.astype(np.float64), note, metrics=metrics)
 
     def _begin(self) -> RunningServer:

@@ -114,10 +114,10 @@ class Flight(Recorded):
         """`link_s`: how long the link between world and station outlives a station that is frozen."""
         super().__init__(out)
         self.processes = processes
-        self._linked = {"env": {LEASE: f"{link_s:g}"}} if link_s is not None else {}
-        patience = ("--barrier", str(barrier_s))
-        self.world = processes.world("--stations", "1", *patience, settings=settings, **self._linked)
-        self.station = processes.station(out, "--resume", "latest", base=station_base, **self._linked)
+        self._lease = {} if link_s is None else {LEASE: f"{link_s:g}"}
+        flags = ("--stations", "1", "--barrier", str(barrier_s))
+        self.world = processes.world(*flags, settings=settings, env=self._lease)
+        self.station = processes.station(out, "--resume", "latest", base=station_base, env=self._lease)
         self.agents = [self.agent(uav) for uav in range(agents)]
         self.leaders = [self.leader() for _ in range(leaders)]
 
@@ -137,7 +137,7 @@ class Flight(Recorded):
         self.station.send_signal(number)
         self.station.communicate(timeout=DEADLINE_S)
         rows = self._rows()
-        self.station = self.processes.station(self.out, "--resume", "latest", **self._linked)
+        self.station = self.processes.station(self.out, "--resume", "latest", env=self._lease)
         until(lambda: self._rows() > rows, "another station records", pause_s=0.1)
 
     def end(self) -> dict[str, Any]:

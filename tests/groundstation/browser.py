@@ -19,8 +19,8 @@ _FLAGS = (
     *("--proxy-server=http://127.0.0.1:9", "--user-data-dir=profile"),  # no proxy: nothing leaves this machine
     *("--log-net-log=net.json", "--remote-debugging-pipe"),
 )
-# Of what a page asks for, not Chromium itself.
-_ASKED = re.compile(r'"initiator":"http://127\.0\.0\.1[^\n]*?"url":"\w+://([^/:"]+)')
+# The hosts of what a page asks for; Chromium itself asks for more.
+_HOSTS = re.compile(r'"initiator":"http://127\.0\.0\.1[^\n]*?"url":"\w+://([^/:"]+)')
 
 
 class Browser:
@@ -39,7 +39,7 @@ class Browser:
         )
         os.close(commands)
         os.close(answers)
-        self._asked = 0
+        self._number = 0  # of the last command
         self._read = b""
         self._session: dict[str, str] = {}
         target = self._ask("Target.createTarget", url=url)["targetId"]
@@ -55,22 +55,22 @@ class Browser:
         os.close(self._answers)
 
     def photograph(self) -> Path:
-        """A picture of the page as it is now."""
+        """Make a picture of the page as it is now; returns the file."""
         picture = self._folder / "page.png"
         picture.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot")["data"]))
         return picture
 
-    def asked(self) -> set[str]:
-        """Ends the browser; the hosts that the page asked for something."""
+    def end(self) -> set[str]:
+        """End the browser; returns the hosts that its page asked for something."""
         self._session = {}
         self._ask("Browser.close")
         self._process.wait(DEADLINE_S)
-        return set(_ASKED.findall((self._folder / "net.json").read_text(encoding="utf-8")))
+        return set(_HOSTS.findall((self._folder / "net.json").read_text(encoding="utf-8")))
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command of the DevTools protocol; its result."""
-        self._asked += 1
-        command = {"id": self._asked, "method": method, "params": parameters} | self._session
+        """Send a command of the DevTools protocol; returns its result."""
+        self._number += 1
+        command = {"id": self._number, "method": method, "params": parameters} | self._session
         os.write(self._commands, json.dumps(command).encode() + b"\0")
         while True:
             while b"\0" not in self._read:
@@ -78,5 +78,5 @@ class Browser:
                 assert part, f"Chromium ended, code {self._process.poll()}"
                 self._read += part
             raw, _, self._read = self._read.partition(b"\0")
-            if (answer := json.loads(raw)).get("id") == self._asked:
+            if (answer := json.loads(raw)).get("id") == self._number:
                 return answer["result"]

@@ -206,7 +206,7 @@ def test_a_browser_shows_the_recording_and_asks_nobody_else(tmp_path: Path) -> N
         page.recording = recorder.live_url
         with Browser(page.url, tmp_path) as browser:
             until(shows_a_map, "the map in the browser, which comes late", pause_s=0.5)
-            assert browser.asked() == {"127.0.0.1"}
+            assert browser.end() == {"127.0.0.1"}
     assert verify(tmp_path / "recording.rrd") is None
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from tests.commands import printed
+from tests.groundstation.browser import CHROMIUM
 from tests.polling import DEADLINE_S
 from tests.sources import ROOT
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--no-first-run", "--disable-dev-shm-usage", "--user-data-dir=profile")
 TYPED = {"krum": "docs/your-aggregation.html", "setpoint": "docs/mavlink.html"}  # and a page that is offered for it
 TYPES = """<script>

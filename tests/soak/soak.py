@@ -71,9 +71,15 @@ class Soak:
         self._settings = settings(uavs, ticks, seed)
         self._scenario = load(None, self._settings)
         self._processes = Processes(f"soak-{os.getpid()}-{seed}", "--tls", str(certificates))
-        # What another station acknowledges while the first is frozen, the world keeps for no one.
-        nodes = {"agents": uavs, "leaders": 2, "link_s": DEADLINE_S}
-        self._flight = Flight(self._processes, self._runs, BARRIER_S, self._settings, **nodes)
+        self._flight = Flight(
+            self._processes,
+            self._runs,
+            BARRIER_S,
+            self._settings,
+            agents=uavs,
+            leaders=2,
+            link_s=DEADLINE_S,  # the world does not keep for a frozen station what another one has acknowledged
+        )
         self._mishaps = Mishaps(self._flight, certificates, scratch, seed)
         self._over = threading.Event()
         self._open: list[str] = []  # mishaps that are not mended yet
