@@ -40,7 +40,7 @@ judges: $(VENV)/.dev ## Have foreign software read what we write, each in an env
 	@$(PYTEST) tests/judges $(ARGS)
 
 learners: $(LEARNERS)/.ready ## Fly models of PyTorch, in an environment of its own (PIP_EXTRA_INDEX_URL: for a torch without CUDA)
-	@$(LEARNERS)/bin/python -m pytest tests/judges/learners tests/agent/learning $(ARGS)
+	@PYTHONDONTWRITEBYTECODE= $(LEARNERS)/bin/python -m pytest tests/judges/learners tests/agent/learning $(ARGS)
 
 wheels: $(VENV)/.dev ## Build the wheel, audit it, and fly with it on each Python that is here, in environments of its own
 	@$(PYTEST) tests/wheels $(ARGS)
@@ -152,10 +152,15 @@ $(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlin
 pwd -P > $(VENV)/.home
 endef
 
-# Torch and Flower need other versions of some libraries than the rest: constraints-learners.txt.
-$(LEARNERS)/.ready: pyproject.toml setup.py constraints-learners.txt $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])
+# Torch and Flower need other versions of some libraries than the rest: constraints-learners.txt. They are large, and
+# tests import a small part of them: that is compiled when it is first imported.
+$(LEARNERS)/.libraries: constraints-learners.txt
 	@set -eu; $(find_python); $(call make_venv,$(LEARNERS)); \
-	$(LEARNERS)/bin/python -m pip install -qq -c constraints-learners.txt -e '.[flower,torch]' $$($(LEARNERS)/bin/python -c \
+	$(LEARNERS)/bin/python -m pip install -qq --no-compile -r constraints-learners.txt
+	@touch $@
+
+$(LEARNERS)/.ready: $(LEARNERS)/.libraries pyproject.toml setup.py $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])
+	@set -eu; $(LEARNERS)/bin/python -m pip install -qq --no-compile -c constraints-learners.txt -e '.[flower,torch]' $$($(LEARNERS)/bin/python -c \
 	'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["learners"])')
 	@touch $@
 

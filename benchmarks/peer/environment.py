@@ -55,9 +55,10 @@ class Environment:
         end, log = time.monotonic() + timeout_s, self._place.with_suffix(".log")
         python = str(self.python)
         commands = [[sys.executable, "-m", "venv", str(self._place)]]
-        # Peers one by one: a pin that decides which build of a package others get must be there before them.
-        first = 1 if self._kind == "peer" else len(self._pins)
-        commands += [[python, "-m", "pip", "install", "-q", *self._pins[:k]] for k in range(first, len(self._pins) + 1)]
+        # Peers one by one: a pin that decides which build of a package others get must be there before them. A judge
+        # imports a small part of its libraries, once or twice: that is compiled sooner than all of them.
+        first, how = (1, ["-q"]) if self._kind == "peer" else (len(self._pins), ["-q", "--no-compile"])
+        commands += [[python, "-m", "pip", "install", *how, *self._pins[:k]] for k in range(first, len(self._pins) + 1)]
         for command in commands:
             install(command, log, end)
         self._done.touch()

@@ -13,6 +13,7 @@ from pathlib import Path
 os.environ |= {"FLWR_TELEMETRY_ENABLED": "0", "RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": sys.argv[1]}
 sys.path.insert(0, sys.argv[1])
 
+import ray
 from flwr.app import Context, RecordDict
 from flwr.common import EventType
 from flwr.simulation.run_simulation import _run_simulation
@@ -30,6 +31,9 @@ def component(key: str) -> object:
     return getattr(importlib.import_module(module), name)
 
 
+# A run takes a Ray that is there, and shuts it down: a start takes longer than a run.
+ray.init(log_to_driver=False, object_store_memory=100_000_000, include_dashboard=False)
+ray.shutdown = lambda: None
 TaskIdentity.task_id = TaskIdentity.run_id = TaskIdentity.node_id = 1
 for config in json.loads(sys.argv[2]):
     whole = APP["config"] | config
@@ -44,8 +48,5 @@ for config in json.loads(sys.argv[2]):
         app_dir=sys.argv[1],
         server_app_context=Context(1, 0, {}, RecordDict(), whole),
         run=run,
-        backend_config={
-            "init_args": {"log_to_driver": False, "object_store_memory": 100_000_000, "include_dashboard": False},
-            "client_resources": {"num_cpus": 1, "num_gpus": 0.0},
-        },
+        backend_config={"client_resources": {"num_cpus": 1, "num_gpus": 0.0}},
     )
