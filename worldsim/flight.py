@@ -349,7 +349,7 @@ class Flight(Stateful):
         seen = pairs(self.scenario.metrics, before, after, self.encounters.nearest_m, self.encounters.expected)
         self.near_sum += seen.near
         if self.by_group is not None:
-            self.by_group.observe(self.tick, before, after)
+            self.by_group.observe(self.tick, before, after, waiting)
         for first, second in self.encounters.meet(seen, on_way, after):
             self.events.append(Collided(self.tick, first, second))
         for uav, disc in self.encounters.enter(before, after):

@@ -31,15 +31,16 @@ class GroupMeasures(Stateful):
         self.speed_difference_sum = np.zeros(len(self._rows))
         self.ticks = np.zeros(len(self._rows), dtype=np.int64)
 
-    def observe(self, tick: int, before: state.States, after: state.States) -> None:
+    def observe(self, tick: int, before: state.States, after: state.States, waiting: state.Mask | None) -> None:
         """Measures a tick in which UAVs move straight from `before` to `after`, (N, 2d).
 
-        NaN in `before`: the UAV flew no segment; NaN in `after`: it is on the ground.
+        NaN in `before`: the UAV flew no segment; NaN in `after`: it is on the ground, one of the UAVs `waiting`, (N,).
         """
         for number, rows in enumerate(self._rows):
-            begin, end = before[rows], after[rows]
-            *_, self.closest_m[number] = kernels.pairs(begin, end, 0.0, 0.0, self.closest_m[number], _NO_PAIRS)
-            aloft = end[~np.isnan(end[:, 0])]
+            begin, aloft = before[rows], after[rows]
+            *_, self.closest_m[number] = kernels.pairs(begin, aloft, 0.0, 0.0, self.closest_m[number], _NO_PAIRS)
+            if waiting is not None:
+                aloft = aloft[~waiting[rows]]
             if len(aloft):
                 self.speed_difference_sum[number] += speed_difference(aloft, self._seed, tick).mean
                 self.ticks[number] += 1

@@ -108,6 +108,7 @@ class World(Stateful):
             plan.has_diagnostic,
             [rows for _, rows in mission.parts(scenario)],
         )
+        self._turns = set(np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist())
         self._script = Script(scenario)
         self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)
@@ -323,7 +324,7 @@ class World(Stateful):
             The UAVs and the number of leaders that are killed; the UAVs that are awake, (N,).
         """
         flight = self.flight
-        if self.scenario.groups:
+        if tick in self._turns:
             self._begin_groups(tick)
         if flight.guide.is_there:
             self._guide(tick)

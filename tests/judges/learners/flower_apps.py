@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -106,7 +107,9 @@ def in_engine(app: Path, configs: list[dict[str, Any]], folder: Path) -> list[di
     command = [sys.executable, str(script), str(app), json.dumps(wanted)]
     for left in (2, 1, 0):  # Flower's engine sometimes waits for ever for a ray that did not start; it takes a minute
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+            with tempfile.TemporaryDirectory(dir="/tmp") as short:  # Ray's sockets have paths of 107 bytes at most
+                env = os.environ | {"TMPDIR": short}
+                done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False, env=env)
             break
         except subprocess.TimeoutExpired:
             if not left:
