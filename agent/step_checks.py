@@ -84,7 +84,7 @@ def _check_broadcast(payload: object, senders: Rows | None, rows: int) -> None:
         isinstance(senders, np.ndarray)
         and senders.dtype.kind == "i"
         and senders.ndim == 1
-        and (not len(senders) or (senders[0] >= 0 and senders[-1] < rows and (np.diff(senders) > 0).all()))
+        and (not len(senders) or (senders[0] >= 0 and senders[-1] < rows and (senders[1:] > senders[:-1]).all()))
     ):
         raise ValueError(f"a broadcast of rows {senders!r}; expected an array of some of 0 … {rows - 1}, ascending")
 

@@ -54,6 +54,7 @@ PyObject *learner_tables(PyObject *module, PyObject *args);
 PyObject *learner_step(PyObject *module, PyObject *args);
 PyObject *learner_repel(PyObject *module, PyObject *args);
 PyObject *closest_of_all(PyObject *module, PyObject *args);
+PyObject *neighbours_of_all(PyObject *module, PyObject *args);
 PyObject *elimination_solve(PyObject *module, PyObject *args);
 PyObject *elimination_multiply(PyObject *module, PyObject *args);
 

@@ -185,6 +185,8 @@ static PyMethodDef methods[] = {
     {"poisson", radio_poisson, METH_VARARGS, "poisson(rates, first, terms, reached, sums)"},
     {"repel", learner_repel, METH_VARARGS, "repel(states, known, weight, range_m, pushed)"},
     {"closest", closest_of_all, METH_VARARGS, "closest(distance, reach, found)"},
+    {"neighbours", neighbours_of_all, METH_VARARGS,
+     "neighbours(own, others, uavs, reach, away, closing, squared, found)"},
     {"solve", elimination_solve, METH_VARARGS, "solve(matrices, rights, found)"},
     {"multiply", elimination_multiply, METH_VARARGS, "multiply(left, right, found)"},
     {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None, uavs=0)"},

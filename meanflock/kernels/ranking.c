@@ -1,7 +1,12 @@
 /* Compiled form of ranking.py. */
 #include "module.h" /* Python.h comes first */
 
+#include <math.h>
 #include <string.h>
+
+#include "axes.h"
+
+static const double NEVER_NEARER_M = 1e-3;
 
 /* Puts the numbers of the nearest objects of a row of n into `found`, at most `most`; returns how many there are. */
 static Py_ssize_t nearest_first(const char *distance, Py_ssize_t n, double reach, Py_ssize_t most, double *near,
@@ -41,4 +46,96 @@ PyObject *closest_of_all(PyObject *module, PyObject *args) {
         if (count > largest) largest = count;
     }
     return done(&arrays, PyLong_FromSsize_t(largest));
+}
+
+typedef struct { /* arguments as in ranking.py; arrays begin anywhere */
+    const char *own, *others, *uavs;
+    char *away, *closing, *squared, *found;
+    Py_ssize_t rows, n, most;
+    double reach;
+    double *distance, *near; /* room for n and 2 * most */
+} Neighbours;
+
+static double number(const char *from, Py_ssize_t place) {
+    double read;
+    memcpy(&read, from + place * D, D);
+    return read;
+}
+
+FOR_AXES Py_ssize_t neighbours(const int axes, const Neighbours *a) {
+    const Py_ssize_t n = a->n;
+    int64_t *row = (int64_t *)(a->near + a->most);
+    Py_ssize_t largest = 0;
+    for (Py_ssize_t m = 0; m < a->rows; m++) {
+        const char *others = a->others + m * 2 * axes * n * D;
+        double here[2 * MOST_AXES], apart[2 * MOST_AXES];
+        int64_t uav;
+        memcpy(here, a->own + m * 2 * axes * D, 2 * axes * D);
+        memcpy(&uav, a->uavs + m * sizeof uav, sizeof uav);
+        for (Py_ssize_t j = 0; j < n; j++) {
+            for (int k = 0; k < axes; k++) apart[k] = here[k] - number(others, k * n + j);
+            a->distance[j] = inner(axes, apart, apart);
+        }
+        a->distance[uav] = INFINITY;
+        const Py_ssize_t count = nearest_first((const char *)a->distance, n, a->reach, a->most, a->near, row);
+        if (count > largest) largest = count;
+        for (Py_ssize_t place = 0; place < a->most; place++) {
+            const Py_ssize_t j = row[place] < 0 ? n - 1 : row[place], to = m * a->most + place;
+            for (int k = 0; k < 2 * axes; k++) apart[k] = here[k] - number(others, k * n + j);
+            double squared = inner(axes, apart, apart);
+            if (row[place] >= 0 && squared < NEVER_NEARER_M * NEVER_NEARER_M) {
+                for (int k = 1; k < axes; k++) apart[k] = 0.0;
+                apart[0] = uav < j ? -NEVER_NEARER_M : NEVER_NEARER_M;
+                squared = NEVER_NEARER_M * NEVER_NEARER_M;
+            }
+            memcpy(a->away + to * axes * D, apart, axes * D);
+            memcpy(a->closing + to * axes * D, apart + axes, axes * D);
+            memcpy(a->squared + to * D, &squared, D);
+        }
+        memcpy(a->found + m * a->most * D, row, a->most * D);
+    }
+    return largest;
+}
+
+PyObject *neighbours_of_all(PyObject *module, PyObject *args) {
+    PyObject *own, *others, *uavs, *away, *closing, *squared, *found;
+    Arrays arrays = {.held = 0};
+    Neighbours a;
+    int axes;
+    if (!PyArg_ParseTuple(args, "OOOdOOOO:neighbours", &own, &others, &uavs, &a.reach, &away, &closing, &squared, &found))
+        return NULL;
+    if ((a.rows = rows_of(&arrays, own, "own", 2, &axes)) < 0) return done(&arrays, NULL);
+    const Py_buffer *known = hold(&arrays, others, "others", "d", D, PyBUF_ND);
+    if (known == NULL) return done(&arrays, NULL);
+    if (known->ndim != 3 || known->shape[0] != a.rows || known->shape[1] != 2 * axes) {
+        PyErr_SetString(PyExc_ValueError, "others: not the states of all UAVs for each row");
+        return done(&arrays, NULL);
+    }
+    a.n = known->shape[2];
+    if (!sized(hold(&arrays, uavs, "uavs", "lq", D, READ), "uavs", a.rows * D)) return done(&arrays, NULL);
+    for (Py_ssize_t m = 0; m < a.rows; m++) {
+        int64_t uav;
+        memcpy(&uav, (const char *)arrays.view[2].buf + m * sizeof uav, sizeof uav);
+        if (uav >= 0 && uav < a.n) continue;
+        PyErr_Format(PyExc_ValueError, "uavs: number %lld of %zd", (long long)uav, a.n);
+        return done(&arrays, NULL);
+    }
+    const Py_buffer *to = hold(&arrays, found, "found", "lq", D, PyBUF_ND | WRITTEN);
+    if (to == NULL) return done(&arrays, NULL);
+    if (to->ndim != 2 || to->shape[0] != a.rows) {
+        PyErr_SetString(PyExc_ValueError, "found: not (M, K)");
+        return done(&arrays, NULL);
+    }
+    a.most = to->shape[1];
+    const Py_ssize_t places = a.rows * a.most;
+    if (!doubles(&arrays, away, "away", places * axes, WRITTEN)
+        || !doubles(&arrays, closing, "closing", places * axes, WRITTEN)
+        || !doubles(&arrays, squared, "squared", places, WRITTEN)
+        || (a.distance = room_for(&arrays, a.n + 2 * a.most)) == NULL)
+        return done(&arrays, NULL);
+    a.near = a.distance + a.n;
+    a.own = arrays.view[0].buf, a.others = arrays.view[1].buf, a.uavs = arrays.view[2].buf;
+    a.found = arrays.view[3].buf, a.away = arrays.view[4].buf, a.closing = arrays.view[5].buf;
+    a.squared = arrays.view[6].buf;
+    return done(&arrays, PyLong_FromSsize_t(BY_AXES(axes, neighbours, &a)));
 }

@@ -15,7 +15,7 @@ from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.motion import move, reached
 from meanflock.kernels.quadrotor import fly
-from meanflock.kernels.ranking import closest
+from meanflock.kernels.ranking import closest, neighbours
 from meanflock.kernels.state import Floats
 from meanflock.kernels.wire import read, write
 
@@ -31,6 +31,7 @@ __all__ = [
     "move",
     "multiply",
     "nearest",
+    "neighbours",
     "pairs",
     "poisson",
     "prepare",

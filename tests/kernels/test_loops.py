@@ -236,3 +236,30 @@ def test_the_nearest_few_come_first_and_ties_in_their_order(
         expected = sorted((apart, number) for number, apart in enumerate(row) if apart <= 4.0)[:most]
         assert numbers.tolist() == [number for _, number in expected] + [-1] * (most - len(expected))
     assert largest == (found >= 0).sum(axis=1).max(initial=0)
+
+
+@both_forms
+@given(st.integers(0, 4), st.integers(1, 9), st.integers(0, 6), st.sampled_from([2, 3]), seeds)
+def test_neighbours_are_the_nearest_other_uavs_as_each_row_knows_them(
+    backend: ModuleType, rows: int, uavs: int, most: int, axes: int, seed: int
+) -> None:
+    """On a grid many are equally far, and some at one place; the state of some is unknown."""
+    draw = np.random.default_rng(seed)
+    own = draw.integers(0, 3, size=(rows, 2 * axes)).astype(float)
+    others = draw.integers(0, 3, size=(rows, 2 * axes, uavs)).astype(float)
+    others[draw.random(others.shape) < 0.05] = np.nan
+    numbers = draw.integers(0, uavs, size=rows)
+    away, closing = np.full((rows, most, axes), 7.0), np.full((rows, most, axes), 7.0)
+    squared, found = np.full((rows, most), 7.0), np.full((rows, most), 7, dtype=np.intp)
+    largest = backend.neighbours(own, others, numbers, 4.0, away, closing, squared, found)
+    assert largest == (found >= 0).sum(axis=1).max(initial=0)
+    for m, uav in enumerate(numbers.tolist()):
+        apart = own[m] - others[m].T
+        lengths = (apart[:, :axes] ** 2).sum(axis=1)
+        near = sorted((lengths[j], j) for j in range(uavs) if j != uav and lengths[j] <= 4.0)[:most]
+        assert found[m].tolist() == [j for _, j in near] + [-1] * (most - len(near))
+        for place, (length, j) in enumerate(near):
+            beside = np.array([-1e-3 if uav < j else 1e-3, 0.0, 0.0][:axes])
+            np.testing.assert_array_equal(away[m, place], apart[j, :axes] if length else beside)
+            np.testing.assert_array_equal(closing[m, place], apart[j, axes:])
+            assert squared[m, place] == (length or 1e-3 * 1e-3)

@@ -61,6 +61,10 @@ def arguments(name: str) -> dict[str, Any]:
         return {"states": np.full((2, 4), 7.0), "goals": np.ones((2, 4)), "radius": 1.0, "within": np.ones(2, bool)}
     if name == "closest":
         return {"distance": np.ones((2, 5)), "reach": 2.0, "found": np.full((2, 3), 7, np.intp)}
+    if name == "neighbours":
+        known = {"own": np.ones((2, 4)), "others": np.ones((2, 4, 5)), "uavs": np.array([0, 4]), "reach": 9.0}
+        written = {"away": np.full((2, 3, 2), 7.0), "closing": np.full((2, 3, 2), 7.0), "squared": np.full((2, 3), 7.0)}
+        return {**known, **written, "found": np.full((2, 3), 7, np.intp)}
     if name == "solve":
         return {"matrices": np.ones((2, 3, 3)), "rights": np.ones((2, 3, 2)), "found": np.full((2, 3, 2), 7.0)}
     if name == "multiply":
@@ -70,6 +74,7 @@ def arguments(name: str) -> dict[str, Any]:
 
 
 ANY_BYTE = (
+    "neighbours",
     "learn",
     "repel",
     "nearest",
@@ -114,6 +119,15 @@ WRONG: list[tuple[str, str, Any]] = [
     ("fly", "body", np.zeros((2, 12))),
     ("closest", "distance", np.ones((3, 5))),
     ("closest", "distance", np.ones(10)),
+    ("neighbours", "own", np.ones((2, 6))),
+    ("neighbours", "own", np.ones((3, 4))),
+    ("neighbours", "others", np.ones((2, 20))),
+    ("neighbours", "others", np.ones((2, 6, 5))),
+    ("neighbours", "others", np.ones((2, 4, 4))),
+    ("neighbours", "uavs", np.array([0, -1])),
+    ("neighbours", "uavs", np.array([0, 5])),
+    ("neighbours", "found", np.full(6, 7, np.intp)),
+    ("neighbours", "found", np.full((2, 2), 7, np.intp)),
     ("solve", "matrices", np.ones((2, 3, 2))),
     ("solve", "rights", np.ones((2, 4, 2))),
     ("multiply", "right", np.ones((2, 3, 2))),

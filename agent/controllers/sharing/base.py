@@ -81,6 +81,7 @@ class NeighbourStates:
         self._plausible = plausible(scenario)
         halfway = 0.5 * (state.position(mission.starts(scenario)) + mission.goals(scenario))
         self._origin = state.at_rest(halfway)  # of the numbers that a UAV sends
+        self._silence = Broadcast(np.zeros((0, self.numbers), dtype=np.int16), np.zeros(0, dtype=np.intp))
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
         """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
@@ -136,20 +137,20 @@ class NeighbourStates:
             sent = own.astype(self._float).astype(np.float64)
             return self._sent(memory, tick, np.arange(len(own)), sent), Broadcast(own)
         uav, left = memory["neighbour_uav"], memory["neighbour_repeats"]
-        off = own - self._own(memory, tick)
-        moved, turned = state.squared_halves(off)
+        moved, turned = state.squared_halves(own - self._own(memory, tick))
         event = moved > self._delta_squared
         event |= turned > self._velocity_delta_squared
         left = np.where(event, self._repeats, left)
         due = left > 0
-        numbers = np.rint((own - self._origin[uav]) * (1.0 / UNIT))
+        rows = due.nonzero()[0]
+        if not len(rows):
+            return memory | {"neighbour_unsent": due}, self._silence
+        numbers = np.rint((own[rows] - self._origin[uav[rows]]) * (1.0 / UNIT))
         fits = np.maximum.reduce(np.abs(numbers), axis=1) <= _MOST
-        rows = np.flatnonzero(due & fits)
-        memory = memory | {
-            "neighbour_repeats": left - due.astype(np.int32),
-            "neighbour_unsent": due & ~fits,
-        }
-        payload = numbers[rows].astype(np.int16)
+        unsent = np.zeros(len(own), dtype=bool)
+        unsent[rows] = ~fits
+        memory = memory | {"neighbour_repeats": left - due.astype(np.int32), "neighbour_unsent": unsent}
+        rows, payload = rows[fits], numbers[fits].astype(np.int16)
         return self._sent(memory, tick, rows, self._decoded(payload, uav[rows])), Broadcast(payload, rows)
 
     def unsent(self, memory: Memory) -> Floats:

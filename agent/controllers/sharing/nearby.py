@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
+from meanflock.kernels.ranking import NEVER_NEARER_M
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
 
 NOWHERE_M = 1e-9  # a distance without a direction
 OBSTACLE = 10.0  # weight of an obstacle relative to a UAV if not all half-planes can be satisfied
-NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
 
 class Near(NamedTuple):
@@ -182,14 +182,14 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     Args:
         own: (M, 2d), states of the rows, which are `uavs` (M,). others: (M, N, 2d), states of all UAVs known to them.
     """
-    axes = state.axes(own)
-    gaps = _gaps(own, others, range(axes))
-    squared = state.squared(gaps)
-    squared[np.arange(len(own)), uavs] = np.inf
-    which, present = _first(squared, reach_m * reach_m, most)
-    row, right = np.arange(len(own))[:, None], np.where(uavs[:, None] < which, -1.0, 1.0)
-    closing = own[:, None, axes:] - others[row, which, axes:]
-    return _apart([gap[row, which] for gap in gaps], closing, present, right)
+    shape = len(own), most
+    away, closing = np.empty((*shape, state.axes(own))), np.empty((*shape, state.axes(own)))
+    squared, found = np.empty(shape), np.empty(shape, dtype=np.intp)
+    columns, numbers = np.ascontiguousarray(np.swapaxes(others, 1, 2)), uavs.astype(np.intp, copy=False)
+    count = kernels.neighbours(
+        np.ascontiguousarray(own), columns, numbers, reach_m * reach_m, away, closing, squared, found
+    )
+    return Closest(away[:, :count], closing[:, :count], squared[:, :count], found[:, :count] >= 0)
 
 
 def closest_obstacles(own: States, obstacles: Obstacles, reach_m: float, most: int) -> tuple[Closest, Rows]:
@@ -202,7 +202,7 @@ def closest_obstacles(own: States, obstacles: Obstacles, reach_m: float, most: i
     which, present = _first(np.sqrt(state.squared(gaps)) - obstacles.radii, reach_m, most)
     row, shape = np.arange(len(own))[:, None], gaps[0].shape
     speeds = np.stack([np.broadcast_to(along, shape)[row, which] for along in closing], axis=-1)
-    return _apart([gap[row, which] for gap in gaps], speeds, present, 1.0), obstacles.radii[which]
+    return _apart([gap[row, which] for gap in gaps], speeds, present), obstacles.radii[which]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
@@ -212,12 +212,12 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
     return which, which >= 0
 
 
-def _apart(gaps: list[Rows], closing: Vectors, present: Mask, right: Rows | float) -> Closest:
-    """The objects as `Closest`. `right`: 1 if a UAV at the same place counts as right of the object, −1 if left."""
+def _apart(gaps: list[Rows], closing: Vectors, present: Mask) -> Closest:
+    """The obstacles as `Closest`; a UAV at the same place counts as right of one."""
     squared = state.squared(gaps)
     if (same := present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
         x, *rest = gaps
-        gaps = [np.where(same, right * NEVER_NEARER_M, x), *(np.where(same, 0.0, gap) for gap in rest)]
+        gaps = [np.where(same, NEVER_NEARER_M, x), *(np.where(same, 0.0, gap) for gap in rest)]
         squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
     return Closest(np.stack(gaps, axis=-1), closing, squared, present)
 
