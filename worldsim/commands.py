@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm import state
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.stateful import Stateful
@@ -71,7 +72,7 @@ class Commands(Stateful):
         """
         stored, axes = replied & awake, self.accelerations.shape[1]
         diverged = _NOBODY
-        if b"\0" in stored.tobytes() or not np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0) < BEYOND_SENSE:
+        if b"\0" in stored.tobytes() or not kernels.largest(numbers) < BEYOND_SENSE:
             bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
             stored &= bounded
             diverged = np.flatnonzero(replied & ~bounded)

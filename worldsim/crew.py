@@ -82,11 +82,11 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
     """
     own = []
     for batch in senses.heard:
-        targets = links_of(batch)[:, 1]
         if len(uavs) == len(senses.states):
-            reached = np.ones(len(targets), dtype=bool)
-        else:
-            reached = targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
+            own.append(picked(batch))
+            continue
+        targets = links_of(batch)[:, 1]
+        reached = targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
         if np.count_nonzero(reached):
             own.append(picked(batch, reached))
     if senses.newest > after:
@@ -217,7 +217,7 @@ class LocalCrew:
         self._senses = []
         self.received = []
         for number, (agent, place) in enumerate(zip(self.agents, self._places, strict=True)):
-            if not senses.awake[place].any():
+            if not np.count_nonzero(senses.awake[place]):
                 continue
             inbox = inbox_of(senses, agent.uavs, self._read[number])
             self._read[number] = senses.newest

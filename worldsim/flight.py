@@ -46,14 +46,15 @@ LOST = np.uint8(Status.LOST)
 class Flight(Stateful):
     """All quantities of the UAVs. Arrays have one row a UAV.
 
-    `states` and the arrays of `hidden` are new after every tick. `on_way`, `waiting` and `idle` are new when a UAV
-    changes sides. Sums over the ticks are in the books, which are settled when one is read.
+    `states` and the arrays of `hidden` are new after every tick. `on_way`, `lost`, `waiting` and `idle` are new
+    when a UAV changes sides. Sums over the ticks are in the books, which are settled when one is read.
 
     Attributes:
         states: (N, 2d), positions and velocities in m and m/s.
         hidden: the vehicle's hidden state.
         status: (N,), FLYING, ARRIVED, LANDED or LOST.
         on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
+        lost: (N,), UAVs that are out of the mission.
         waiting: (N,), UAVs on the ground: they have not left it yet, or have landed; None for no UAV.
         off: (N,), UAVs that take no part: they are lost, have landed, or have not joined; None for no UAV.
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
@@ -207,11 +208,6 @@ class Flight(Stateful):
         """Number of pairs that collided while both were on the way."""
         return len(self.encounters.collided)
 
-    @property
-    def lost(self) -> NDArray[np.bool_]:
-        """(N,), UAVs that are out of the mission."""
-        return self.status == LOST
-
     def lose(self, uavs: NDArray[np.intp], event: type[Lost | Diverged], reason: str) -> None:
         """Take UAVs out of the mission. They fly on without commands, and the flight does not wait for them."""
         uavs = uavs[(self.status[uavs] != LOST) & (self.status[uavs] != LANDED)]
@@ -310,6 +306,7 @@ class Flight(Stateful):
     def _sort(self) -> None:
         """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""
         flying = self.status == FLYING
+        self.lost: Mask = self.status == LOST
         lost, landed = self.lost, self.status == LANDED
         waiting = landed | (self.launch_tick > self.tick)
         off = lost | landed | (self._join_tick > self.tick)

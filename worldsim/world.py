@@ -229,7 +229,7 @@ class World(Stateful):
         self.air.serve(tick, states, present)
         on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut, noise))
         clamped = self.air.clamped
-        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node[awake]), states, cut, noise)
+        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node, awake), states, cut, noise)
         if self.air.clamped > clamped == 0:
             self.note(LinksClamped(tick, self.air.clamped))
         for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):

@@ -1,6 +1,6 @@
 """Backhaul: the wire between stations, over which models go to the station where the leader averages, and back."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -53,15 +53,15 @@ class Backhaul(Stateful):
         links[moves, 1] = seat
         return msgspec.structs.replace(there, links=links)
 
-    def spread(self, on_air: Iterable[Frames], serving: NDArray[np.intp]) -> list[Frames]:
+    def spread(self, on_air: Sequence[Frames], serving: NDArray[np.intp], awake: Mask) -> Sequence[Frames]:
         """The frames that go on the air now, global models from all stations that serve a UAV.
 
         Args:
-            serving: the nodes that serve the UAVs that are awake.
+            serving: (N,), the node that serves each UAV. awake: (N,), UAVs whose nodes count.
         """
         if not self._kinds:
-            return list(on_air)
-        return [self._spread(frames, serving) for frames in on_air]
+            return on_air
+        return [self._spread(frames, serving[awake]) for frames in on_air]
 
     def _spread(self, frames: Frames, serving: NDArray[np.intp]) -> Frames:
         uavs = self._plan.scenario.uavs

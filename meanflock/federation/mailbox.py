@@ -133,9 +133,10 @@ def links_of(frames: Frames) -> NDArray[np.int32]:
     return frames.links
 
 
-def picked(frames: Frames, chosen: Mask) -> Frames:
-    """Frames reduced to the links that are `chosen` (K,), and to the rows that these use; not copied if all stay."""
-    is_whole = np.count_nonzero(chosen) == len(chosen)
+def picked(frames: Frames, chosen: Mask | None = None) -> Frames:
+    """Frames reduced to the links that are `chosen` (K,), if not all are, and to the rows that these use; not copied if
+    all stay."""
+    is_whole = chosen is None or np.count_nonzero(chosen) == len(chosen)
     links, slots = links_of(frames), frames.slots
     if not is_whole:
         links, slots = links[chosen], None if slots is None else slots[chosen]

@@ -9,6 +9,7 @@ from meanflock.kernels.reference import columns as columns
 from meanflock.kernels.reference import fade as fade
 from meanflock.kernels.reference import fly as fly
 from meanflock.kernels.reference import interpolate as interpolate
+from meanflock.kernels.reference import largest as largest
 from meanflock.kernels.reference import learn as learn
 from meanflock.kernels.reference import move as move
 from meanflock.kernels.reference import multiply as multiply

@@ -130,7 +130,7 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
     return done(&arrays, Py_NewRef(Py_None));
 }
 
-/* ---- columns ---- */
+/* ---- largest and columns ---- */
 
 static double largest(const char *numbers, Py_ssize_t count) {
     double most = 0.0, number;
@@ -139,6 +139,13 @@ static double largest(const char *numbers, Py_ssize_t count) {
         if (!(fabs(number) <= most)) most = fabs(number);
     }
     return most;
+}
+
+static PyObject *largest_of_all(PyObject *module, PyObject *numbers) {
+    Arrays arrays = {.held = 0};
+    const Py_buffer *from = hold(&arrays, numbers, "numbers", "d", D, READ);
+    if (from == NULL) return done(&arrays, NULL);
+    return done(&arrays, PyFloat_FromDouble(largest(from->buf, from->len / D)));
 }
 
 static PyObject *columns(PyObject *module, PyObject *args) {
@@ -174,6 +181,7 @@ static PyMethodDef methods[] = {
     {"alignment", align, METH_O, "alignment(states)"},
     {"pairs", measure, METH_VARARGS, "pairs(before, after, hazard_m, collision_m, nearest_m, found)"},
     {"nearest", nearest_of_all, METH_VARARGS, "nearest(wanted, normals, bounds, limit, found, missing)"},
+    {"largest", largest_of_all, METH_O, "largest(numbers)"},
     {"columns", columns, METH_VARARGS, "columns(left, right, out, first)"},
     {"move", motion_move, METH_VARARGS, "move(states, acceleration, noise, wind, drag, shake, dt, moved)"},
     {"reached", motion_reached, METH_VARARGS, "reached(states, goals, radius, within)"},

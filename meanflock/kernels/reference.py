@@ -27,6 +27,7 @@ __all__ = [
     "fade",
     "fly",
     "interpolate",
+    "largest",
     "learn",
     "move",
     "multiply",
@@ -47,6 +48,11 @@ __all__ = [
 BACKEND = "numpy"
 
 
+def largest(numbers: Floats) -> float:
+    """The largest of all |numbers|, 0 of none; NaN if one of them is NaN."""
+    return float(np.abs(numbers).max(initial=0.0))
+
+
 def columns(left: Floats, right: Floats | None, out: Floats, first: int) -> float:
     """Write the columns of two tables, `left` (M, A) and `right` (M, B), of any strides, to `out` (M, A + B).
 
@@ -61,4 +67,4 @@ def columns(left: Floats, right: Floats | None, out: Floats, first: int) -> floa
         if table.shape != (len(out), width) or table.dtype != np.float64:
             raise ValueError("columns: not float64 of as many rows and columns as there is room for")
     out[:, :first], out[:, first:] = left, right
-    return float(np.abs(out).max(initial=0.0))
+    return largest(out)

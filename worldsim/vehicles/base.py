@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.swarm import plugins, state
 from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
 from meanflock.swarm.events import CommandsIgnored
@@ -289,7 +290,7 @@ class Physics:
         for name, part in changed.items():
             _check_finite(f"hidden[{name!r}]", part, self._names)
         moved, diverged = np.ascontiguousarray(moved), _NOBODY
-        if not np.maximum.reduce(np.abs(moved), axis=None) < BOUND:
+        if not kernels.largest(moved) < BOUND:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
             finite = np.isfinite(arguments[0]).all(axis=-1)
             _check_finite("states", moved[far & finite], self._names[far & finite])
