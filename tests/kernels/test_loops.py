@@ -24,6 +24,7 @@ def test_columns_of_any_strides_are_side_by_side(
     right = whole[:, first:] if second or turned else None
     assert backend.columns(whole[:, :first], right, out, first) == np.abs(whole).max(initial=0.0)
     np.testing.assert_array_equal(out, whole)
+    assert backend.largest(out) == np.abs(whole).max(initial=0.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -32,8 +33,8 @@ def test_the_largest_tells_whether_a_number_is_not_finite(backend, bad: float, w
     whole = np.ones((3, 5))
     whole[where] = bad
     whole[2, 2] = 1e300
-    largest = backend.columns(whole[:, :2], whole[:, 2:], np.empty((3, 5)), 2)
-    assert np.isnan(largest) if np.isnan(bad) else largest == np.inf
+    for largest in (backend.columns(whole[:, :2], whole[:, 2:], np.empty((3, 5)), 2), backend.largest(whole)):
+        assert np.isnan(largest) if np.isnan(bad) else largest == np.inf
 
 
 @pytest.mark.parametrize(
