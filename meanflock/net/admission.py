@@ -270,14 +270,16 @@ class Admission:
         if member.ready:
             return
         member.ready = True
-        self._counters.nodes_rejoined += self.flying
         for uav in member.uavs.tolist():
             self.unattended.pop(uav, None)
-        if self.flying and member.role == LEADER:
+        if not self.flying or member.name == LEADER:  # a flight without rounds does not wait for its first leader
+            return
+        self._counters.nodes_rejoined += 1
+        if member.role == LEADER:
             self._news.append(LeaderStandsBy(self._world.tick, member.name))
-        elif self.flying:
+        else:
             self._news.append(Rejoined(self._world.tick, tuple(member.uavs.tolist()), member.name))
-        if self.flying and self.members.rejoined(member, self._world.tick, self._scenario.pace):
+        if self.members.rejoined(member, self._world.tick, self._scenario.pace):
             last = LastReturn(self._world.tick, member.name)
             log.warning(last.text, extra={"tick": self._world.tick, "peer": member.name})
             self._news.append(last)

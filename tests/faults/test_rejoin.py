@@ -55,6 +55,15 @@ def test_an_agent_that_rejoins_knows_the_mission_plan_and_takes_the_next_global_
     assert after < before / 5
 
 
+def test_a_flight_without_rounds_does_not_wait_for_a_leader_and_does_not_tell_when_it_comes() -> None:
+    lab = Lab(scenario(method="orca"), uavs_per_node=3, leaders=0)
+    summary = lab.fly({5: lab.leader})
+    assert summary["nodes_rejoined"] == 0
+    assert [event.text for event in lab.record.events if event.kind in ("joined", "rejoined")] == [
+        "2 nodes hold 6 UAVs"
+    ]
+
+
 @pytest.mark.parametrize("place", ["agent-3", "leader"])
 @pytest.mark.parametrize(("every", "rejoins"), [(3, 5), (7, 8)])
 def test_a_node_that_rejoins_too_often_is_refused_for_good_and_no_other_node_is(place, every, rejoins) -> None:
