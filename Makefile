@@ -40,7 +40,7 @@ judges: $(VENV)/.dev ## Have foreign software read what we write, each in an env
 	@$(PYTEST) tests/judges $(ARGS)
 
 learners: $(LEARNERS)/.ready ## Fly models of PyTorch, in an environment of its own (PIP_EXTRA_INDEX_URL: for a torch without CUDA)
-	@PYTHONDONTWRITEBYTECODE= $(LEARNERS)/bin/python -m pytest -n $(or $(WORKERS),2) --dist loadgroup --no-loadscope-reorder tests/judges/learners tests/agent/learning $(ARGS)
+	@PYTHONDONTWRITEBYTECODE= $(LEARNERS)/bin/python -m pytest tests/judges/learners tests/agent/learning $(ARGS)
 
 wheels: $(VENV)/.dev ## Build the wheel, audit it, and fly with it on each Python that is here, in environments of its own
 	@$(PYTEST) tests/wheels $(ARGS)

@@ -49,7 +49,6 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.mark.timeout(1200)
-@pytest.mark.xdist_group("engine")  # two that start at once wait for each other for ever
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_the_model_is_that_of_flowers_engine(engine: tuple[str, Path, list[Any]], strategy: str) -> None:
     variant, app, expected = engine
