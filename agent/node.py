@@ -43,8 +43,9 @@ class Agent:
         self._failed = np.zeros(len(self.uavs), dtype=bool)
         self._any_failed = False
         self._joins, self._leaves = mission.joins(self._scenario)[self.uavs], mission.leaves(self._scenario)[self.uavs]
-        self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults)
-        self._comes_or_goes = bool(self._joins.any() or (self._leaves < mission.NEVER).any())
+        self._pauses = any(isinstance(fault, faults.Pause) for fault in self._scenario.faults) or bool(
+            self._joins.any() or (self._leaves < mission.NEVER).any()
+        )
         starts = expect(
             "initial_states", welcome.initial_states, (self._scenario.uavs, self._scenario.state_numbers), self._float
         )
@@ -179,7 +180,7 @@ class Agent:
             MessageRejected: a frame does not fit this node; nothing has changed.
         """
         links = [self._links(frames) for frames in sense.inbox]
-        self._controller.begin(self._paused(sense.tick) if self._pauses or self._comes_or_goes else None)
+        self._controller.begin(self._paused(sense.tick) if self._pauses else None)
         if not links:
             return ()
         received = []
@@ -264,10 +265,8 @@ class Agent:
 
     def _paused(self, tick: int) -> Mask | None:
         """Mask (M,) of the rows that the fault script pauses in this tick, or that are not there; None for none."""
-        asleep: Mask = (tick < self._joins) | (tick >= self._leaves)
-        if self._pauses:
-            paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
-            asleep |= contains(paused, self.uavs)
+        paused = np.array(faults.paused(self._scenario.faults, tick, self._scenario.dt), dtype=np.intp)
+        asleep = contains(paused, self.uavs) | (tick < self._joins) | (tick >= self._leaves)
         return asleep if asleep.any() else None
 
     def _memory_record(self) -> bytes:

@@ -306,8 +306,7 @@ class Flight(Stateful):
     def _sort(self) -> None:
         """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""
         flying = self.status == FLYING
-        self.lost: Mask = self.status == LOST
-        lost, landed = self.lost, self.status == LANDED
+        lost, landed = self.status == LOST, self.status == LANDED
         waiting = landed | (self.launch_tick > self.tick)
         off = lost | landed | (self._join_tick > self.tick)
         self._any_flying = bool(flying.any())
@@ -315,6 +314,7 @@ class Flight(Stateful):
         self.waiting: Mask | None = waiting if is_waiting else None
         self.off: Mask | None = off if off.any() else None
         self.idle: Mask | None = waiting | lost if is_waiting or self.off is not None else None
+        self.lost: Mask = lost
         self.on_way: Mask = flying & ~waiting
 
     def _limited(self, accelerations: state.Vectors, limit: Floats | float) -> state.Vectors:

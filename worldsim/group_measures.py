@@ -37,10 +37,9 @@ class GroupMeasures(Stateful):
         NaN in `before`: the UAV flew no segment; NaN in `after`: it is on the ground, one of the UAVs `waiting`, (N,).
         """
         for number, rows in enumerate(self._rows):
-            begin, aloft = before[rows], after[rows]
-            *_, self.closest_m[number] = kernels.pairs(begin, aloft, 0.0, 0.0, self.closest_m[number], _NO_PAIRS)
-            if waiting is not None:
-                aloft = aloft[~waiting[rows]]
+            begin, end = before[rows], after[rows]
+            *_, self.closest_m[number] = kernels.pairs(begin, end, 0.0, 0.0, self.closest_m[number], _NO_PAIRS)
+            aloft = end if waiting is None else end[~waiting[rows]]
             if len(aloft):
                 self.speed_difference_sum[number] += speed_difference(aloft, self._seed, tick).mean
                 self.ticks[number] += 1

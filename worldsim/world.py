@@ -108,7 +108,9 @@ class World(Stateful):
             plan.has_diagnostic,
             [rows for _, rows in mission.parts(scenario)],
         )
-        self._turns = set(np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist())
+        self._group_ticks = set(
+            np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist()
+        )  # in which one joins or leaves
         self._script = Script(scenario)
         self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)
@@ -324,7 +326,7 @@ class World(Stateful):
             The UAVs and the number of leaders that are killed; the UAVs that are awake, (N,).
         """
         flight = self.flight
-        if tick in self._turns:
+        if tick in self._group_ticks:
             self._begin_groups(tick)
         if flight.guide.is_there:
             self._guide(tick)

@@ -61,7 +61,8 @@ class Backhaul(Stateful):
         """
         if not self._kinds:
             return on_air
-        return [self._spread(frames, serving[awake]) for frames in on_air]
+        serving = serving[awake]
+        return [self._spread(frames, serving) for frames in on_air]
 
     def _spread(self, frames: Frames, serving: NDArray[np.intp]) -> Frames:
         uavs = self._plan.scenario.uavs

@@ -134,8 +134,10 @@ def links_of(frames: Frames) -> NDArray[np.int32]:
 
 
 def picked(frames: Frames, chosen: Mask | None = None) -> Frames:
-    """Frames reduced to the links that are `chosen` (K,), if not all are, and to the rows that these use; not copied if
-    all stay."""
+    """Frames reduced to some links, and to the rows that these use; not copied if all stay.
+
+    `chosen`: (K,), the links that stay; None: all.
+    """
     is_whole = chosen is None or np.count_nonzero(chosen) == len(chosen)
     links, slots = links_of(frames), frames.slots
     if not is_whole:

@@ -62,15 +62,15 @@ class FlowerServer(Aggregator):
             return Aggregate(None, done=True)
         asked = server.grid.asked  # the training that the replies answer
         assert asked is not None
-        sent, kept = self._form.split(self._cast(asked.arrays))
+        global_model, kept_bytes = self._form.split(self._cast(asked.arrays))
         for place, uav in enumerate(uploads.uavs.tolist()):
             note, arrived = uploads.notes[place], uploads.arrived[place]
             if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
                 continue
             model = uploads.models[place]
             if self.options.incomplete == "fill":
-                model = np.where(arrived, model, sent)
-            arrays: Any = self._form.join(model, kept)
+                model = np.where(arrived, model, global_model)
+            arrays: Any = self._form.join(model, kept_bytes)
             server.grid.reply(int.from_bytes(note[:2], "little"), FIRST_NODE + uav, joined(arrays, note[2:]))
         outcome = {"asked": float(len(asked.nodes)), "failures": float(server.grid.expire())}
         server.go_on(self.options.wait_s)

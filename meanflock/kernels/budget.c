@@ -47,18 +47,6 @@ PyObject *radio_waves(PyObject *module, PyObject *args) {
     return done(&arrays, Py_NewRef(Py_None));
 }
 
-static double double_at(const char *array, Py_ssize_t place) {
-    double number;
-    memcpy(&number, array + place * D, D); /* it may be unaligned */
-    return number;
-}
-
-static int64_t row_at(const char *array, Py_ssize_t place) {
-    int64_t number;
-    memcpy(&number, array + place * D, D);
-    return number;
-}
-
 PyObject *radio_interpolate(PyObject *module, PyObject *args) {
     PyObject *tables, *row, *place, *found;
     Arrays arrays = {.held = 0};
@@ -70,7 +58,7 @@ PyObject *radio_interpolate(PyObject *module, PyObject *args) {
     const Py_ssize_t count = fit ? from->shape[0] : 0, rows = fit ? from->shape[1] : 0, columns = fit ? from->shape[2] : 0;
     if (!doubles(&arrays, found, "found", count * links, WRITTEN)) return done(&arrays, NULL);
     const char *all = from->buf, *at = arrays.view[2].buf;
-    for (Py_ssize_t k = 0; k < links && fit; k++) fit = (uint64_t)row_at(at, k) < (uint64_t)rows;
+    for (Py_ssize_t k = 0; k < links && fit; k++) fit = (uint64_t)index_at(at, k) < (uint64_t)rows;
     if (!fit) {
         PyErr_SetString(PyExc_ValueError, "interpolate: a row that no table has, or tables of one column");
         return done(&arrays, NULL);
@@ -82,7 +70,7 @@ PyObject *radio_interpolate(PyObject *module, PyObject *args) {
         const Py_ssize_t whole = (Py_ssize_t)inside, index = whole < columns - 2 ? whole : columns - 2;
         const double part = inside - (double)index;
         for (Py_ssize_t t = 0; t < count; t++) {
-            const Py_ssize_t first = (t * rows + row_at(at, k)) * columns + index;
+            const Py_ssize_t first = (t * rows + index_at(at, k)) * columns + index;
             const double before = double_at(all, first), number = before + part * (double_at(all, first + 1) - before);
             memcpy((char *)arrays.view[3].buf + (t * links + k) * D, &number, D);
         }

@@ -4,20 +4,8 @@
 #include <stdint.h>
 #include <string.h>
 
-static int64_t number_at(const char *array, Py_ssize_t place) {
-    int64_t number;
-    memcpy(&number, array + place * (Py_ssize_t)sizeof number, sizeof number); /* may be unaligned */
-    return number;
-}
-
 static void put(char *array, Py_ssize_t place, int64_t number) {
     memcpy(array + place * (Py_ssize_t)sizeof number, &number, sizeof number);
-}
-
-static double float_at(const char *array, Py_ssize_t place) {
-    double number;
-    memcpy(&number, array + place * D, D);
-    return number;
 }
 
 /* One more array of int64, to be written; NULL and an exception where it is none. */
@@ -31,13 +19,13 @@ static char *integers(Arrays *arrays, PyObject *array, const char *name, Py_ssiz
 /* Whether each of the first `count` busy links is one of L. */
 static int all_below(const char *line, Py_ssize_t count, Py_ssize_t links) {
     for (Py_ssize_t i = 0; i < count; i++)
-        if ((uint64_t)number_at(line, i) >= (uint64_t)links) return 0;
+        if ((uint64_t)index_at(line, i) >= (uint64_t)links) return 0;
     return 1;
 }
 
 /* Counts a slot of a link; returns whether the link is still busy. */
 static int counted(int is_good, long long slot, int64_t link, char *need, char *took) {
-    const int64_t needs = number_at(need, link) - is_good;
+    const int64_t needs = index_at(need, link) - is_good;
     put(need, link, needs);
     put(took, link, slot);
     return needs > 0;
@@ -65,10 +53,10 @@ PyObject *radio_fade(PyObject *module, PyObject *args) {
     const char *draws = arrays.view[0].buf, *least = arrays.view[1].buf;
     Py_ssize_t left = 0;
     for (Py_ssize_t i = 0; i < count; i++) {
-        const int64_t link = number_at(line, i);
-        const double along = float_at(draws, 2 * i) * chi + xi, across = float_at(draws, 2 * i + 1) * chi;
+        const int64_t link = index_at(line, i);
+        const double along = double_at(draws, 2 * i) * chi + xi, across = double_at(draws, 2 * i + 1) * chi;
         const double squared = along * along + across * across;
-        const int is_good = squared >= float_at(least, bounds == 1 ? 0 : link);
+        const int is_good = squared >= double_at(least, bounds == 1 ? 0 : link);
         if (counted(is_good, slot, link, need, took)) put(line, left++, link);
     }
     return done(&arrays, PyLong_FromSsize_t(left));
@@ -93,8 +81,8 @@ PyObject *radio_send(PyObject *module, PyObject *args) {
     const char *draws = arrays.view[0].buf, *chance = arrays.view[1].buf;
     Py_ssize_t left = 0;
     for (Py_ssize_t i = 0; i < count; i++) {
-        const int64_t link = number_at(line, i);
-        if (counted(float_at(draws, i) < float_at(chance, link), slot, link, need, took)) put(line, left++, link);
+        const int64_t link = index_at(line, i);
+        if (counted(double_at(draws, i) < double_at(chance, link), slot, link, need, took)) put(line, left++, link);
     }
     return done(&arrays, PyLong_FromSsize_t(left));
 }
@@ -123,7 +111,7 @@ PyObject *radio_poisson(PyObject *module, PyObject *args) {
     for (Py_ssize_t k = terms; k >= 0; k--) {
         for (Py_ssize_t i = 0; i < count; i++) {
             const Py_ssize_t place = (Py_ssize_t)from[i] + k;
-            term[i] = float_at(arrays.view[2].buf, place < known ? place : known - 1);
+            term[i] = double_at(arrays.view[2].buf, place < known ? place : known - 1);
         }
         for (Py_ssize_t i = 0; i < count; i++) sum[i] = sum[i] * (rate[i] / (from[i] + ((double)k + 1.0))) + term[i];
     }

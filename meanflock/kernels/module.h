@@ -6,6 +6,9 @@
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h> /* first */
 
+#include <stdint.h>
+#include <string.h>
+
 enum { D = sizeof(double), MOST_ARRAYS = 7, READ = 0, WRITTEN = PyBUF_WRITABLE };
 
 /* The arrays that a call holds, and its working memory. */
@@ -24,6 +27,19 @@ Py_buffer *hold(Arrays *arrays, PyObject *array, const char *name, const char *f
 
 /* Returns whether an array has that many bytes; sets an exception if not. */
 int sized(const Py_buffer *view, const char *name, Py_ssize_t bytes);
+
+/* A number of an array, which may begin at any byte. */
+static inline double double_at(const char *array, Py_ssize_t place) {
+    double number;
+    memcpy(&number, array + place * D, D);
+    return number;
+}
+
+static inline int64_t index_at(const char *array, Py_ssize_t place) {
+    int64_t number;
+    memcpy(&number, array + place * D, D);
+    return number;
+}
 
 /* Holds an array of that many doubles; returns 0 and sets an exception if it is another. */
 int doubles(Arrays *arrays, PyObject *array, const char *name, Py_ssize_t count, int flags);

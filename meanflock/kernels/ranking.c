@@ -13,8 +13,7 @@ static Py_ssize_t nearest_first(const char *distance, Py_ssize_t n, double reach
                                 int64_t *found) {
     Py_ssize_t count = 0;
     for (Py_ssize_t j = 0; j < n; j++) {
-        double apart;
-        memcpy(&apart, distance + j * D, D); /* it may be unaligned */
+        const double apart = double_at(distance, j);
         if (!(apart <= reach) || (count == most && !(most && apart < near[most - 1]))) continue;
         Py_ssize_t at = count < most ? count++ : most - 1;
         for (; at > 0 && apart < near[at - 1]; at--) near[at] = near[at - 1], found[at] = found[at - 1];
@@ -56,12 +55,6 @@ typedef struct { /* arguments as in ranking.py; arrays begin anywhere */
     double *distance, *near; /* room for n and 2 * most */
 } Neighbours;
 
-static double number(const char *from, Py_ssize_t place) {
-    double read;
-    memcpy(&read, from + place * D, D);
-    return read;
-}
-
 FOR_AXES Py_ssize_t neighbours(const int axes, const Neighbours *a) {
     const Py_ssize_t n = a->n;
     int64_t *row = (int64_t *)(a->near + a->most);
@@ -69,11 +62,10 @@ FOR_AXES Py_ssize_t neighbours(const int axes, const Neighbours *a) {
     for (Py_ssize_t m = 0; m < a->rows; m++) {
         const char *others = a->others + m * 2 * axes * n * D;
         double here[2 * MOST_AXES], apart[2 * MOST_AXES];
-        int64_t uav;
+        const int64_t uav = index_at(a->uavs, m);
         memcpy(here, a->own + m * 2 * axes * D, 2 * axes * D);
-        memcpy(&uav, a->uavs + m * sizeof uav, sizeof uav);
         for (Py_ssize_t j = 0; j < n; j++) {
-            for (int k = 0; k < axes; k++) apart[k] = here[k] - number(others, k * n + j);
+            for (int k = 0; k < axes; k++) apart[k] = here[k] - double_at(others, k * n + j);
             a->distance[j] = inner(axes, apart, apart);
         }
         a->distance[uav] = INFINITY;
@@ -81,7 +73,7 @@ FOR_AXES Py_ssize_t neighbours(const int axes, const Neighbours *a) {
         if (count > largest) largest = count;
         for (Py_ssize_t place = 0; place < a->most; place++) {
             const Py_ssize_t j = row[place] < 0 ? n - 1 : row[place], to = m * a->most + place;
-            for (int k = 0; k < 2 * axes; k++) apart[k] = here[k] - number(others, k * n + j);
+            for (int k = 0; k < 2 * axes; k++) apart[k] = here[k] - double_at(others, k * n + j);
             double squared = inner(axes, apart, apart);
             if (row[place] >= 0 && squared < NEVER_NEARER_M * NEVER_NEARER_M) {
                 for (int k = 1; k < axes; k++) apart[k] = 0.0;
@@ -105,19 +97,17 @@ PyObject *neighbours_of_all(PyObject *module, PyObject *args) {
     if (!PyArg_ParseTuple(args, "OOOdOOOO:neighbours", &own, &others, &uavs, &a.reach, &away, &closing, &squared, &found))
         return NULL;
     if ((a.rows = rows_of(&arrays, own, "own", 2, &axes)) < 0) return done(&arrays, NULL);
-    const Py_buffer *known = hold(&arrays, others, "others", "d", D, PyBUF_ND);
-    if (known == NULL) return done(&arrays, NULL);
-    if (known->ndim != 3 || known->shape[0] != a.rows || known->shape[1] != 2 * axes) {
+    const Py_buffer *states = hold(&arrays, others, "others", "d", D, PyBUF_ND);
+    if (states == NULL) return done(&arrays, NULL);
+    if (states->ndim != 3 || states->shape[0] != a.rows || states->shape[1] != 2 * axes) {
         PyErr_SetString(PyExc_ValueError, "others: not the states of all UAVs for each row");
         return done(&arrays, NULL);
     }
-    a.n = known->shape[2];
+    a.n = states->shape[2];
     if (!sized(hold(&arrays, uavs, "uavs", "lq", D, READ), "uavs", a.rows * D)) return done(&arrays, NULL);
     for (Py_ssize_t m = 0; m < a.rows; m++) {
-        int64_t uav;
-        memcpy(&uav, (const char *)arrays.view[2].buf + m * sizeof uav, sizeof uav);
-        if (uav >= 0 && uav < a.n) continue;
-        PyErr_Format(PyExc_ValueError, "uavs: number %lld of %zd", (long long)uav, a.n);
+        if ((uint64_t)index_at(arrays.view[2].buf, m) < (uint64_t)a.n) continue;
+        PyErr_SetString(PyExc_ValueError, "uavs: a number that no UAV has");
         return done(&arrays, NULL);
     }
     const Py_buffer *to = hold(&arrays, found, "found", "lq", D, PyBUF_ND | WRITTEN);

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.kernels import state
-from meanflock.kernels.state import Floats, Rows, States, Vectors
+from meanflock.kernels.state import Floats, Mask, Rows, States, Vectors
 
 NEVER_NEARER_M = 1e-3  # distance along x assumed for two UAVs at one place; the lower number is on the left
 
@@ -56,8 +56,19 @@ def neighbours(
     apart = own[:, None] - np.swapaxes(others, 1, 2)[rows[:, None], found]
     away[:], closing[:] = apart[..., :axes], apart[..., axes:]
     squared[:] = state.squared(state.parts(away))
-    same = (found >= 0) & (squared < NEVER_NEARER_M * NEVER_NEARER_M)
-    away[same] = 0.0
-    away[same, 0] = np.where(uavs[:, None] < found, -NEVER_NEARER_M, NEVER_NEARER_M)[same]
-    squared[same] = NEVER_NEARER_M * NEVER_NEARER_M
+    move_apart(away, squared, found >= 0, uavs[:, None] < found)
     return count
+
+
+def move_apart(away: Vectors, squared: Rows, present: Mask, left: Mask | bool) -> None:
+    """Move UAVs that are at the place of an object, in arrays that are written.
+
+    Args:
+        away: (M, K, d), from the objects to the UAVs, m. squared: (M, K), of `away`, m². present: (M, K), mask of the
+            objects that count. left: (M, K), whether a UAV is left of an object, else it is right.
+    """
+    same = present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)
+    if same.any():
+        away[same] = 0.0
+        away[same, 0] = np.where(np.broadcast_to(left, same.shape)[same], -NEVER_NEARER_M, NEVER_NEARER_M)
+        squared[same] = NEVER_NEARER_M * NEVER_NEARER_M

@@ -260,7 +260,7 @@ def test_neighbours_are_the_nearest_other_uavs_as_each_row_knows_them(
         near = sorted((lengths[j], j) for j in range(uavs) if j != uav and lengths[j] <= 4.0)[:most]
         assert found[m].tolist() == [j for _, j in near] + [-1] * (most - len(near))
         for place, (length, j) in enumerate(near):
-            beside = np.array([-1e-3 if uav < j else 1e-3, 0.0, 0.0][:axes])
-            np.testing.assert_array_equal(away[m, place], apart[j, :axes] if length else beside)
+            moved_apart = np.array([-1e-3 if uav < j else 1e-3, 0.0, 0.0][:axes])
+            np.testing.assert_array_equal(away[m, place], apart[j, :axes] if length else moved_apart)
             np.testing.assert_array_equal(closing[m, place], apart[j, axes:])
             assert squared[m, place] == (length or 1e-3 * 1e-3)

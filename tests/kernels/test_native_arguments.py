@@ -62,9 +62,9 @@ def arguments(name: str) -> dict[str, Any]:
     if name == "closest":
         return {"distance": np.ones((2, 5)), "reach": 2.0, "found": np.full((2, 3), 7, np.intp)}
     if name == "neighbours":
-        known = {"own": np.ones((2, 4)), "others": np.ones((2, 4, 5)), "uavs": np.array([0, 4]), "reach": 9.0}
+        read = {"own": np.ones((2, 4)), "others": np.ones((2, 4, 5)), "uavs": np.array([0, 4]), "reach": 9.0}
         written = {"away": np.full((2, 3, 2), 7.0), "closing": np.full((2, 3, 2), 7.0), "squared": np.full((2, 3), 7.0)}
-        return {**known, **written, "found": np.full((2, 3), 7, np.intp)}
+        return {**read, **written, "found": np.full((2, 3), 7, np.intp)}
     if name == "solve":
         return {"matrices": np.ones((2, 3, 3)), "rights": np.ones((2, 3, 2)), "found": np.full((2, 3, 2), 7.0)}
     if name == "multiply":

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock import kernels
-from meanflock.kernels.ranking import NEVER_NEARER_M
+from meanflock.kernels.ranking import move_apart
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, Rows, States, Vectors
@@ -185,9 +185,15 @@ def closest(own: States, others: States, uavs: NDArray[np.integer], reach_m: flo
     shape = len(own), most
     away, closing = np.empty((*shape, state.axes(own))), np.empty((*shape, state.axes(own)))
     squared, found = np.empty(shape), np.empty(shape, dtype=np.intp)
-    columns, numbers = np.ascontiguousarray(np.swapaxes(others, 1, 2)), uavs.astype(np.intp, copy=False)
     count = kernels.neighbours(
-        np.ascontiguousarray(own), columns, numbers, reach_m * reach_m, away, closing, squared, found
+        np.ascontiguousarray(own),
+        np.ascontiguousarray(np.swapaxes(others, 1, 2)),
+        uavs.astype(np.intp, copy=False),
+        reach_m * reach_m,
+        away,
+        closing,
+        squared,
+        found,
     )
     return Closest(away[:, :count], closing[:, :count], squared[:, :count], found[:, :count] >= 0)
 
@@ -202,7 +208,10 @@ def closest_obstacles(own: States, obstacles: Obstacles, reach_m: float, most: i
     which, present = _first(np.sqrt(state.squared(gaps)) - obstacles.radii, reach_m, most)
     row, shape = np.arange(len(own))[:, None], gaps[0].shape
     speeds = np.stack([np.broadcast_to(along, shape)[row, which] for along in closing], axis=-1)
-    return _apart([gap[row, which] for gap in gaps], speeds, present), obstacles.radii[which]
+    away = np.stack([gap[row, which] for gap in gaps], axis=-1)
+    squared = state.squared(state.parts(away))
+    move_apart(away, squared, present, left=False)
+    return Closest(away, speeds, squared, present), obstacles.radii[which]
 
 
 def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], Mask]:
@@ -210,16 +219,6 @@ def _first(distance: Rows, reach: float, most: int) -> tuple[NDArray[np.intp], M
     found = np.empty((len(distance), most), dtype=np.intp)
     which = found[:, : kernels.closest(distance, reach, found)]
     return which, which >= 0
-
-
-def _apart(gaps: list[Rows], closing: Vectors, present: Mask) -> Closest:
-    """The obstacles as `Closest`; a UAV at the same place counts as right of one."""
-    squared = state.squared(gaps)
-    if (same := present & (squared < NEVER_NEARER_M * NEVER_NEARER_M)).any():
-        x, *rest = gaps
-        gaps = [np.where(same, NEVER_NEARER_M, x), *(np.where(same, 0.0, gap) for gap in rest)]
-        squared = np.where(same, NEVER_NEARER_M * NEVER_NEARER_M, squared)
-    return Closest(np.stack(gaps, axis=-1), closing, squared, present)
 
 
 def stopping_speed(distance_m: Rows, deceleration: float, delay_s: float) -> Rows:

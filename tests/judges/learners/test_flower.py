@@ -13,7 +13,6 @@ pytest.importorskip("flwr", reason="make learners")
 from meanflock.flower.app import joined, split
 from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
 
-pytestmark = pytest.mark.processes
 ROUNDS = 10
 STRATEGIES: dict[str, dict[str, Any]] = {
     "FedAvg": {},
