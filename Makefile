@@ -11,7 +11,8 @@ WORKERS ?=
 COMPOSE ?= docker compose
 CERTS ?=
 SECURE = $(if $(CERTS),-f docker-compose.yml -f $(CERTS)/compose.yaml --profile secure)
-PYTEST := $(BIN)/pytest
+# Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/pytest
 
 # One BLAS thread in each process: a swarm is already as many processes as it has vehicles.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -32,9 +33,8 @@ run: $(VENV)/.ground ## Fly the paper's scenario: 25 UAV processes, leader and w
 # Tests that start whole swarms come last (tests/conftest.py), so that their deadlines do not compete with unit tests for
 # the cores; half of the time they wait, so three go at once, also on two cores. Tests that share a swarm, or something
 # dear, are a group: all on one worker.
-# Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
 test: $(VENV)/.dev ## Run all tests but those of containers, judges and wheels (ARGS="-k rician")
-	@PYTHONDONTWRITEBYTECODE= $(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges --ignore=tests/wheels $(ARGS)
+	@$(PYTEST) -n $(or $(WORKERS),3) --dist loadgroup --no-loadscope-reorder --ignore=tests/compose --ignore=tests/judges --ignore=tests/wheels $(ARGS)
 
 judges: $(VENV)/.dev ## Have foreign software read what we write, each in an environment of its own (rclpy needs Python 3.11)
 	@$(PYTEST) tests/judges $(ARGS)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.stateful import Stateful
@@ -138,15 +139,13 @@ def picked(frames: Frames, chosen: Mask | None = None) -> Frames:
 
     `chosen`: (K,), the links that stay; None: all.
     """
-    is_whole = chosen is None or np.count_nonzero(chosen) == len(chosen)
-    links, slots = links_of(frames), frames.slots
-    if not is_whole:
-        links, slots = links[chosen], None if slots is None else slots[chosen]
-    used = np.zeros(len(frames.source), dtype=bool)
-    used[links[:, 0]] = True
-    if np.count_nonzero(used) == len(used):
-        return frames if is_whole else Frames(frames.kind, frames.round, frames.source, frames.payload, links, slots)
-    place = np.cumsum(used, dtype=np.int32) - 1  # of a row among those that are used
-    renumbered = np.stack([place[links[:, 0]], links[:, 1]], axis=-1)
-    rows = used.nonzero()[0]
-    return Frames(frames.kind, frames.round, frames.source[rows], frames.payload.take(rows, axis=0), renumbered, slots)
+    links, source, payload, slots = links_of(frames), frames.source, frames.payload, frames.slots
+    stay, used = np.empty_like(links), np.empty(len(source), dtype=np.intp)
+    count, rows = kernels.pick(links, chosen, stay, used)
+    if count == len(links) and rows == len(source):
+        return frames
+    if count < len(links):
+        stay, slots = stay[:count], None if slots is None else slots[chosen]
+    if rows < len(source):
+        source, payload = source[used[:rows]], payload.take(used[:rows], axis=0)
+    return Frames(frames.kind, frames.round, source, payload, stay, slots)

@@ -16,6 +16,7 @@ from meanflock.kernels.reference import multiply as multiply
 from meanflock.kernels.reference import nearest as nearest
 from meanflock.kernels.reference import neighbours as neighbours
 from meanflock.kernels.reference import pairs as pairs
+from meanflock.kernels.reference import pick as pick
 from meanflock.kernels.reference import poisson as poisson
 from meanflock.kernels.reference import reached as reached
 from meanflock.kernels.reference import read as read

@@ -55,7 +55,7 @@ Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vector
 /* Working memory for that many doubles and one more; NULL and an exception without memory. */
 double *room_for(Arrays *arrays, Py_ssize_t count);
 
-/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, quadrotor.c, elimination.c, ranking.c and mean_field/learner.c. */
+/* Functions of the module, in wire.c, budget.c, fading.c, motion.c, quadrotor.c, elimination.c, ranking.c, links.c and mean_field/learner.c. */
 PyObject *wire_read(PyObject *module, PyObject *args);
 PyObject *wire_write(PyObject *module, PyObject *args);
 PyObject *motion_move(PyObject *module, PyObject *args);
@@ -71,6 +71,7 @@ PyObject *learner_step(PyObject *module, PyObject *args);
 PyObject *learner_repel(PyObject *module, PyObject *args);
 PyObject *closest_of_all(PyObject *module, PyObject *args);
 PyObject *neighbours_of_all(PyObject *module, PyObject *args);
+PyObject *links_pick(PyObject *module, PyObject *args);
 PyObject *elimination_solve(PyObject *module, PyObject *args);
 PyObject *elimination_multiply(PyObject *module, PyObject *args);
 

@@ -195,6 +195,7 @@ static PyMethodDef methods[] = {
     {"closest", closest_of_all, METH_VARARGS, "closest(distance, reach, found)"},
     {"neighbours", neighbours_of_all, METH_VARARGS,
      "neighbours(own, others, uavs, reach, away, closing, squared, found)"},
+    {"pick", links_pick, METH_VARARGS, "pick(links, chosen, picked, used)"},
     {"solve", elimination_solve, METH_VARARGS, "solve(matrices, rights, found)"},
     {"multiply", elimination_multiply, METH_VARARGS, "multiply(left, right, found)"},
     {"read", wire_read, METH_VARARGS, "read(raw, kind=0, into=None, uavs=0)"},

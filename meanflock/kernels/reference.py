@@ -11,6 +11,7 @@ from meanflock.kernels.differences import alignment
 from meanflock.kernels.elimination import multiply, solve
 from meanflock.kernels.fading import fade, poisson, send
 from meanflock.kernels.halfspaces import nearest
+from meanflock.kernels.links import pick
 from meanflock.kernels.mean_field.learn import learn, prepare
 from meanflock.kernels.mean_field.separation import repel
 from meanflock.kernels.motion import move, reached
@@ -34,6 +35,7 @@ __all__ = [
     "nearest",
     "neighbours",
     "pairs",
+    "pick",
     "poisson",
     "prepare",
     "reached",

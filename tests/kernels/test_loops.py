@@ -264,3 +264,19 @@ def test_neighbours_are_the_nearest_other_uavs_as_each_row_knows_them(
             np.testing.assert_array_equal(away[m, place], apart[j, :axes] if length else moved_apart)
             np.testing.assert_array_equal(closing[m, place], apart[j, axes:])
             assert squared[m, place] == (length or 1e-3 * 1e-3)
+
+
+@both_forms
+@given(st.integers(0, 6), st.integers(0, 12), st.booleans(), seeds)
+def test_picked_links_use_frames_that_are_numbered_anew(
+    backend: ModuleType, frames: int, count: int, all_are: bool, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    links = draw.integers(0, [max(frames, 1), 9], size=(count if frames else 0, 2)).astype(np.int32)
+    chosen = draw.random(len(links)) < 0.5
+    picked, used = np.full_like(links, 7), np.full(frames, 7, dtype=np.intp)
+    kept, rows = backend.pick(links, None if all_are else chosen, picked, used)
+    expected = [link for link, is_in in zip(links.tolist(), chosen.tolist(), strict=True) if is_in or all_are]
+    old = sorted({frame for frame, _ in expected})
+    assert (kept, used[:rows].tolist()) == (len(expected), old)
+    assert picked[:kept].tolist() == [[old.index(frame), uav] for frame, uav in expected]

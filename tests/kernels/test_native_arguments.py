@@ -65,6 +65,9 @@ def arguments(name: str) -> dict[str, Any]:
         read = {"own": np.ones((2, 4)), "others": np.ones((2, 4, 5)), "uavs": np.array([0, 4]), "reach": 9.0}
         written = {"away": np.full((2, 3, 2), 7.0), "closing": np.full((2, 3, 2), 7.0), "squared": np.full((2, 3), 7.0)}
         return {**read, **written, "found": np.full((2, 3), 7, np.intp)}
+    if name == "pick":
+        read = {"links": np.array([[0, 4], [1, 2], [1, 3]], np.int32), "chosen": np.array([True, False, True])}
+        return {**read, "picked": np.full((3, 2), 7, np.int32), "used": np.full(2, 7, np.intp)}
     if name == "solve":
         return {"matrices": np.ones((2, 3, 3)), "rights": np.ones((2, 3, 2)), "found": np.full((2, 3, 2), 7.0)}
     if name == "multiply":
@@ -75,6 +78,7 @@ def arguments(name: str) -> dict[str, Any]:
 
 ANY_BYTE = (
     "neighbours",
+    "pick",
     "learn",
     "repel",
     "nearest",
@@ -89,7 +93,8 @@ ANY_BYTE = (
     "pairs",
 )
 FUNCTIONS = ("closest", "solve", "multiply", *ANY_BYTE)
-FREE = {("fade", "busy"), ("send", "busy"), ("poisson", "reached")}  # may be longer than what is read of them
+# May be longer than what is read of them.
+FREE = {("fade", "busy"), ("send", "busy"), ("poisson", "reached"), ("pick", "used")}
 # Of the right size and type, but with numbers or a length that would lead astray.
 WRONG: list[tuple[str, str, Any]] = [
     ("learn", "around", np.zeros((2, 0, 4))),
@@ -128,6 +133,10 @@ WRONG: list[tuple[str, str, Any]] = [
     ("neighbours", "uavs", np.array([0, 5])),
     ("neighbours", "found", np.full(6, 7, np.intp)),
     ("neighbours", "found", np.full((2, 2), 7, np.intp)),
+    ("pick", "links", np.array([[0, 4], [1, 2], [2, 3]], np.int32)),
+    ("pick", "links", np.array([[0, 4], [1, 2], [-1, 3]], np.int32)),
+    ("pick", "links", np.zeros((2, 2), np.int32)),
+    ("pick", "chosen", np.ones(2, bool)),
     ("solve", "matrices", np.ones((2, 3, 2))),
     ("solve", "rights", np.ones((2, 4, 2))),
     ("multiply", "right", np.ones((2, 3, 2))),
@@ -138,7 +147,7 @@ WRONG: list[tuple[str, str, Any]] = [
 
 def mutations(array: np.ndarray, is_written: bool) -> dict[str, Any]:
     """Arguments that are wrong in place of a good one."""
-    other = array.astype(np.float32 if array.dtype.kind == "f" else np.int32)
+    other = array.astype(np.float32 if array.dtype.kind == "f" else np.int16)
     wrong = {"another type": other, "too long": np.append(array, array.flat[0])}
     wrong["not contiguous"] = np.repeat(array, 2, axis=-1)[..., ::2]
     return wrong | ({"read-only": array.tobytes(), "too short": array.flat[1:].copy()} if is_written else {})

@@ -32,7 +32,7 @@ def component(key: str) -> object:
 
 
 # A run takes a Ray that is there, and shuts it down: a start takes longer than a run.
-ray.init(log_to_driver=False, object_store_memory=100_000_000, include_dashboard=False)
+ray.init(num_cpus=1, log_to_driver=False, object_store_memory=100_000_000, include_dashboard=False)
 ray.shutdown = lambda: None
 TaskIdentity.task_id = TaskIdentity.run_id = TaskIdentity.node_id = 1
 for config in json.loads(sys.argv[2]):

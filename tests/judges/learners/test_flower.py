@@ -1,7 +1,9 @@
 """Flower apps fly unmodified, and equal Flower's engine on a radio that loses nothing. `make learners` runs these."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ STRATEGIES: dict[str, dict[str, Any]] = {
     "Krum": {"num_malicious_nodes": 1},
     "FedMedian": {},
 }
+VARIANTS = ("", "classic")  # of apps: the message API, and clients with `fit`
+LAST = "test_the_model_is_that_of_flowers_engine"
 ALL = {
     "": {"min_available_nodes": 10, "min_train_nodes": 10},
     "classic": {"min_available_clients": 10, "min_fit_clients": 10},
@@ -34,38 +38,27 @@ def options(variant: str, strategy: str) -> str:
     return json.dumps(found)
 
 
-@pytest.fixture(scope="module", params=["", "classic"], ids=["message-api", "classic"])
-def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, list[Any]]:
-    """Variant and folder of an app, and what it saves in Flower's engine for each strategy."""
-    pytest.importorskip("ray", reason="Flower's engine needs it: make learners")
-    folder = tmp_path_factory.mktemp("engine")
-    app = build(folder, request.param)
-    configs = [
-        {"num-server-rounds": ROUNDS, "strategy": name, "strategy-options": options(request.param, name)}
-        for name in STRATEGIES
-    ]
-    return request.param, app, in_engine(app, configs, folder)
-
-
-@pytest.mark.timeout(1200)
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_the_model_is_that_of_flowers_engine(engine: tuple[str, Path, list[Any]], strategy: str) -> None:
-    variant, app, expected = engine
-    theirs = expected[list(STRATEGIES).index(strategy)]
-    flown = fly(
-        app,
-        "--in-process",
-        settings=(IDEAL,),
-        num_server_rounds=ROUNDS,
-        strategy=strategy,
-        strategy_options=options(variant, strategy),
-    )
-    assert flown.code == 0, flown.said
-    assert flown.saved.keys() == theirs.keys()
-    assert len(theirs["accuracy"]) == ROUNDS + 1
-    for name in theirs:
-        np.testing.assert_allclose(flown.saved[name], theirs[name], rtol=0, atol=1e-6)
-    assert [one["accuracy"] for one in flown.result["rounds"]] == flown.saved["accuracy"][1:].tolist()
+@pytest.fixture(scope="module", autouse=True)
+def engines(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[str, tuple[Path, Future[list[Any]]]]]:
+    """The app of each variant, and what it saves in Flower's engine for each strategy. The engine, which mostly waits,
+    runs beside the other tests, so those that need it are last."""
+    selected = {item.originalname for item in request.session.items if isinstance(item, pytest.Function)}
+    if LAST not in selected or find_spec("ray") is None:
+        yield {}
+        return
+    with ThreadPoolExecutor(1) as beside:
+        running = {}
+        for variant in VARIANTS:
+            folder = tmp_path_factory.mktemp("engine")
+            app = build(folder, variant)
+            configs = [
+                {"num-server-rounds": ROUNDS, "strategy": name, "strategy-options": options(variant, name)}
+                for name in STRATEGIES
+            ]
+            running[variant] = app, beside.submit(in_engine, app, configs, folder)
+        yield running
 
 
 @pytest.fixture(scope="module")
@@ -259,3 +252,29 @@ def test_a_message_keeps_arrays_of_any_shape_and_dtype() -> None:
     for name, array in split(joined(arrays, note))[0].items():
         assert (array.dtype, array.shape) == (arrays[name].dtype, arrays[name].shape)
         np.testing.assert_array_equal(array, arrays[name])
+
+
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("variant", VARIANTS, ids=["message-api", "classic"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_the_model_is_that_of_flowers_engine(
+    engines: dict[str, tuple[Path, Future[list[Any]]]], variant: str, strategy: str
+) -> None:
+    if not engines:
+        pytest.skip("Flower's engine needs Ray: make learners")
+    app, expected = engines[variant]
+    flown = fly(
+        app,
+        "--in-process",
+        settings=(IDEAL,),
+        num_server_rounds=ROUNDS,
+        strategy=strategy,
+        strategy_options=options(variant, strategy),
+    )
+    assert flown.code == 0, flown.said
+    theirs = expected.result()[list(STRATEGIES).index(strategy)]
+    assert flown.saved.keys() == theirs.keys()
+    assert len(theirs["accuracy"]) == ROUNDS + 1
+    for name in theirs:
+        np.testing.assert_allclose(flown.saved[name], theirs[name], rtol=0, atol=1e-6)
+    assert [one["accuracy"] for one in flown.result["rounds"]] == flown.saved["accuracy"][1:].tolist()
