@@ -367,9 +367,9 @@ class World(Stateful):
         dt = self.scenario.dt
         for group, rows in mission.parts(self.scenario):
             uavs = np.arange(rows.start, rows.stop)
-            if tick and tick == round(group.joins_at_s / dt):
-                self.note(Joined(tick, tuple(uavs.tolist()), group.name))
-            if group.leaves_at_s is not None and tick == round(group.leaves_at_s / dt):
+            if tick and tick == group.joins_in(dt) and len(joining := uavs[~self.flight.lost[uavs]]):
+                self.note(Joined(tick, tuple(joining.tolist()), group.name))
+            if tick == group.leaves_in(dt):
                 self.flight.land(uavs, f"group {group.name} leaves")
 
     def _present(self, tick: int, awake: Mask) -> Mask:

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm import mission
+from meanflock.swarm import mission, plugins
 from meanflock.swarm.declared import Declared, controller, declarations_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, with_defaults
@@ -66,6 +66,8 @@ def grouped(scenario: Scenario, declared: Declared | None) -> tuple[Scenario, De
         flown = scenario.of_group(group)
         same = next((n for n, other in enumerate(scenario.groups[:number]) if scenario.of_group(other) == flown), None)
         try:
+            if group.vehicle is not None:
+                plugins.options_of("vehicle", group.vehicle.model, group.vehicle.options)
             each.append(_declared(flown) if same is None else each[same])
         except BadInput as error:
             raise BadInput(f"group {group.name!r}: {error}") from error

@@ -61,7 +61,8 @@ Py_ssize_t rows_of(Arrays *arrays, PyObject *array, const char *name, int vector
 }
 
 double *room_for(Arrays *arrays, Py_ssize_t count) {
-    if ((arrays->room = PyMem_Malloc((count + 1) * D)) == NULL) PyErr_NoMemory();
+    arrays->room = count < PY_SSIZE_T_MAX / D ? PyMem_Malloc((count + 1) * D) : NULL;
+    if (arrays->room == NULL) PyErr_NoMemory();
     return arrays->room;
 }
 

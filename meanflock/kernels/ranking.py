@@ -13,8 +13,8 @@ def closest(distance: Floats, reach: float, found: NDArray[np.intp]) -> int:
     """Find the objects within reach of each row, nearest first, ties in their order.
 
     Args:
-        distance: (M, N); NaN is out of reach. found: (M, K), written: numbers of the K nearest objects, −1 where there
-            are fewer.
+        distance: (M, N); NaN is out of reach. reach: finite. found: (M, K), written: numbers of the K nearest objects,
+            −1 where there are fewer.
 
     Returns:
         The largest number of objects that a row has found.
@@ -41,7 +41,7 @@ def neighbours(
 
     Args:
         own: (M, 2d), states of the rows. others: (M, 2d, N), states of all UAVs known to each row.
-        uavs: (M,), numbers of the rows. reach: squared distance, m².
+        uavs: (M,), numbers of the rows. reach: squared distance, finite, m².
         away: (M, K, d), written: own positions minus those of the K nearest UAVs, m.
         closing: (M, K, d), written: own velocities minus theirs, m/s. squared: (M, K), written: of `away`, m².
         found: (M, K), written: their numbers, −1 where there are fewer; then the other numbers have no meaning.

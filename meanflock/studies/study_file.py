@@ -177,13 +177,32 @@ def read(path: Path) -> StudyRecord:
     try:
         flown_by = json.loads(raw).get("meanflock", __version__)
         if flown_by == __version__:
-            return msgspec.json.decode(raw, type=StudyRecord)
+            record = msgspec.json.decode(raw, type=StudyRecord)
+            _check(record)
+            return record
     except (ValueError, AttributeError, RecursionError) as error:
         raise BadInput(f"{path}: damaged: {error}; repeat the command of the study, which writes it anew") from error
     raise BadInput(
         f"{path}: flown with meanflock {flown_by}, and this is {__version__}, whose flights may differ; install that "
         f"version: pip install meanflock=={flown_by}"
     )
+
+
+def _check(record: StudyRecord) -> None:
+    """Raises ValueError if a record has another schema, no point, or points that are not those of a study."""
+    if record.schema != SCHEMA:
+        raise ValueError(f"schema {record.schema}, expected {SCHEMA}")
+    if not record.points:
+        raise ValueError("no points")
+    seen = set()
+    for point in record.points:
+        if len(point.values) != len(record.names):
+            raise ValueError(f"point {point.values} has {len(point.values)} values of {len(record.names)} names")
+        if (values := repr(point.values)) in seen:
+            raise ValueError(f"two points {values}")
+        if not point.flights:
+            raise ValueError(f"point {values} has no flights")
+        seen.add(values)
 
 
 def check_folder(out: Path, scenarios: Mapping[Point, Sequence[Scenario]]) -> None:

@@ -298,7 +298,7 @@ def joins(mission: Mission) -> NDArray[np.intp]:
     """Tick in which the group of each UAV joins the flight, (N,)."""
     ticks = np.zeros(mission.uavs, dtype=np.intp)
     for group, rows in parts(mission):
-        ticks[rows] = round(group.joins_at_s / mission.dt)
+        ticks[rows] = group.joins_in(mission.dt)
     return ticks
 
 
@@ -306,8 +306,8 @@ def leaves(mission: Mission) -> NDArray[np.intp]:
     """Tick in which the group of each UAV leaves the flight, (N,); `NEVER` for a group that stays."""
     ticks = np.full(mission.uavs, NEVER)
     for group, rows in parts(mission):
-        if group.leaves_at_s is not None:
-            ticks[rows] = round(group.leaves_at_s / mission.dt)
+        if (tick := group.leaves_in(mission.dt)) is not None:
+            ticks[rows] = tick
     return ticks
 
 

@@ -77,7 +77,7 @@ class Polygon:
         """Mask (…) of the places (…, 2) inside: a ray along x crosses an odd number of sides."""
         x, y = (places[..., axis, None] for axis in range(2))
         (x0, y0), (along, across) = self.corners.T, self._sides.T
-        is_between = (y0 <= y) != (y0 + across <= y)
+        is_between = (y0 <= y) != (np.roll(y0, -1) <= y)  # of the corners themselves: a sum of y0 and side is rounded
         crossing = x0 + np.divide(y - y0, across, out=np.zeros(is_between.shape), where=is_between) * along
         return np.count_nonzero(is_between & (x < crossing), axis=-1) % 2 == 1
 

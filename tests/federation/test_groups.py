@@ -12,9 +12,11 @@ from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
 from meanflock.results import quantities
 from meanflock.swarm import mission
+from meanflock.swarm.events import Lost
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Status
 from meanflock.worldsim.crew import LocalCrew, fly
+from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.tick import Row
 from meanflock.worldsim.world import World
 from tests.golden.flights import steady
@@ -111,6 +113,24 @@ def test_a_group_that_joins_late_waits_and_one_that_leaves_lands() -> None:
     assert all(40 < tick <= 90 for tick in sends)
 
 
+def test_a_uav_that_is_lost_before_its_group_joins_stays_on_the_ground() -> None:
+    killed = {"kind": "kill", "time_s": 1.0, "uavs": [7]}
+    rows = rows_of(Scenario(**SIDE_BY_SIDE, faults=[killed]))
+    places = np.stack([row.states[6:] for row in rows])
+    assert (places[:, 1] == places[0, 1]).all()
+    assert (places[41, 0] != places[0, 0]).any()
+    joined = [event.text for row in rows for event in row.events if event.text.endswith("joined")]
+    assert joined == ["UAV 6 of group reserve joined"]
+
+
+def test_a_uav_that_is_lost_on_the_ground_and_rejoins_takes_off() -> None:
+    flight = Flight(Scenario(**SIDE_BY_SIDE))
+    flight.lose(np.array([0, 7]), Lost, "its node is gone")
+    assert flight.grounded.tolist() == [False] * 7 + [True]
+    flight.rejoin(np.array([0, 7]), "agent-7")
+    assert not flight.grounded.any()
+
+
 def test_the_summary_has_the_fields_of_each_group_and_of_all() -> None:
     summary = Engine(Scenario(**SIDE_BY_SIDE), "groups").complete()
     groups = summary["groups"]
@@ -180,12 +200,19 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A, B | {"name": "no name"}]}, "name"),
     ({"groups": [A, B | {"count": 0}]}, "count"),
     ({"groups": [A, B | {"joins_at_s": 300.0}]}, "`groups[1].joins_at_s` is 300 s, and the flight ends at `duration`"),
-    ({"groups": [A, B | {"joins_at_s": 9.0, "leaves_at_s": 9.0}]}, "let it leave later"),
+    ({"groups": [A, B | {"joins_at_s": 9.0, "leaves_at_s": 9.0}]}, "let it leave at least a tick"),
+    ({"groups": [A, B | {"joins_at_s": 5.01, "leaves_at_s": 5.04}]}, "let it leave at least a tick, `dt` 0.1 s, later"),
+    (
+        {"groups": [A, B | {"joins_at_s": 9.99}], "duration": 10.0},
+        "`groups[1].joins_at_s` is 9.99 s, and the flight ends",
+    ),
     ({"groups": [A, B | {"start": {"height": 50.0}}]}, "in the plane all fly at `start.height`, 40 m"),
     ({"groups": [A, B | {"start": {"positions": [[0.0, 0.0]]}}]}, "`groups[1]`: `start.positions` has 1 places"),
     ({"groups": [A | {"start": RING}, B | {"start": RING}]}, "UAV 0 and UAV 2 start 0 m apart"),
     ({"groups": [A, B | {"destination": {"goals": "across"}}]}, '`groups[1]`: `destination.goals` "across" needs'),
     ({"groups": [A, B], "federation": {"group": "c"}}, "`federation.group` names 'c', and the groups are a, b"),
+    ({"groups": [A, B], "federation": {"group": []}}, "`federation.group` is an empty list"),
+    ({"groups": [A, B], "federation": {"group": ["a", "a"]}}, "`federation.group` names 'a' twice"),
     ({"federation": {"group": "c"}}, "there are no `[[groups]]`"),
     ({"groups": [A, B], "radio": {"model": "link-budget"}, "radios": [{"group": "c", "gain_dbi": 1.0}]}, "names 'c'"),
     ({"groups": [A, B], "radios": [{"group": "a", "uavs": [1], "gain_dbi": 1.0}]}, "set one of the two"),
@@ -194,6 +221,8 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A, B | {"method": "mfgfl-h"}]}, "groups 'a' and 'b' share models of"),
     ({"groups": [A | {"method": "cruise"}, B]}, "`federation.leader` is UAV 0, which takes no part in rounds"),
     ({"groups": [A, B | {"method": "cruise"}], "federation": {"clusters": 2}}, "clusters needs all UAVs"),
+    ({"groups": [A, B | {"vehicle": {"model": "balloon"}}]}, "group 'b': vehicle 'balloon' is not installed here"),
+    ({"groups": [A, B | {"vehicle": {"options": {"x": 3}}}]}, "group 'b': vehicle.options: there is no key `x`"),
     ({"groups": [A, B | {"vehicle": TRACE}]}, "group 'b': trace x.csv: No such file"),
     (
         {"groups": [A, B | {"vehicle": {}}], "vehicle": TRACE},

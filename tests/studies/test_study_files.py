@@ -239,6 +239,11 @@ def test_a_number_that_differs_is_named_by_its_field(copy: Path, capsys: pytest.
         (lambda out: edit(out, meanflock="1.9.0"), "flown with meanflock 1.9.0.*pip install meanflock==1.9.0"),
         (lambda out: edit(out, keys={"uavs": 5}), "its keys are not those of its hash"),
         (lambda out: edit(out, keys={"uvas": 5}), "did you mean `uavs`"),
+        (lambda out: edit(out, schema=99), "damaged: schema 99, expected 1"),
+        (lambda out: edit(out, points=[]), "damaged: no points"),
+        (lambda out: edit(out, names=["zz"]), "damaged: point .* has 3 values of 1 names"),
+        (lambda out: edit(out, points=points(out)[:1] * 2), "damaged: two points"),
+        (lambda out: edit(out, points=[points(out)[0] | {"flights": []}]), "damaged: point .* has no flights"),
     ],
 )  # fmt: skip
 def test_a_study_that_is_not_whole_is_refused_and_nothing_is_flown(
@@ -248,6 +253,11 @@ def test_a_study_that_is_not_whole_is_refused_and_nothing_is_flown(
     assert main(["study", "rerun", str(copy / "study.json"), "--quiet"]) == EXIT_BAD_INPUT
     assert re.search(said, capsys.readouterr().err)
     assert not (copy / "rerun").exists()
+
+
+def points(out: Path) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads((out / "study.json").read_text())["points"]
+    return found
 
 
 def edit(out: Path, **changed: Any) -> None:

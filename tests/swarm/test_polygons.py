@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as some
 
 from meanflock.agent.controllers.sharing.nearby import Obstacles, closest_obstacles, edges
@@ -48,6 +48,10 @@ def by_hand(corners: tuple[tuple[float, float], ...], place: tuple[float, float]
     return -least if abs(turned) > math.pi else least
 
 
+HAIR = 1e-16  # of a corner above the ray from a place, less than the sums of its sides can tell
+
+
+@example(((0.7, -0.7), (0.0, -1.0), (-0.7, -0.7), (-1.0, HAIR), (-2.1, 2.1), (0.0, 1.0), (1.0, 0.0)), (-2.0, 0.0))
 @given(stars(), places)
 def test_the_distance_is_exact_inside_and_outside_and_outward_leads_out(corners: Any, place: Any) -> None:
     assert problem(corners) is None

@@ -173,6 +173,7 @@ BAD_FILES: dict[str, tuple[str, str]] = {  # content, and a part of the error
     "an empty cell": (GOOD.replace("1,0,1,0", "1,0,1,"), "row 3: `y_m` is empty or NaN; give a number"),
     "NaN": (GOOD.replace("1,0,1,0", "1,0,nan,0"), "row 3: `x_m` is empty or NaN; give a number"),
     "infinite": (GOOD.replace("1,0,1,0", "1,0,inf,0"), "row 3: `x_m` is inf; give a finite number"),
+    "long ago": (GOOD.replace("1,0,1,0", "-1e308,0,1,0"), "row 3: `t_s` is -1e+308; no time is 1e+12 s away"),
     "far away": (GOOD.replace("1,0,1,0", "1,0,1e9,0"), "row 3: `x_m` is 1e+09; no place is 1e+08 m away"),
     "half a UAV": (GOOD.replace("1,0,1,0", "1,0.5,1,0"), "row 3: `uav` is 0.5; number UAVs from 0"),
     "a UAV below 0": (GOOD.replace("1,0,1,0", "1,-1,1,0"), "row 3: `uav` is -1; number UAVs from 0"),

@@ -15,6 +15,7 @@ FORMATS = {".parquet": "Parquet", ".csv": "CSV"}
 TIME, UAV, PLACE = "t_s", "uav", ("x_m", "y_m", "z_m")
 _ROW_BYTES = 250  # of a row while it is read and checked
 _FARTHEST_M = 1e8
+_LONGEST_S = 1e12
 
 
 class TraceRows(NamedTuple):
@@ -149,7 +150,9 @@ def _numbers(column: Any, name: str) -> Floats:
     _refuse(~(np.abs(values) < np.inf), values, name, "give a finite number")
     if name == UAV:
         _refuse((values != np.floor(values)) | (values < 0.0) | (values >= 2**31), values, name, "number UAVs from 0")
-    elif name != TIME:
+    elif name == TIME:
+        _refuse(~(np.abs(values) < _LONGEST_S), values, name, f"no time is {_LONGEST_S:g} s away")
+    else:
         _refuse(~(np.abs(values) < _FARTHEST_M), values, name, f"no place is {_FARTHEST_M:g} m away")
     return values
 

@@ -96,13 +96,23 @@ def _check_groups(scenario: Any) -> None:
         raise ValueError(f"`groups` have {total} UAVs in all, and `uavs` is {scenario.uavs}; set `uavs` to {total}")
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two `groups` have the name {twice[0]!r}; give each a name of its own")
+    if scenario.federation.group == ():
+        raise ValueError("`federation.group` is an empty list; name the groups that take part, or leave it out")
     for name in scenario.federation.groups:
+        if scenario.federation.groups.count(name) > 1:
+            raise ValueError(f"`federation.group` names {name!r} twice; name each group once")
         if name not in names:
             raise ValueError(
                 f"`federation.group` names {name!r}, and the groups are {', '.join(names)}; name one of these"
             )
     for number, group in enumerate(scenario.groups):
-        if group.joins_at_s >= scenario.duration:
+        joins, leaves = group.joins_in(scenario.dt), group.leaves_in(scenario.dt)
+        if leaves is not None and leaves <= joins:
+            raise ValueError(
+                f"group {group.name!r} leaves at {group.leaves_at_s:g} s, and joins at {group.joins_at_s:g} s; let it "
+                f"leave at least a tick, `dt` {scenario.dt:g} s, later, or leave `leaves_at_s` out"
+            )
+        if joins >= scenario.max_ticks:
             raise ValueError(
                 f"`groups[{number}].joins_at_s` is {group.joins_at_s:g} s, and the flight ends at `duration`, "
                 f"{scenario.duration:g} s; let it join earlier, or fly longer"

@@ -50,10 +50,10 @@ class GroupTable(_Table, frozen=True, omit_defaults=True, kw_only=True):
         | None
     ) = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.leaves_at_s is not None and self.leaves_at_s <= self.joins_at_s:
-            raise ValueError(
-                f"group {self.name!r} leaves at {self.leaves_at_s:g} s, and joins at {self.joins_at_s:g} s; let it "
-                "leave later, or leave `leaves_at_s` out"
-            )
+    def joins_in(self, dt: float) -> int:
+        """Tick in which they join the flight."""
+        return round(self.joins_at_s / dt)
+
+    def leaves_in(self, dt: float) -> int | None:
+        """Tick in which they leave the flight; None: they stay."""
+        return None if self.leaves_at_s is None else round(self.leaves_at_s / dt)
