@@ -131,6 +131,20 @@ def test_a_uav_that_is_lost_on_the_ground_and_rejoins_takes_off() -> None:
     assert not flight.grounded.any()
 
 
+def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are() -> None:
+    places = [[97.5, 58.5], [95.0, 57.0], [92.5, 55.5]]
+
+    def flown(others: list[list[float]]) -> np.ndarray:
+        """Of a UAV that shares its states and flies from (100, 60) to (0, 0)."""
+        silent = {"name": "silent", "count": 3, "method": "cruise", "start": {"positions": others}}
+        courier = {"name": "courier", "count": 1, "method": "orca", "start": {"positions": [[100.0, 60.0]]}}
+        rows = rows_of(Scenario(uavs=4, duration=60.0, stop="duration", groups=[silent, courier]))
+        return np.stack([row.states[3] for row in rows])
+
+    on_its_way, elsewhere = flown(places), flown([[x, -y] for x, y in places])
+    np.testing.assert_array_equal(on_its_way, elsewhere)
+
+
 def test_the_summary_has_the_fields_of_each_group_and_of_all() -> None:
     summary = Engine(Scenario(**SIDE_BY_SIDE), "groups").complete()
     groups = summary["groups"]

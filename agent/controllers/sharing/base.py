@@ -35,9 +35,9 @@ from meanflock.agent.controllers.base import (
 from meanflock.agent.controllers.cruise import CRUISE_M_S, SLOWING_1_S, CruiseSpeed, Slowing, Travel, against_the_air
 from meanflock.agent.controllers.sharing.altitude import AltitudeLimits
 from meanflock.agent.controllers.sharing.nearby import Obstacles
-from meanflock.swarm import mission, state
+from meanflock.swarm import mission, plugins, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, States, Vectors
+from meanflock.swarm.state import Floats, Mask, States, Vectors
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 
 FAR_M = 1e6  # position along x and y of a UAV whose state is unknown: far from all others
@@ -68,8 +68,13 @@ class NeighbourStates:
     numbers: count of the numbers that a UAV broadcasts in a tick.
     """
 
-    def __init__(self, scenario: Scenario, predict: Prediction | None = None) -> None:
-        """`predict`: predicts states from the time of sending; None: at constant velocity."""
+    def __init__(self, scenario: Scenario, predict: Prediction | None = None, *, silent: Mask | None = None) -> None:
+        """
+        Args:
+            predict: predicts states from the time of sending; None: at constant velocity.
+            silent: (N,), UAVs that never send a state, so that theirs is unknown; None: none.
+        """
+        self._silent = silent
         policy, self.numbers = scenario.sharing.rule, scenario.state_numbers
         self._events, self._repeats = policy.broadcast == "event", policy.repeats
         self._delta_squared = policy.delta_m * policy.delta_m
@@ -87,6 +92,8 @@ class NeighbourStates:
         """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
         rows, everyone = len(uavs), len(plan)
         remembered = self._predict.keep(plan, np.arange(everyone), 0)
+        if self._silent is not None:
+            remembered = np.where(self._silent[:, None], self._nowhere, remembered)
         return {
             "neighbour_uav": uavs.astype(np.int32),
             "neighbour_remembered": np.repeat(remembered.T[None], rows, axis=0),  # (M, 4, N)
@@ -179,6 +186,22 @@ class NeighbourStates:
         return numbers * UNIT + self._origin[uavs]
 
 
+def silent_uavs(scenario: Scenario) -> Mask | None:
+    """Mask (N,) of the UAVs in groups whose controllers share no states; None for none.
+
+    Args:
+        scenario: as a controller gets it, with the methods of all groups.
+
+    Raises:
+        BadInput: a controller of a group is not installed.
+    """
+    silent = np.zeros(scenario.uavs, dtype=bool)
+    for group, rows in mission.parts(scenario):
+        controller: Any = plugins.load("controller", group.method)
+        silent[rows] = not controller.shares
+    return silent if silent.any() else None
+
+
 class SharingController(Controller):
     """Base class of controllers that share states: override `fly`, and `init` if it has more memory."""
 
@@ -188,7 +211,8 @@ class SharingController(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours, self._obstacles = NeighbourStates(scenario), Obstacles(scenario)
+        self._neighbours = NeighbourStates(scenario, silent=silent_uavs(scenario))
+        self._obstacles = Obstacles(scenario)
         self._limits = AltitudeLimits(scenario)
         self.broadcast_numbers = self._neighbours.numbers
 

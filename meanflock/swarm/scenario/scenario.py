@@ -240,8 +240,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def of_group(self, group: tables.GroupTable) -> "Scenario":
         """The scenario as the controller of a group gets it: method, learner, vehicle and radius of arrival of the
-        group, and the mission of all."""
-        own: dict[str, Any] = {}
+        group, and the mission and the methods of all."""
+        named = (msgspec.structs.replace(other, method=other.method or self.method) for other in self.groups)
+        own: dict[str, Any] = {"groups": tuple(named)}
         if group.method is not None:
             own["method"] = group.method
         if group.controller is not None or group.method not in (None, self.method):
