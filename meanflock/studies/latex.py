@@ -34,6 +34,7 @@ _ESCAPES = {
 _SPECIAL = re.compile("|".join(map(re.escape, _ESCAPES)))
 _INDEX = re.compile(r"φ_(\w)")
 _SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
+_ROUNDING = 1e-12  # half of an interval by its mean, at most, of flights with equal figures
 _HEAD = """\
 % \\usepackage{booktabs}
 % Means over n flights, and half widths of their 95 % intervals. Bold: significantly best, by t tests paired by seed,
@@ -71,11 +72,12 @@ def latex_table(means: Means, tradeoff: Tradeoff | None = None) -> str:
 
 
 def value_text(found: Estimate, scale: float = 1.0) -> str:
-    """A mean and half of its interval, both to two digits of the latter; a mean without interval to four."""
+    """A mean and half of its interval, both to two digits of the latter; a mean without interval, or with one of
+    rounding errors, to four."""
     if found.n == 0:
         return "-"
     value, half = found.value / scale, (found.high - found.value) / scale
-    if not found.bounded or half == 0.0:
+    if not found.bounded or half <= _ROUNDING * abs(value):
         return _plain(f"{value:.4g}")
     digits = max(0, 1 - math.floor(math.log10(half)))
     return rf"{value:.{digits}f} \pm {half:.{digits}f}"

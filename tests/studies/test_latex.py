@@ -87,6 +87,7 @@ def test_special_characters_are_escaped(text: str, latex: str) -> None:
         (Estimate(9472.0, 9154.0, 9790.0, 3), 1000.0, r"9.47 \pm 0.32"),
         (Estimate(9472.0, 9154.0, 9790.0, 3), 1.0, r"9472 \pm 318"),
         (Estimate(5.0, 5.0, 5.0, 3), 1.0, "5"),
+        (Estimate(79.616, 79.616 - 1.3e-13, 79.616 + 1.3e-13, 3), 1.0, "79.62"),
         (Estimate(1.25e-5, -float("inf"), float("inf"), 1), 1.0, r"1.25 \times 10^{-5}"),
         (Estimate(float("nan"), -float("inf"), float("inf"), 0), 1.0, "-"),
     ],
