@@ -105,6 +105,7 @@ def test_a_wrong_value_of_python_code_is_named_with_its_key_and_bound(keys, part
         ("federation.agregation=median", ("did you mean `federation.aggregation`?",)),
         ("sigma=0.2", ("did you mean `wind.sigma`?",)),
         ("acceleration_max=2", ("did you mean `vehicle.acceleration_max`?",)),
+        ("groups.couriers.method=bvc", ("`groups` are several tables", "name a scenario that has groups")),
         ("lerner.kappa=2", ("did you mean `learner`?",)),
         ("..=1", ()),
     ],

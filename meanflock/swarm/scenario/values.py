@@ -118,6 +118,11 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
         BadInput: unknown key, wrong type, value out of range, or a key that has no effect without another. The
             message names the key, its value, the bound, and how to fix it.
     """
+    if isinstance(table.get("groups"), Mapping):
+        raise BadInput(
+            f"{where}: `groups` are several tables, and there are none; name a scenario that has groups, or write each "
+            "as [[groups]] with a `name`"
+        )
     try:
         result = msgspec.convert(table, kind)
         check_switches(table, single)
