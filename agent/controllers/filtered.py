@@ -21,7 +21,7 @@ from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
 
-PREFIX = "filter_"  # of the filter's memory, and of a column whose name the controller has too
+PREFIX = "filter_"  # of the filter's memory, and of columns whose names a controller may have too
 _UNSENT = "unsent"  # the last of its columns
 _OWN = 0  # the number of the filter's broadcast
 
@@ -55,7 +55,12 @@ class Filter:
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
             raise ValueError(f"`columns` {self.columns} must be different names, and none of them {_UNSENT!r}")
         inner_names = tuple(inner.diagnostics)
-        own_names = tuple(PREFIX + name if name in inner_names else name for name in (*self.columns, _UNSENT))
+        has_several = (
+            len({group.method for group in scenario.groups}) > 1
+        )  # controllers, whose columns lie side by side
+        own_names = tuple(
+            PREFIX + name if has_several or name in inner_names else name for name in (*self.columns, _UNSENT)
+        )
         self.diagnostics = (*inner_names, *own_names)
         self.broadcast_numbers = inner.broadcast_numbers + scenario.state_numbers
         self.pairwise = True  # it knows a state of every other UAV

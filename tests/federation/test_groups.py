@@ -145,6 +145,17 @@ def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are()
     np.testing.assert_array_equal(on_its_way, elsewhere)
 
 
+def test_columns_of_the_filter_are_those_of_no_controller() -> None:
+    plan = plan_of(Scenario(**SIDE_BY_SIDE, filter={"kind": "ecbf"}))
+    couriers, learners = plan.groups
+    assert {"infeasible", "unsent"} <= set(couriers.declared.diagnostics) - set(learners.declared.diagnostics)
+    assert {"filter_infeasible", "filter_unsent"} <= set(couriers.declared.diagnostics) & set(
+        learners.declared.diagnostics
+    )
+    alike = SIDE_BY_SIDE | {"groups": [group | {"method": "mfgfl-hf"} for group in SIDE_BY_SIDE["groups"]]}
+    assert "unsent" in plan_of(Scenario(**alike, filter={"kind": "ecbf"})).declared.diagnostics
+
+
 def test_the_summary_has_the_fields_of_each_group_and_of_all() -> None:
     summary = Engine(Scenario(**SIDE_BY_SIDE), "groups").complete()
     groups = summary["groups"]
