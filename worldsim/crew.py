@@ -80,14 +80,11 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
 
     `after`: number of the last letter that the agent has read.
     """
-    own = []
+    own, has_all = [], len(uavs) == len(senses.states)
     for batch in senses.heard:
-        if len(uavs) == len(senses.states):
-            own.append(picked(batch))
-            continue
         targets = links_of(batch)[:, 1]
-        reached = targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
-        if np.count_nonzero(reached):
+        reached = None if has_all else targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
+        if reached is None or np.count_nonzero(reached):
             own.append(picked(batch, reached))
     if senses.newest > after:
         own += mail_for(senses.letters, "agent", uavs, after)

@@ -56,7 +56,7 @@ class Flight(Stateful):
         on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
         lost: (N,), UAVs that are out of the mission.
         waiting: (N,), UAVs on the ground: they have not left it yet, were lost there, or have landed; None for no UAV.
-        grounded: (N,), UAVs that were lost before they left the ground, where they stay unless they rejoin.
+        lost_on_ground: (N,), UAVs that were lost before they left the ground, where they stay unless they rejoin.
         off: (N,), UAVs that take no part: they are lost, have landed, or have not joined; None for no UAV.
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
@@ -87,7 +87,7 @@ class Flight(Stateful):
             "speed_difference_squared_error",
             "near_sum",
         ),
-        *("states", "hidden", "status", "grounded", "arrival_tick", "arrival_energy", "books", "encounters"),
+        *("states", "hidden", "status", "lost_on_ground", "arrival_tick", "arrival_energy", "books", "encounters"),
         *("ground", "altitude", "noise", "guide", "by_group"),
     )
 
@@ -118,7 +118,7 @@ class Flight(Stateful):
         self.launch_tick = mission.launches(scenario)
         self._join_tick = mission.joins(scenario)
         self.status = np.full(n, FLYING)
-        self.grounded = np.zeros(n, dtype=bool)
+        self.lost_on_ground = np.zeros(n, dtype=bool)
         self.arrival_tick = np.full(n, -1)
         self.arrival_energy = np.zeros(n)
         self.last_arrival = -1
@@ -215,7 +215,7 @@ class Flight(Stateful):
         uavs = uavs[(self.status[uavs] != LOST) & (self.status[uavs] != LANDED)]
         if len(uavs):
             self.status[uavs] = LOST
-            self.grounded[uavs] = self.launch_tick[uavs] > self.tick
+            self.lost_on_ground[uavs] = self.launch_tick[uavs] > self.tick
             self._sort()
             self.events.append(event(self.tick, tuple(uavs.tolist()), reason))
 
@@ -224,7 +224,7 @@ class Flight(Stateful):
         uavs = uavs[self.status[uavs] == LOST]
         if len(uavs):
             self.status[uavs] = np.where(self.arrival_tick[uavs] >= 0, ARRIVED, FLYING)
-            self.grounded[uavs] = False
+            self.lost_on_ground[uavs] = False
             self._sort()
             self.guide.forget(uavs)
             self.events.append(Rejoined(self.tick, tuple(uavs.tolist()), node))
@@ -311,7 +311,7 @@ class Flight(Stateful):
         """Sort the UAVs anew by what they do: their status has changed, or some leave the ground."""
         flying = self.status == FLYING
         lost, landed = self.status == LOST, self.status == LANDED
-        waiting = landed | self.grounded | (self.launch_tick > self.tick)
+        waiting = landed | self.lost_on_ground | (self.launch_tick > self.tick)
         off = lost | landed | (self._join_tick > self.tick)
         self._any_flying = bool(flying.any())
         is_waiting = bool(waiting.any())

@@ -108,9 +108,8 @@ class World(Stateful):
             plan.has_diagnostic,
             [rows for _, rows in mission.parts(scenario)],
         )
-        self._group_ticks = set(
-            np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist()
-        )  # in which one joins or leaves
+        # Ticks in which a group joins or leaves.
+        self._group_ticks = set(np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist())
         self._script = Script(scenario)
         self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)

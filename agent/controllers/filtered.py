@@ -55,9 +55,8 @@ class Filter:
         if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
             raise ValueError(f"`columns` {self.columns} must be different names, and none of them {_UNSENT!r}")
         inner_names = tuple(inner.diagnostics)
-        has_several = (
-            len({group.method for group in scenario.groups}) > 1
-        )  # controllers, whose columns lie side by side
+        # Columns of several controllers lie side by side.
+        has_several = len({group.method for group in scenario.groups}) > 1
         own_names = tuple(
             PREFIX + name if has_several or name in inner_names else name for name in (*self.columns, _UNSENT)
         )

@@ -62,13 +62,13 @@ def grouped(scenario: Scenario, declared: Declared | None) -> tuple[Scenario, De
     if declared is not None:
         raise BadInput("scenario: there are `[[groups]]`, and one controller for all UAVs is given; remove the groups")
     each: list[Declared] = []
-    for number, group in enumerate(scenario.groups):
-        flown = scenario.of_group(group)
-        same = next((n for n, other in enumerate(scenario.groups[:number]) if scenario.of_group(other) == flown), None)
+    of_groups = [scenario.of_group(group) for group in scenario.groups]
+    for number, (group, flown) in enumerate(zip(scenario.groups, of_groups, strict=True)):
+        first = of_groups.index(flown)
         try:
-            if group.vehicle is not None:
+            if group.vehicle is not None:  # so that its errors name the group
                 plugins.options_of("vehicle", group.vehicle.model, group.vehicle.options)
-            each.append(_declared(flown) if same is None else each[same])
+            each.append(_declared(flown) if first == number else each[first])
         except BadInput as error:
             raise BadInput(f"group {group.name!r}: {error}") from error
     taking_part = _taking_part(scenario, each)

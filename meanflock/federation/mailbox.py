@@ -139,13 +139,13 @@ def picked(frames: Frames, chosen: Mask | None = None) -> Frames:
 
     `chosen`: (K,), the links that stay; None: all.
     """
-    links, source, payload, slots = links_of(frames), frames.source, frames.payload, frames.slots
-    stay, used = np.empty_like(links), np.empty(len(source), dtype=np.intp)
-    count, rows = kernels.pick(links, chosen, stay, used)
-    if count == len(links) and rows == len(source):
+    links = links_of(frames)
+    staying, used = np.empty_like(links), np.empty(len(frames.source), dtype=np.intp)
+    count, rows = kernels.pick(links, chosen, staying, used)
+    if count == len(links) and rows == len(used):
         return frames
-    if count < len(links):
-        stay, slots = stay[:count], None if slots is None else slots[chosen]
-    if rows < len(source):
+    slots = frames.slots if frames.slots is None or chosen is None else frames.slots[chosen]
+    source, payload = frames.source, frames.payload
+    if rows < len(used):
         source, payload = source[used[:rows]], payload.take(used[:rows], axis=0)
-    return Frames(frames.kind, frames.round, source, payload, stay, slots)
+    return Frames(frames.kind, frames.round, source, payload, staying[:count], slots)

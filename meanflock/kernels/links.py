@@ -19,11 +19,11 @@ def pick(
     Returns:
         The numbers of the links picked, and of the frames used.
     """
-    kept = links if chosen is None else links[chosen]
+    frame, uav = (links if chosen is None else links[chosen]).T
     is_used = np.zeros(len(used), dtype=bool)
-    is_used[kept[:, 0]] = True
-    number = np.cumsum(is_used, dtype=np.int32) - 1
-    rows = np.flatnonzero(is_used)
-    picked[: len(kept), 0], picked[: len(kept), 1] = number[kept[:, 0]], kept[:, 1]
-    used[: len(rows)] = rows
-    return len(kept), len(rows)
+    is_used[frame] = True
+    frames_used = np.flatnonzero(is_used)
+    place = np.cumsum(is_used, dtype=np.int32) - 1  # of a frame among those used
+    picked[: len(frame)] = np.stack([place[frame], uav], axis=-1)
+    used[: len(frames_used)] = frames_used
+    return len(frame), len(frames_used)

@@ -180,7 +180,7 @@ def read(path: Path) -> StudyRecord:
             record = msgspec.json.decode(raw, type=StudyRecord)
             _check(record)
             return record
-    except (ValueError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise BadInput(f"{path}: damaged: {error}; repeat the command of the study, which writes it anew") from error
     raise BadInput(
         f"{path}: flown with meanflock {flown_by}, and this is {__version__}, whose flights may differ; install that "
@@ -194,15 +194,15 @@ def _check(record: StudyRecord) -> None:
         raise ValueError(f"schema {record.schema}, expected {SCHEMA}")
     if not record.points:
         raise ValueError("no points")
-    seen = set()
+    found = set()
     for point in record.points:
         if len(point.values) != len(record.names):
             raise ValueError(f"point {point.values} has {len(point.values)} values of {len(record.names)} names")
-        if (values := repr(point.values)) in seen:
-            raise ValueError(f"two points {values}")
+        if (values := _hashable(point.values)) in found:
+            raise ValueError(f"two points {point.values}")
         if not point.flights:
-            raise ValueError(f"point {values} has no flights")
-        seen.add(values)
+            raise ValueError(f"point {point.values} has no flights")
+        found.add(values)
 
 
 def check_folder(out: Path, scenarios: Mapping[Point, Sequence[Scenario]]) -> None:

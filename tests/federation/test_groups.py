@@ -126,9 +126,9 @@ def test_a_uav_that_is_lost_before_its_group_joins_stays_on_the_ground() -> None
 def test_a_uav_that_is_lost_on_the_ground_and_rejoins_takes_off() -> None:
     flight = Flight(Scenario(**SIDE_BY_SIDE))
     flight.lose(np.array([0, 7]), Lost, "its node is gone")
-    assert flight.grounded.tolist() == [False] * 7 + [True]
+    assert flight.lost_on_ground.tolist() == [False] * 7 + [True]
     flight.rejoin(np.array([0, 7]), "agent-7")
-    assert not flight.grounded.any()
+    assert not flight.lost_on_ground.any()
 
 
 def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are() -> None:
