@@ -145,6 +145,18 @@ def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are()
     np.testing.assert_array_equal(on_its_way, elsewhere)
 
 
+@pytest.mark.parametrize(("joining", "hears"), [("orca", True), ("bvc", True), ("cruise", False)])
+def test_uavs_that_share_their_states_send_them_when_a_group_that_hears_them_joins(joining: str, hears: bool) -> None:
+    early = {"name": "early", "count": 2, "method": "orca", "start": {"positions": [[40.0, 2.0], [40.0, -2.0]]}}
+    late = {"name": "late", "count": 2, "method": joining, "joins_at_s": 30.0, "start": {"centre": [-60.0, 0.0]}}
+    rows = rows_of(Scenario(uavs=4, duration=30.2, stop="duration", groups=[early, late]))
+    *hovering, joined = rows[296:302]
+    assert not any(len(row.links) for row in hovering)  # all predict them to hover, as they do
+    heard = {(link[LinkColumn.SOURCE], link[LinkColumn.TARGET]) for link in joined.links.tolist()}
+    assert ({(0, 2), (0, 3), (1, 2), (1, 3)} <= heard) is hears
+    assert bool(heard) is hears
+
+
 def test_columns_of_the_filter_are_those_of_no_controller() -> None:
     plan = plan_of(Scenario(**SIDE_BY_SIDE, filter={"kind": "ecbf"}))
     couriers, learners = plan.groups

@@ -1,10 +1,10 @@
 """Base classes of controllers whose UAVs broadcast their states, and the states of other UAVs known to each row.
 
 A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is an error of the state that
-all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. The state is sent as
-(x, y, vx, vy) in 1 cm and 1 cm/s, four int16; in space six, with z and vz. The current state is sent again in the next
-r − 1 ticks. The origin is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that
-is not sent.
+all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. That a group joins
+the flight is an event for all UAVs, because the group has heard nothing so far. The state is sent as (x, y, vx, vy) in
+1 cm and 1 cm/s, four int16; in space six, with z and vz. The current state is sent again in the next r − 1 ticks. The
+origin is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that is not sent.
 
 A received state counts as sent in the tick before. On a slow radio it may be older. With events, a silent UAV counts as
 flying as predicted, for any time. With a broadcast every tick, a silent UAV is lost or out of range, and is forgotten
@@ -77,6 +77,7 @@ class NeighbourStates:
         self._silent = silent
         policy, self.numbers = scenario.sharing.rule, scenario.state_numbers
         self._events, self._repeats = policy.broadcast == "event", policy.repeats
+        self._joins = _joins(scenario, silent)
         self._delta_squared = policy.delta_m * policy.delta_m
         self._velocity_delta_squared = policy.velocity_delta_m_s * policy.velocity_delta_m_s or math.inf
         self._forget = None if self._events else max(1, round(scenario.sharing.forget_s / scenario.dt))
@@ -147,6 +148,7 @@ class NeighbourStates:
         moved, turned = state.squared_halves(own - self._own(memory, tick))
         event = moved > self._delta_squared
         event |= turned > self._velocity_delta_squared
+        event |= tick in self._joins
         left = np.where(event, self._repeats, left)
         due = left > 0
         rows = due.nonzero()[0]
@@ -184,6 +186,12 @@ class NeighbourStates:
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]
+
+
+def _joins(scenario: Scenario, silent: Mask | None) -> frozenset[int]:
+    """Ticks in which a group of UAVs that share their states joins the flight after its begin."""
+    ticks = mission.joins(scenario)
+    return frozenset((ticks if silent is None else ticks[~silent]).tolist()) - {0}
 
 
 def silent_uavs(scenario: Scenario) -> Mask | None:
