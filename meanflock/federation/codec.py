@@ -170,27 +170,23 @@ class Codec:
             piece = np.searchsorted(self._starts, np.arange(self.count * self.size), side="right") - 1  # of each number
             self._own_scale = piece.reshape(self.count, self.size) - first[:, None]  # among those of its fragment
         self._of_piece = np.searchsorted(first, np.arange(len(self._starts)), side="right") - 1  # its fragment
-        ends = np.cumsum([
-            self.size * form.bits // 8,
-            self._item.itemsize * form.counted,
-            _FLOAT32.itemsize * self._scale_of.shape[1],
-            _FLOAT32.itemsize * weighted,
-            _NUMBER.itemsize * (self.count > 1),
-        ]).tolist()  # fmt: skip
-        self._values, self._count, self._scales, self._weight, self._place = (
-            slice(start, end) for start, end in zip([0, *ends], ends, strict=False)
-        )
-        self._bytes = ends[-1]
+        self._row = np.dtype([
+            ("numbers", _BYTE, (self.size * form.bits // 8,)),
+            *[("count", self._item)] * form.counted,
+            ("scales", _FLOAT32, (self._scale_of.shape[1],)),
+            *[("weight", _FLOAT32)] * weighted,
+            *[("place", _NUMBER)] * (self.count > 1),
+        ])  # fmt: skip
         is_plain = coding.floats and self.count == 1 and not weighted and not head
         self.dtype = self._item if is_plain else _BYTE
-        self.width = self._bytes // self.dtype.itemsize
+        self.width = self._row.itemsize // self.dtype.itemsize
         if self.count > 1:
             _keep_freed_blocks()
 
     @property
     def bits(self) -> int:
         """Bits of a fragment that are transmitted and billed."""
-        return 8 * self._bytes
+        return 8 * self._row.itemsize
 
     # -- numbers and fragments ---------------------------------------------------------------------------------------
 
@@ -249,23 +245,22 @@ class Codec:
                 the mean of there, if the codec is counted. heads: (S, B), see `heads`, if it has heads.
         """
         models = len(coded.numbers)
-        table = np.empty((models, self.count, self._bytes), dtype=_BYTE)
         stream = np.zeros((models, self.count * self.size), dtype=self._item)
         stream[:, self._first : self._first + self.floats] = coded.numbers
         packed = _packed(stream, self.form.bits)
         if heads is not None:
             packed[:, : heads.shape[1]] = heads
-        table[:, :, self._values] = packed.reshape(models, self.count, -1)
-        if self.form.counted and behind is not None:
-            table[:, :, self._count] = _bytes_of(behind.astype(self._item)[:, :, None])
+        table = np.empty((models, self.count), dtype=self._row)
+        table["numbers"] = packed.reshape(models, self.count, -1)
         if self.form.scaled:
-            table[:, :, self._scales] = _bytes_of(coded.scales[:, self._scale_of])
+            table["scales"] = coded.scales[:, self._scale_of]
+        if self.form.counted:
+            table["count"] = behind
         if self.form.weighted:
-            each = np.broadcast_to(weights.astype(_FLOAT32), (models, self.count))[:, :, None]
-            table[:, :, self._weight] = _bytes_of(each)
+            table["weight"] = weights
         if self.count > 1:
-            table[:, :, self._place] = np.arange(self.count, dtype=_NUMBER)[:, None].view(_BYTE)
-        return table.reshape(models * self.count, self._bytes).view(self.dtype)
+            table["place"] = np.arange(self.count)
+        return table.view(self.dtype).reshape(models * self.count, self.width)
 
     def heads(self, based: NDArray[np.integer], notes: Sequence[bytes]) -> NDArray[np.uint8] | None:
         """The heads (S, B) of models, of the rounds `based` (S,) and notes that are no longer than `note`; None where
@@ -283,22 +278,22 @@ class Codec:
         """The places of fragments (R, width) in their models, (R,)."""
         if self.count == 1:
             return np.zeros(len(rows), dtype=np.intp)
-        return np.ascontiguousarray(rows[:, self._place]).view(_NUMBER)[:, 0].astype(np.intp)
+        return self._fields(rows)["place"].astype(np.intp)
 
     def read(self, rows: np.ndarray) -> Pieces:
         """The contents of fragments (R, width) that passed `check`."""
-        raw, places = _bytes_of(rows), self.places(rows)
-        numbers, heads = self._numbers(raw, places)
+        fields, places = self._fields(rows), self.places(rows)
+        numbers, heads = self._numbers(fields, places)
         values = numbers
         if not self._coding.floats:
-            scales = self._scales_of(raw).astype(np.float64)
+            scales = fields["scales"].astype(np.float64)
             if self.form.scaled:
                 scales = np.take_along_axis(scales, self._own_scale[places], axis=-1)
             values = self._coding.decode(numbers, scales)
             if self._first:
                 values[places == 0, : self._first] = 0.0
-        behind = self._behind(raw)
-        return Pieces(places, values, self._weights(raw, behind), behind, heads)
+        behind = self._behind(fields)
+        return Pieces(places, values, self._weights(fields, behind), behind, heads)
 
     def check(self, source: np.ndarray, rows: np.ndarray, least: int = 1, newest: int | None = None) -> None:
         """Validates fragments of the UAVs `source` (R,) that come by network.
@@ -318,13 +313,13 @@ class Codec:
         place = source.astype(np.int64) * self.count + places
         if (place[1:] <= place[:-1]).any():
             raise MessageRejected("wrong-shape", "payload: fragments are not ascending, or one comes twice")
-        raw = _bytes_of(rows)
-        behind = self._behind(raw)
-        weights = self._weights(raw, behind)
+        fields = self._fields(rows)
+        behind = self._behind(fields)
+        weights = self._weights(fields, behind)
         if self.form.weighted and not np.where(behind > 0.0, _are_weights(weights, behind), weights == 0.0).all():
             raise MessageRejected("wrong-shape", "payload: weights of models that are not positive numbers")
-        numbers, heads = self._numbers(raw, places)
-        if not self.valid(Coded(numbers, self._scales_of(raw))).all():
+        numbers, heads = self._numbers(fields, places)
+        if not self.valid(Coded(numbers, fields["scales"])).all():
             raise MessageRejected("non-finite", "payload: a fragment is beyond all bounds")
         if self.form.head and (lengths_of(heads) > self.note).any():
             raise MessageRejected("wrong-shape", f"payload: a note of more than {self.note} bytes")
@@ -345,26 +340,28 @@ class Codec:
         if self.count == 1:
             return source, rows
         uavs = distinct(source)
-        table = np.zeros((len(uavs), self.count, self._bytes), dtype=_BYTE)
-        table[uavs.searchsorted(source), self.places(rows)] = rows
-        of_piece = self._of_piece
-        at = np.arange(len(of_piece)) - np.searchsorted(of_piece, of_piece)  # of a piece among those of its fragment
-        scales = self._scales_of(table.reshape(-1, self._bytes)).reshape(len(uavs), self.count, -1)
-        weights = table[:, : self.count if self.form.counted else 1, self._weight]
-        columns = [
-            table[:, :, self._values].reshape(len(uavs), -1)[
-                :, : -(-(self._first + self.floats) * self.form.bits // 8)
-            ],
-            table[:, :, self._count].reshape(len(uavs), -1),
-            _bytes_of(scales[:, of_piece, at] if self.form.scaled else scales[:, :, 0:0].reshape(len(uavs), 0)),
-            weights.reshape(len(uavs), -1),
-        ]
+        table = np.zeros((len(uavs), self.count), dtype=self._row)
+        table[uavs.searchsorted(source), self.places(rows)] = self._fields(rows)
+        length = -(-(self._first + self.floats) * self.form.bits // 8)
+        columns = [table["numbers"].reshape(len(uavs), -1)[:, :length]]
+        if self.form.counted:
+            columns.append(_bytes_of(table["count"]))
+        if self.form.scaled:
+            of_piece = self._of_piece
+            at = np.arange(len(of_piece)) - np.searchsorted(of_piece, of_piece)  # of a piece in its fragment
+            columns.append(_bytes_of(table["scales"][:, of_piece, at]))
+        if self.form.weighted:
+            columns.append(_bytes_of(table["weight"][:, : self.count if self.form.counted else 1]))
         whole = np.concatenate(columns, axis=1)
         return uavs, whole if self.form.weighted or not self._coding.floats else whole.view(self._item)
 
-    def _numbers(self, raw: NDArray[np.uint8], places: NDArray[np.intp]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
-        """The numbers (R, n) in fragments (R, …), 0 where the head is, and the bytes of the head, (R, B)."""
-        written, heads = raw[:, self._values], np.zeros((len(raw), self.form.head), dtype=_BYTE)
+    def _fields(self, rows: np.ndarray) -> np.ndarray:
+        """Fragments (R, width) by what they hold, (R,)."""
+        return np.ascontiguousarray(rows).view(self._row)[:, 0]
+
+    def _numbers(self, fields: np.ndarray, places: NDArray[np.intp]) -> tuple[NDArray[Any], NDArray[np.uint8]]:
+        """The numbers (R, n) in fragments (R,), 0 where the head is, and the bytes of the head, (R, B)."""
+        written, heads = fields["numbers"], np.zeros((len(fields), self.form.head), dtype=_BYTE)
         if self._first:
             is_first = places == 0
             heads[is_first] = written[is_first, : self.form.head]
@@ -372,21 +369,13 @@ class Codec:
             written[is_first, : self._first * self.form.bits // 8] = 0
         return _unpacked(written, self.form.bits, self._item), heads
 
-    def _scales_of(self, raw: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The scales in fragments (R, …), (R, scales of a fragment)."""
-        return np.ascontiguousarray(raw[:, self._scales]).view(_FLOAT32)
+    def _behind(self, fields: np.ndarray) -> Floats:
+        """The numbers of models behind fragments (R,), (R,)."""
+        return fields["count"].astype(np.float64) if self.form.counted else np.ones(len(fields))
 
-    def _behind(self, raw: NDArray[np.uint8]) -> Floats:
-        """The numbers of models behind fragments (R, …), (R,)."""
-        if not self.form.counted:
-            return np.ones(len(raw))
-        return np.ascontiguousarray(raw[:, self._count]).view(self._item)[:, 0].astype(np.float64)
-
-    def _weights(self, raw: NDArray[np.uint8], behind: Floats) -> Floats:
-        """The weights of models in fragments (R, …), (R,): declared, or the numbers of models."""
-        if not self.form.weighted:
-            return behind
-        return np.ascontiguousarray(raw[:, self._weight]).view(_FLOAT32)[:, 0].astype(np.float64)
+    def _weights(self, fields: np.ndarray, behind: Floats) -> Floats:
+        """The weights of models in fragments (R,), (R,): declared, or the numbers of models."""
+        return fields["weight"].astype(np.float64) if self.form.weighted else behind
 
 
 def based_of(heads: NDArray[np.uint8]) -> NDArray[np.intp]:
