@@ -53,12 +53,12 @@ class Environment:
         shutil.rmtree(self._place, ignore_errors=True)
         self._place.parent.mkdir(parents=True, exist_ok=True)
         end, log = time.monotonic() + timeout_s, self._place.with_suffix(".log")
-        python = str(self.python)
-        commands = [[sys.executable, "-m", "venv", str(self._place)]]
+        pip = [sys.executable, "-m", "pip", "--python", str(self.python)]  # ours, so that none is installed there
+        commands = [[sys.executable, "-m", "venv", "--without-pip", str(self._place)]]
         # Peers one by one: a pin that decides which build of a package others get must be there before them. A judge
         # imports a small part of its libraries, once or twice: that is compiled sooner than all of them.
         first, how = (1, ["-q"]) if self._kind == "peer" else (len(self._pins), ["-q", "--no-compile"])
-        commands += [[python, "-m", "pip", "install", *how, *self._pins[:k]] for k in range(first, len(self._pins) + 1)]
+        commands += [[*pip, "install", *how, *self._pins[:k]] for k in range(first, len(self._pins) + 1)]
         for command in commands:
             install(command, log, end)
         self._done.touch()
