@@ -76,8 +76,9 @@ def dot(first: Floats, second: Floats) -> Rows:
     unlike that of a BLAS.
     """
     products: Rows = first * second
-    if products.shape[-1] == 2:  # faster than `reduce`, which starts at 0: without + 0.0, −0 could result
-        return products[..., 0] + products[..., 1] + 0.0
+    if products.shape[-1] in (2, 3):  # faster than `reduce`, which starts at 0: without + 0.0, −0 could result
+        total = products[..., 0] + products[..., 1]
+        return (total if products.shape[-1] == 2 else total + products[..., 2]) + 0.0
     return np.add.reduce(products, axis=-1)
 
 
