@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, XAxis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ Points = Mapping[tuple[Any, ...], Summaries]
 _METHOD = "method"
 _PLUGINS = (_METHOD, "training.learner")
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
+_APART = 0.012  # points of one number, as a share of the axis; so their intervals do not cover each other
+_APART_WITHIN = 0.4, 0.1  # the same of one category: of all points and of two neighbours, at most
 
 
 def panels(
@@ -61,7 +64,7 @@ def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
             if key == "arrived":
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(0.0, most)
-            _never_negative(ax)
+            _never_negative(ax.xaxis)
         explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
     return figure
 
@@ -70,12 +73,13 @@ def _titles(metrics: Sequence[str]) -> list[str]:
     return [FIELDS[metric].remarked for metric in metrics]
 
 
-def _never_negative(ax: Axes) -> None:
-    """Begins the x axis just left of 0 where it would begin farther left: no metric here is negative."""
-    left, right = ax.get_xlim()
-    if left <= 0.0:
-        right = max(right, 1.0) if ax.dataLim.x1 <= 0.0 else right
-        ax.set_xlim(-0.03 * right, 1.03 * right)
+def _never_negative(axis: Axis) -> None:
+    """Begins an axis just before 0 where it would begin farther below: no metric here is negative."""
+    low, high = axis.get_view_interval()
+    if low <= 0.0:
+        high = max(high, 1.0) if axis.get_data_interval()[1] <= 0.0 else high
+        limit = axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim
+        limit(-0.03 * high, 1.03 * high)
 
 
 def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> None:
@@ -127,10 +131,11 @@ def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figur
 
 
 def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
-    """A panel a metric along the first swept key: mean over seeds with 95 % interval, a line for each method and each
+    """A panel a metric along the first swept key: mean over seeds with 95 % interval, in the look of each method and
     combination of the other keys.
 
-    Values that are not all numbers are put side by side. Arguments as for `plot_points`.
+    Numbers are joined by lines. Values that are not all numbers are put side by side, without lines. Arguments as for
+    `plot_points`.
     """
     key = next((name for name in names if name != _METHOD), _METHOD)
     along = list(names).index(key)
@@ -143,22 +148,28 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
         lines.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = summaries
     named = labels(others, lines)
     looks = plotstyle.looks(named.values())
+    most, least = _APART_WITHIN
+    apart = _APART * np.ptp(places) if numeric else min(least, most / len(lines))
     with plotstyle.style():
         figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
             for place, (line, flown) in enumerate(lines.items()):
-                offset = 0.012 * (places.max() - places.min()) * (place - (len(lines) - 1) / 2)
+                offset = apart * (place - (len(lines) - 1) / 2)
                 estimates = [
                     statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
                 ]
-                plotstyle.dots(ax, looks[named[line]], places + offset, estimates)
+                plotstyle.dots(ax, looks[named[line]], places + offset, estimates, joined=numeric)
+            _never_negative(ax.yaxis)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
             if not numeric:
                 ax.set_xticks(places, [str(value) for value in values])
+                ax.set_xlim(-0.5, len(values) - 0.5)
+                ax.grid(visible=False, axis="x")
         for ax in axes[-columns:]:
             ax.set_xlabel(with_unit(key))
-        plotstyle.legend(figure, list(looks), markers=True, looks=looks)
+        joined = {"linestyle": "-" if numeric else ""}
+        plotstyle.place_legend(figure, [plotstyle.mark(look, name, **joined) for name, look in looks.items()])
         explained(figure, [len(summaries) for summaries in points.values()])
     return figure

@@ -103,6 +103,8 @@ _TEX = {  # longer names first
     "φ_G": r"\phi_G",
     "|e_H|": "|e_H|",
     "|e_F|": "|e_F|",
+    "e_H": "e_H",
+    "e_F": "e_F",
 }
 _SYMBOL = re.compile("|".join(map(re.escape, _TEX)))
 
@@ -150,6 +152,7 @@ _RC: Any = {
 
 _LEGEND_LETTERS_IN = 14.7  # in an inch of a legend
 _HANDLE_LETTERS = 8  # that a line and the space beside it take
+_LEGEND_ROW_IN, _LEGEND_LINE_IN = 0.17, 0.133  # height of a row of a legend, and of each more line of a name
 _METADATA: dict[str, dict[str, None]] = {  # of each format, without dates and programs
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
@@ -294,7 +297,10 @@ def legend(
     extra: Sequence[Line2D] = (),
     looks: Mapping[str, MethodLook] | None = None,
 ) -> None:
-    """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper."""
+    """One legend above all panels; with `looks` those and the names as they are typed, else those of the paper.
+
+    Long names are broken into lines. Each row after the first, and each line, makes the figure higher.
+    """
     handles = []
     for method in methods:
         seen = look(method) if looks is None else looks[method]
@@ -302,12 +308,26 @@ def legend(
         handle.set_linestyle("-" if markers else seen.dash)
         handle.set_marker(seen.marker if markers else "")
         handles.append(handle)
-    handles += list(extra)
-    longest = max(len(str(handle.get_label())) for handle in handles)
-    columns = max(
-        1, min(len(handles), 4, int(_LEGEND_LETTERS_IN * drawing.get_figwidth()) // (longest + _HANDLE_LETTERS))
+    place_legend(drawing, [*handles, *extra])
+
+
+def place_legend(drawing: Figure, handles: Sequence[Line2D]) -> None:
+    """Put a legend of these lines and marks above all panels; likewise."""
+    room = int(_LEGEND_LETTERS_IN * drawing.get_figwidth())
+    names = [textwrap.fill(str(handle.get_label()), room - _HANDLE_LETTERS) for handle in handles]
+    longest = max(len(line) for each in names for line in each.splitlines())
+    columns = max(1, min(len(handles), 4, room // (longest + _HANDLE_LETTERS)))
+    rows, broken = -(-len(handles) // columns), sum(each.count("\n") for each in names)
+    drawing.set_figheight(drawing.get_figheight() + _LEGEND_ROW_IN * (rows - 1) + _LEGEND_LINE_IN * broken)
+    long = 2.6 if any(handle.get_linestyle() != "None" for handle in handles) else 1.0
+    drawing.legend(
+        handles=handles, labels=names, loc="outside upper center", ncols=columns, handlelength=long, columnspacing=1.4
     )
-    drawing.legend(handles=handles, loc="outside upper center", ncols=columns, handlelength=2.6, columnspacing=1.4)
+
+
+def mark(seen: MethodLook, label: str, **changed: Any) -> Line2D:
+    """A method's mark in a legend, with a line unless `linestyle` says otherwise."""
+    return Line2D([], [], color=seen.colour, marker=seen.marker, label=label, **changed)
 
 
 def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None, high: Floats | None = None) -> None:
@@ -327,8 +347,8 @@ def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) 
     ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
 
 
-def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate]) -> None:
-    """A method's points with their intervals, joined; an end that is not finite is not drawn."""
+def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate], joined: bool = True) -> None:
+    """A method's points with their intervals, joined by a line; an end that is not finite is not drawn."""
     y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     bars = np.nan_to_num(np.stack([y - low, high - y]), nan=0.0, posinf=0.0, neginf=0.0)
     ax.errorbar(
@@ -339,6 +359,7 @@ def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate]) -
         marker=seen.marker,
         markeredgecolor="white",
         markeredgewidth=0.5,
+        linestyle="-" if joined else "",
         linewidth=1.3,
         elinewidth=1.0,
         capsize=2.0,

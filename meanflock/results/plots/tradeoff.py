@@ -10,11 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from meanflock.results.plots import plotstyle
+from meanflock.results.plots.comparison import explained
 from meanflock.results.statistics import Estimate
 
-_HEIGHT_IN = 2.6
-_LINE_IN = 0.17  # height of a line of the legend
-FRONT, DOMINATED = "front", "dominated"
+_HEIGHT_IN = 2.8  # with one line of the legend
+FRONT, UNDECIDED, DOMINATED = "front", "undecided", "dominated"
 
 
 class TradeoffPoint(NamedTuple):
@@ -31,16 +31,20 @@ def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int 
 
     x, y: labels of the axes.
     """
-    competing = [point for point in points if point.place != DOMINATED]
+    competing = sorted((point for point in points if point.place != DOMINATED), key=lambda point: point.place != FRONT)
     looks = plotstyle.looks(point.label for point in competing)
     grey = plotstyle.MethodLook(plotstyle.PALE, ".", (0, ()))
-    extra = [Line2D([], [], color=plotstyle.PALE, marker=".", linestyle="", label=DOMINATED)]
-    extra = extra if len(competing) < len(points) else []
-    hollow = Line2D([], [], color=plotstyle.INK, marker="o", linestyle="", markerfacecolor="white", label="undecided")
-    extra += [hollow] if any(point.place != FRONT for point in competing) else []
+    handles = [_mark(looks[point.label], point.place, point.label) for point in competing]
+    ink = plotstyle.MethodLook(plotstyle.INK, "o", (0, ()))
+    for place, look, meaning in (
+        (FRONT, ink, "filled: on the front"),
+        (UNDECIDED, ink, "hollow: undecided"),
+        (DOMINATED, grey, "grey: dominated"),
+    ):
+        if any(point.place == place for point in points):
+            handles.append(_mark(look, place, meaning))
     with plotstyle.style():
-        height = _HEIGHT_IN + _LINE_IN * (len(competing) + len(extra)) / columns
-        figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], height)
+        figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], _HEIGHT_IN)
         ax = figure.subplots()
         for point in points:
             _draw(ax, point, looks.get(point.label, grey))
@@ -50,10 +54,15 @@ def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int 
         for axis, label in ((ax.xaxis, x), (ax.yaxis, y)):
             if "(bits)" in label:
                 axis.set_major_formatter(EngFormatter())
-        plotstyle.legend(figure, [point.label for point in competing], markers=True, extra=extra, looks=looks)
-        counts = [point.x.n for point in points]
-        figure.supxlabel(f"means and 95 % intervals over {min(counts)} flights", fontsize=7, color=plotstyle.INK)
+        plotstyle.place_legend(figure, handles)
+        explained(figure, [point.x.n for point in points])
     return figure
+
+
+def _mark(seen: plotstyle.MethodLook, place: str, label: str) -> Line2D:
+    """A mark as the points of that place have it, for the legend."""
+    face = "white" if place == UNDECIDED else seen.colour
+    return plotstyle.mark(seen, label, linestyle="", markerfacecolor=face)
 
 
 def _draw(ax: Axes, point: TradeoffPoint, seen: plotstyle.MethodLook) -> None:
@@ -63,6 +72,6 @@ def _draw(ax: Axes, point: TradeoffPoint, seen: plotstyle.MethodLook) -> None:
     ]
     ax.errorbar(
         point.x.value, point.y.value, xerr=bars[0], yerr=bars[1], color=seen.colour, marker=seen.marker, markersize=5.0,
-        markerfacecolor=seen.colour if point.place == FRONT else "white", elinewidth=0.8, capsize=1.5,
+        markerfacecolor="white" if point.place == UNDECIDED else seen.colour, elinewidth=0.8, capsize=1.5,
         zorder=2 if point.place == DOMINATED else 3,
     )  # fmt: skip
