@@ -20,7 +20,8 @@ class Quantity:
     """The name of something that is measured, with its unit.
 
     remark: what a reader has to know; follows the unit. symbol: on an axis; empty: the name. heading: in a narrow
-    column, line by line. logarithmic: sizes that span several decades.
+    column, line by line. logarithmic: sizes that span several decades. share: 0 or 1 of each UAV, whose mean is the
+    share of the UAVs.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Quantity:
     symbol: str = ""
     heading: str = ""
     logarithmic: bool = False
+    share: bool = False
 
     @property
     def remarked(self) -> str:
@@ -90,9 +92,24 @@ FPK_RESIDUAL = Quantity("FPK residual |e_F|", "1/s", symbol="|e_F|", logarithmic
 ROLL, PITCH, YAW = Quantity("roll", "rad"), Quantity("pitch", "rad"), Quantity("yaw", "rad")
 THRUST = Quantity("thrust", "N")
 SPREAD = Quantity("spread of the models", symbol="spread")
+_SHARE: dict[str, Any] = {"symbol": "share of UAVs", "share": True}
+INFEASIBLE = Quantity("no feasible command", **_SHARE)
+UNSENT = Quantity("own state not sent", **_SHARE)
+FILTER_INFEASIBLE = Quantity("no feasible command of the filter", **_SHARE)
+FILTER_UNSENT = Quantity("own state not sent by the filter", **_SHARE)
+TRAINING = Quantity("in training", **_SHARE)
+EXAMPLES = Quantity("examples of the last training", symbol="examples")
 
 PHI_G = "phi_G"  # the diagnostic that colours paths and the map
 DIAGNOSTICS = {"hjb_residual": HJB_RESIDUAL, "fpk_residual": FPK_RESIDUAL, PHI_G: INTERACTION}
+REPORTED = {  # other diagnostics of installed controllers, filters and learners; files have them by their own names
+    "infeasible": INFEASIBLE,
+    "unsent": UNSENT,
+    "filter_infeasible": FILTER_INFEASIBLE,
+    "filter_unsent": FILTER_UNSENT,
+    "training": TRAINING,
+    "examples": EXAMPLES,
+}
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")  # columns of a vehicle, which exports show as an orientation
 _ANGLE = "{} of each UAV, rotation about its {} axis; yaw comes first, then pitch, then roll"
 SHOWN = {
@@ -504,7 +521,7 @@ def check_columns(label: str, names: Iterable[str]) -> None:
 
 _BY_KEY = {field.key: field for field in (*SUMMARY, *columns((*DIAGNOSTICS, *SHOWN), SPACE), *DERIVED)}
 # The quantity of every field that has one.
-FIELDS = {key: field.measured for key, field in _BY_KEY.items() if isinstance(field.measured, Quantity)}
+FIELDS = {key: field.measured for key, field in _BY_KEY.items() if isinstance(field.measured, Quantity)} | REPORTED
 
 
 def field(key: str) -> Field:
@@ -521,8 +538,8 @@ def axis_label(key: str) -> str:
     """Symbol and unit of a field: `φ_A (m/s)`; of one that is not registered its name, which carries its unit."""
     if key not in FIELDS:
         return key
-    named = FIELDS[key]
-    return f"{_BY_KEY[key].symbol or named.symbol or named.name} ({_BY_KEY[key].unit})"
+    named, field = FIELDS[key], _BY_KEY.get(key)
+    return f"{(field and field.symbol) or named.symbol or named.name} ({named.unit or '1'})"
 
 
 def table_column(key: str) -> str:

@@ -1,9 +1,11 @@
 """What all tests of the ground station may use."""
 
+import re
 from collections.abc import Callable, Iterator
 
 import pytest
 import rerun as rr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from meanflock.cli.command import main
@@ -42,3 +44,13 @@ def run(tmp_path, capsys, monkeypatch) -> Callable[..., tuple[int, str, str]]:
 def every_axis(figure: Figure) -> list[str]:
     """The labels of the panels, those a shared axis leaves to its neighbour not counted."""
     return [label for ax in figure.axes if ax.get_visible() for label in (ax.get_xlabel(), ax.get_ylabel()) if label]
+
+
+def plain(title: str) -> str:
+    """A title without its letter, line breaks and the dollars of mathematics."""
+    words = re.sub(r"^\(\w\) ", "", title.replace("\n", " "))
+    return words.replace("$", "").replace(r"\phi_", "φ_")
+
+
+def titles(figure: Figure) -> dict[str, Axes]:
+    return {plain(ax.get_title(loc="left")): ax for ax in figure.axes if ax.get_title(loc="left")}

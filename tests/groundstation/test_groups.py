@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.colors import to_hex
@@ -25,6 +26,7 @@ from meanflock.results import inbound
 from meanflock.results.flown import flown_keys
 from meanflock.results.groups import uav_names
 from meanflock.results.plots import plotstyle
+from meanflock.results.plots.curves import plot_curves
 from meanflock.results.plots.run import plot_run, stored
 from meanflock.results.plots.thumbnail import thumbnail
 from meanflock.results.series import block_of, per_uav, rows_of
@@ -33,6 +35,7 @@ from meanflock.swarm import mission
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Status
+from tests.groundstation.conftest import plain, titles
 from tests.groundstation.recordings import column, fixed, scalars
 
 ORCA = {"name": "couriers", "count": 3, "method": "orca"}
@@ -152,11 +155,49 @@ def test_plots_have_a_colour_a_group_and_a_legend(folder: Path) -> None:
         for number, group in enumerate(GROUPS):
             assert to_hex(shown[group["name"]].get_color()).upper() == plotstyle.group_colour(number)
     assert figures["paths"].axes[0].get_title(loc="left").startswith("mfgfl-hf+orca, seed 1")
+    names = [str(text.get_text()) for text in figures["paths"].legends[0].get_texts()]
+    assert names[-1] == "goal, 5 m"  # of all groups
     drawing = thumbnail(stored(folder))
     assert all(f'stroke="{plotstyle.group_colour(number)}"' in drawing for number in range(3))
     assert all(
         f'fill="{plotstyle.group_colour(number)}">{group["name"]}<' in drawing for number, group in enumerate(GROUPS)
     )
+
+
+def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder: Path, rows: Any) -> None:
+    figure = plot_run(folder)["curves"]
+    panels = titles(figure)
+    names = ("HJB residual |e_H|: mean", "FPK residual |e_F|: mean", "interaction term φ_G: mean, max, min")
+    assert tuple(panels)[4:] == ("collision risk φ_C", *names, "spread of the models")
+    assert [plain(ax.get_ylabel()) for ax in panels.values()][:4] == [
+        "energy (J)",
+        "speed (m/s)",
+        "payload (bits)",
+        "φ_A (m/s)",
+    ]
+    zero = "arrived; collisions; no feasible command; own state not sent"
+    assert plain(figure.get_supxlabel()) == f"zero throughout the flight: {zero}"
+    energy = per_uav(rows, "energy_J")[..., 0]
+    lines = panels["energy, past arrival too: mean, max, min"].lines
+    for number, (line, own) in enumerate(zip(lines, (slice(0, 4), COURIERS, RESERVE), strict=True)):
+        np.testing.assert_allclose(line.get_ydata(), energy[:, own].mean(axis=1))
+        assert to_hex(line.get_color()).upper() == plotstyle.group_colour(number)
+    assert [line.get_color() for line in panels["payload"].lines] == [plotstyle.INK]
+    assert figure.legends[0].get_texts()[-1].get_text() == "all UAVs"
+
+
+def test_arrivals_are_counted_by_group_and_stay_counted_after_the_landing(folder: Path) -> None:
+    run = stored(folder)
+    status = run.grid("status").astype(np.uint8)
+    status[100:, 5], status[120:, 5] = Status.ARRIVED, Status.LANDED
+    place = run.table.column_names.index("status")
+    column = pa.array(status.tolist(), run.table.schema.field("status").type)
+    arrived = pa.array((np.arange(len(status)) >= 100).astype(np.int64), run.table.schema.field("arrived").type)
+    table = run.table.set_column(place, "status", column)
+    table = table.set_column(table.column_names.index("arrived"), "arrived", arrived)
+    learners, couriers, reserve = titles(plot_curves(run._replace(table=table)))["arrived"].lines
+    assert couriers.get_ydata().tolist() == [0] * 100 + [1] * (len(status) - 100)
+    assert not np.any([learners.get_ydata(), reserve.get_ydata()])
 
 
 def test_an_export_has_groups_as_namespaces_and_the_status_of_uavs_that_landed(folder: Path, tmp_path: Path) -> None:

@@ -16,8 +16,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from rich.console import Console
 from scipy import stats
 
@@ -39,7 +37,7 @@ from meanflock.swarm.events import KINDS, LEVELS, TYPES, Untyped
 from meanflock.swarm.scenario import load
 from meanflock.swarm.wire.messages import Status
 from research.reproduction.curves import CRITERIA
-from tests.groundstation.conftest import every_axis
+from tests.groundstation.conftest import every_axis, plain, titles
 from tests.groundstation.recordings import DIAGNOSTICS, flight
 
 ROOT = Path(__file__).parents[2]
@@ -62,16 +60,6 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.fixture(params=["offline", "mfgfl-hf"])
 def run(request: pytest.FixtureRequest, runs: dict[str, Path]) -> Path:
     return runs[request.param]
-
-
-def plain(title: str) -> str:
-    """A title without its letter, line breaks and the dollars of mathematics."""
-    words = re.sub(r"^\(\w\) ", "", title.replace("\n", " "))
-    return words.replace("$", "").replace(r"\phi_", "φ_")
-
-
-def titles(figure: Figure) -> dict[str, Axes]:
-    return {plain(ax.get_title(loc="left")): ax for ax in figure.axes if ax.get_title(loc="left")}
 
 
 def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
@@ -132,8 +120,17 @@ def of_a_stranger(runs: dict[str, Path], tmp_path: Path) -> Path:
 def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: Path) -> None:
     figures = plot_run(of_a_stranger)
     panels = titles(figures["curves"])
-    names = ("tension: mean, max, min", "interaction term φ_G: mean, max, min", "spread of the models")
-    assert tuple(panels)[6:] == names
+    assert tuple(panels) == (
+        "energy, past arrival too: mean, max, min",
+        "speed: mean, max, min",
+        "payload",
+        "alignment φ_A, lower is better",
+        "collision risk φ_C",
+        "tension: mean, max, min",
+        "interaction term φ_G: mean, max, min",
+        "spread of the models",
+    )
+    assert plain(figures["curves"].get_supxlabel()) == "zero throughout the flight: arrived; collisions"
     assert panels["tension: mean, max, min"].get_ylabel() == "tension"
     (mean,) = panels["tension: mean, max, min"].lines
     reported = np.isfinite(np.asarray(mean.get_ydata(), dtype=float))

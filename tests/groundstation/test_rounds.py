@@ -15,9 +15,11 @@ from meanflock.cli.command import main
 from meanflock.cli.tables import rounds_table
 from meanflock.results import inbound
 from meanflock.results.event_log import past_events, row_of
+from meanflock.results.plots.rounds import plot_rounds
 from meanflock.results.rounds_table import COLUMNS, OVER, ROUNDS
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import RoundEnded
+from tests.groundstation.conftest import plain, titles
 from tests.telemetry import fly
 
 KEYS = {"uavs": 6, "seed": 3, "duration": 20.0, "stop": "duration", "federation.period": 40}
@@ -84,6 +86,16 @@ def test_learning_curves_are_drawn_over_each_cost(over: str, flown: tuple[mf.Run
     run, _ = flown
     assert main(["plot", str(run.folder), "--over", over]) == 0
     assert (run.folder / "plots" / f"learning-over-{over}.svg").stat().st_size > 1000
+    (figure,) = plot_rounds(run.folder, over).values()
+    assert [plain(title) for title in titles(figure)] == [
+        "mean HJB residual e_H",
+        "mean FPK residual e_F",
+        "mean interaction term φ_G",
+    ]
+    assert [plain(ax.get_ylabel()) for ax in figure.axes[:3]] == ["e_H (m/s)", "e_F (1/s)", "φ_G (1/s²)"]
+    assert {ax.get_xlabel() for ax in figure.axes[:3]} == {
+        {"rounds": "round", "seconds": "time (s)", "bits": "payload (bits)", "airtime": "airtime (s)"}[over]
+    }
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 
 import meanflock as mf
 from meanflock.recording import drawing
@@ -78,3 +79,19 @@ def test_a_plot_shows_landing_places_from_above_and_from_the_side(run: mf.Run) -
         (line,) = (line for line in ax.get_lines() if line.get_label() == "landing places")
         places = [[*place, 40.0] for place in LANDINGS]
         np.testing.assert_allclose(line.get_xydata(), [[place[0], place[up]] for place in places])
+
+
+def test_a_plot_has_waypoints_as_marks_and_the_disc_of_a_goal_below_the_paths(run: mf.Run) -> None:
+    assert run.folder is not None
+    for up, ax in enumerate(plot_run(run.folder)["paths"].axes, start=1):
+        lines = {str(line.get_label()): line for line in ax.get_lines()}
+        height = [] if up == 1 else [np.full(len(ROUTE + OWN), run.scenario.start.height)]
+        shown = np.stack([np.array(ROUTE + OWN)[:, 0], *(height or [np.array(ROUTE + OWN)[:, 1]])], axis=-1)
+        np.testing.assert_allclose(lines["waypoints"].get_xydata(), np.unique(shown, axis=0))
+        assert "goal, 5 m" in lines
+        disc, *edges = ax.patches
+        paths = [collection for collection in ax.collections if isinstance(collection, LineCollection)]
+        assert disc.get_facecolor()[3] < 0.5
+        assert all(disc.get_zorder() < path.get_zorder() for path in paths)
+        assert not any(edge.get_fill() for edge in edges)
+        assert lines["start"].get_zorder() < min(path.get_zorder() for path in paths)

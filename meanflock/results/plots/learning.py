@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
 from meanflock.results.plots.comparison import labels, panels
-from meanflock.results.plots.rounds import LABELS, title
+from meanflock.results.plots.rounds import label_axes, title
 from meanflock.results.rounds_table import MEAN, METRIC, OVER
 
 Rounds = Sequence[Mapping[str, Any]]  # rows of rounds.parquet
 _PANEL_IN = 1.75  # height
-_LINE_IN = 0.17  # height of a line of the legend
 
 
 def plot_learning(
@@ -44,15 +43,12 @@ def plot_learning(
     named = labels(names, points)
     looks = plotstyle.looks(named.values())
     with plotstyle.style():
-        more_in = 0.5 + _LINE_IN * len(looks) / columns
-        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, more_in)
+        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.65)
         for name, ax in zip(shown, axes, strict=False):
             for point, one in curves.items():
                 if name in one:
                     _curve(ax, looks[named[point]], one[OVER[over]].mean(axis=0), one[name])
-            ax.set_xlabel(LABELS[over])
-            if over == "bits":
-                plotstyle.bit_axis(ax.xaxis)
+            label_axes(ax, name, over)
         plotstyle.legend(figure, list(named.values()), looks=looks)
         counts = {len(flights) for flights in points.values()}
         several = f"mean and 95 % interval over {min(counts)} flights" if max(counts) > 1 else "one flight each"

@@ -4,15 +4,18 @@ import math
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from meanflock.results.flown import flown_keys
 from meanflock.results.plots import plotstyle
+from meanflock.results.quantities import axis_label, quantity
 from meanflock.results.rounds_table import MEAN, METRIC, OVER, rounds_table, stored_rounds
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm.errors import BadInput
 
-LABELS = {"rounds": "round", "seconds": "time (s)", "bits": "payload (bit)", "airtime": "airtime (s)"}
+LABELS = {"rounds": "round", "seconds": "time (s)", "bits": "payload (bits)", "airtime": "airtime (s)"}
 _PANEL_IN = 2.1  # height
 
 
@@ -43,14 +46,30 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
             ax.plot(x[averaged], y[averaged], "o", color=plotstyle.INK, markersize=3.0)
             ax.plot(x[~averaged], y[~averaged], "o", color=plotstyle.INK, markersize=3.0, markerfacecolor="white")
             plotstyle.titled(ax, plotstyle.letter(number), title(name))
-            ax.set_xlabel(LABELS[over])
-            if over == "bits":
-                plotstyle.bit_axis(ax.xaxis)
+            label_axes(ax, name, over)
         for ax in axes[len(names) :]:
             ax.set_visible(False)
+        if not averaged.all():
+            caption = "filled: rounds that were averaged; hollow: void rounds, and rounds that wait for more models"
+            drawing.supxlabel(caption, fontsize=7, color=plotstyle.INK)
     return {f"learning-over-{over}": drawing}
 
 
 def title(column: str) -> str:
-    """The title of a panel: the name of a metric, or the mean of a diagnostic."""
-    return column.removeprefix(METRIC).replace(MEAN, "mean ")
+    """The title of a panel: the name of a metric or of a share of the UAVs, or the mean of another diagnostic.
+
+    A mean of residuals has a sign, so their names are without the bars of a size.
+    """
+    measured = quantity(column.removeprefix(METRIC).removeprefix(MEAN))
+    name = measured.name.replace("|", "")
+    return f"mean {name}" if column.startswith(MEAN) and not measured.share else name
+
+
+def label_axes(ax: Axes, column: str, over: str) -> None:
+    """Label both axes of a panel over a key of `OVER`, with their units."""
+    ax.set_ylabel(plotstyle.tex(axis_label(column.removeprefix(METRIC).removeprefix(MEAN)).replace("|", "")))
+    ax.set_xlabel(LABELS[over])
+    if over == "rounds":
+        ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    elif over == "bits":
+        plotstyle.bit_axis(ax.xaxis)

@@ -1,52 +1,40 @@
-"""Plots of one run: paths on the map, and a panel for every quantity of its time series.
+"""Plots of one run: its paths on the map, and its curves.
 
 They need neither the controller nor the plug-ins of the run.
 """
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial, reduce
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from meanflock.channel.meter import TRAFFIC
 from meanflock.results.event_log import stored_lines
 from meanflock.results.flown import FlownKeys, flown_keys
 from meanflock.results.plots import plotstyle
-from meanflock.results.quantities import FIELDS, PHI_G, POSITION, VELOCITY, quantity
+from meanflock.results.plots.curves import MAX_POINTS, plot_curves
+from meanflock.results.plots.run_picture import RunPicture, parts_of
+from meanflock.results.quantities import FIELDS, PHI_G, POSITION
 from meanflock.results.run_folder import EVENTS, flown_rows
-from meanflock.results.series import diagnostics_in, dimensions_in, per_uav, span_where
+from meanflock.results.series import diagnostics_in, dimensions_in, per_uav
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Obstacle, Scenario
-from meanflock.swarm.wire.messages import Status
 
 log = logging.getLogger("meanflock.plots")
 
 Floats = NDArray[np.float64]
 
-MAX_POINTS = 1500  # of a curve, or instants of a path
 _MAX_SEGMENTS = 60_000  # of all paths
 _MAX_PATHS = 2000  # UAVs whose paths are drawn, evenly chosen by number
 _PANEL_IN = 4.5  # width of the paths in space
 _SIDES = (0.4, 0.3), (1.1, 0.8)  # height of its panels from above and from the side, as shares of it: least and most
-
-
-class RunPicture(NamedTuple):
-    """A run for its pictures: its time series, its scenario, and its events as rows of events.jsonl."""
-
-    table: pa.Table
-    scenario: FlownKeys | Scenario
-    events: Sequence[Mapping[str, Any]]
 
 
 def stored(folder: Path, columns: list[str] | None = None) -> RunPicture:
@@ -64,27 +52,6 @@ def plot_run(folder: Path) -> dict[str, Figure]:
     return {"paths": plot_paths(run), "curves": plot_curves(run)}
 
 
-class UavPart(NamedTuple):
-    """UAVs of one colour. name: of their group; empty without groups."""
-
-    name: str
-    rows: slice
-    colour: str
-
-
-def parts_of(flown: FlownKeys | Scenario) -> list[UavPart]:
-    """The UAVs by group; without groups all in one."""
-    if not flown.groups:
-        return [UavPart("", slice(None), plotstyle.colour(flown.method))]
-    return [
-        UavPart(group.name, rows, plotstyle.group_colour(number))
-        for number, (group, rows) in enumerate(mission.parts(flown))
-    ]
-
-
-# -- paths ---------------------------------------------------------------------------------------------------------
-
-
 @plotstyle.style()
 def plot_paths(run: RunPicture) -> Figure:
     """The paths of all UAVs on the map, with collisions, obstacles and goals; in space also from the side."""
@@ -93,8 +60,8 @@ def plot_paths(run: RunPicture) -> Figure:
     figure, panels = _sides(position, flown)
     for ax, up in zip(panels, (1, 2), strict=False):
         _draw_paths(ax, run, position, up)
-    end = _line(table, "sim_time_s")[-1]
-    arrived = int(_line(table, "arrived")[-1])
+    end = run.line("sim_time_s")[-1]
+    arrived = int(run.line("arrived")[-1])
     name, uavs = f"{mission.method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
     some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
     plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
@@ -120,26 +87,26 @@ def _sides(position: Floats, flown: FlownKeys | Scenario) -> tuple[Figure, Seque
 
 def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
     """Draws paths, events and mission, from above (`up` is 1) or from the side (2); `position` is (T, N, axes)."""
-    table, flown = run.table, run.scenario
+    flown = run.scenario
     seen = position[..., [0, up]]
     ticks, uavs, _ = seen.shape
     shown = np.linspace(0, uavs - 1, min(uavs, _MAX_PATHS)).astype(np.intp)
     step = max(1, ticks // MAX_POINTS, ticks * len(shown) // _MAX_SEGMENTS)
     drawn = seen[:, shown]
     if _is_shaded(run):
-        plotstyle.paths(ax, drawn[::step], _grid(table, PHI_G)[::step, shown])
+        plotstyle.paths(ax, drawn[::step], run.grid(PHI_G)[::step, shown])
     else:
         for part in parts_of(flown):
             own = np.isin(shown, np.arange(uavs)[part.rows])
             plotstyle.paths(ax, drawn[::step, own], part.colour)
             if part.name:
                 ax.plot([], [], color=part.colour, label=part.name)
-    ax.plot(*drawn[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start")
-    ax.plot(*drawn[-1].T, linestyle="", marker="o", markersize=2.4, color=plotstyle.INK, label="end")
+    ax.plot(*drawn[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start", zorder=0.95)
+    ax.plot(*drawn[-1].T, linestyle="", marker="o", markersize=1.8, color=plotstyle.INK, label="end")
     collisions = places_of(run.events, "collision", seen)
-    if up == 1 and (counted := int(_line(table, "collisions")[-1])) != len(collisions):
+    if up == 1 and (counted := int(run.line("collisions")[-1])) != len(collisions):
         log.warning("%s: %d of %d collisions; the others are not marked", EVENTS, len(collisions), counted)
-    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {int(_line(table, 'collisions')[-1])}")
+    ax.plot(*collisions.T, **plotstyle.STAR, label=f"collisions: {int(run.line('collisions')[-1])}")
     if len(flown.obstacles):
         hits = places_of(run.events, "hit", seen)
         ax.plot(*hits.T, **plotstyle.CROSS, label=f"obstacle hits: {len(hits)}")
@@ -191,12 +158,11 @@ def _events(path: Path) -> list[dict[str, Any]]:
 
 
 def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float) -> None:
-    """Draws goals, obstacles, stations and landing places over the paths, and names them in the legend.
+    """Draws obstacles, stations, landing places and goals, and names them in the legend.
 
     Args:
         up: as for `_draw_paths`. highest: of all places of UAVs, m; a column without an end is drawn up to there.
     """
-    goals, radius = mission.all_goals(flown), flown.destination.radius
     look = {"facecolor": plotstyle.PALE, "edgecolor": plotstyle.INK, "linewidth": 0.5, "zorder": 0.9}
     for obstacle in flown.obstacles:
         ax.add_patch(_outline(obstacle, up, highest, look))
@@ -207,14 +173,36 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
         ax.plot(*places.T, **plotstyle.TRIANGLE, label=f"station{'s' * (len(places) > 1)}")
     if len(places := mission.landings(flown)):
         ax.plot(*places[:, [0, up]].T, **plotstyle.SQUARE, label=f"landing place{'s' * (len(places) > 1)}")
-    if (goals == goals[0]).all():
-        for width, color in ((3.2, "white"), (1.6, plotstyle.GOAL)):  # above the paths that end in it
-            size = {"fill": False, "edgecolor": color, "linewidth": width, "zorder": 5}
-            ax.add_patch(Circle((goals[0, 0], goals[0, up]), radius, **size))
-        ax.plot([], [], **plotstyle.RING, label=f"goal, {radius:g} m")
-    else:
-        marks = np.unique(goals[:, [0, up]], axis=0)
-        ax.plot(*marks.T, linestyle="", marker="x", markersize=2.4, color=plotstyle.GOAL, zorder=5, label="goals")
+    _draw_goals(ax, flown, up)
+
+
+def _draw_goals(ax: Axes, flown: FlownKeys | Scenario, up: int) -> None:
+    """Draws the waypoints of a group as crosses, else its goal as a disc, or its goals as crosses.
+
+    The paths that end in a disc are above it, and only its edge is above them. `up`: as for `_draw_paths`.
+    """
+    goals = mission.goals(flown)
+    places: dict[str, Floats] = {}
+    discs: dict[str, set[tuple[float, float, float]]] = {}
+    for rows, destination in mission.destinations(flown):
+        own = goals[rows]
+        if destination.waypoints:
+            own = np.array(flown.space.vectors(destination.waypoints, flown.start.height))
+        elif (own == own[0]).all():
+            discs.setdefault(f"goal, {destination.radius:g} m", set()).add((own[0, 0], own[0, up], destination.radius))
+            continue
+        label = "waypoints" if destination.waypoints else "goals"
+        places[label] = np.concatenate([places.get(label, own[:0]), own])
+    for label, rings in discs.items():
+        for x, y, radius in sorted(rings):
+            ax.add_patch(Circle((x, y), radius, facecolor=f"{plotstyle.GOAL}30", zorder=0.95))
+            for width, color in ((2.2, "white"), (1.2, plotstyle.GOAL)):
+                ax.add_patch(Circle((x, y), radius, fill=False, edgecolor=color, linewidth=width, zorder=5))
+        ax.plot([], [], **plotstyle.RING, label=label)
+    for label, marks in places.items():
+        marker = "+" if label == "waypoints" else "x"
+        x, y = np.unique(marks[:, [0, up]], axis=0).T
+        ax.plot(x, y, linestyle="", marker=marker, markersize=3.4, color=plotstyle.GOAL, label=label)
 
 
 def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) -> Patch:
@@ -229,160 +217,3 @@ def _outline(obstacle: Obstacle, up: int, highest: float, look: dict[str, Any]) 
     if obstacle.polygon:
         low, high = min(x for x, _ in obstacle.polygon), max(x for x, _ in obstacle.polygon)
     return Rectangle((low, 0.0), high - low, highest if top is None else top, **look)
-
-
-# -- curves --------------------------------------------------------------------------------------------------------
-
-
-@plotstyle.style()
-def plot_curves(run: RunPicture) -> Figure:
-    """A panel for every quantity of the time series."""
-    parts = parts_of(run.scenario)
-    panels = _Panels(run.table, run.scenario).all()
-    rows = -(-len(panels) // 2)
-    figure = plotstyle.figure(plotstyle.PAGE_IN, 1.9 * rows)
-    axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
-    for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
-        panel.draw(ax)
-        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
-        ax.set_ylabel(panel.label)
-        ax.margins(x=0.0)
-    if len(panels) < axes.size:
-        axes[-1, -1].set_visible(False)
-        axes[-2, -1].xaxis.set_tick_params(labelbottom=True)
-        axes[-2, -1].set_xlabel(plotstyle.axis("t_s"))
-    for ax in axes[-1]:
-        ax.set_xlabel(plotstyle.axis("t_s"))
-    if len(parts) > 1:
-        handles = [Line2D([], [], color=part.colour, label=part.name) for part in parts]
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(parts))
-    return figure
-
-
-def _grid(table: pa.Table, column: str) -> Floats:
-    """A column of lists as (T, N)."""
-    return per_uav(table, column)[..., 0].astype(np.float64)
-
-
-def _line(table: pa.Table, column: str) -> Floats:
-    """A column of numbers, (T,)."""
-    return np.asarray(table.column(column).to_numpy(), dtype=np.float64)
-
-
-class _Panel(NamedTuple):
-    """A plot over time. label: of its y axis."""
-
-    title: str
-    label: str
-    draw: Callable[[Axes], None]
-
-
-class _Panels:
-    """The panels of a time series."""
-
-    def __init__(self, table: pa.Table, flown: FlownKeys | Scenario) -> None:
-        self._table, self._parts = table, parts_of(flown)
-        self._tone = self._parts[0].colour if len(self._parts) == 1 else plotstyle.INK  # of lines of the swarm
-        self._joins = mission.joins(flown)
-        self._step = max(1, table.num_rows // MAX_POINTS)
-        self._times = _line(table, "sim_time_s")[:: self._step]
-        self._uavs = len(table["x_m"][0])
-
-    def all(self) -> list[_Panel]:
-        """The panels of every flight, then those of the controller's reports."""
-        axis, arrived = plotstyle.axis, FIELDS["arrived"].name
-        axes = dimensions_in(self._table.schema)
-        speed = reduce(np.hypot, (_grid(self._table, name) for name in VELOCITY[:axes]))
-        panels = [
-            _Panel(_ranged("energy_J"), axis("energy_J"), partial(self._span, _grid(self._table, "energy_J"))),
-            _Panel(_ranged("speed_mean_m_s"), axis("speed_mean_m_s"), partial(self._span, speed)),
-            _Panel(FIELDS["payload_bits.total"].name, axis("payload_bits.total"), self._bits),
-            _Panel(FIELDS["phi_A"].remarked, axis("phi_A"), self._alignment),
-            _Panel("collision risk φ_C", axis("phi_C"), self._risk),
-            _Panel(f"{arrived} and collisions", "UAVs, pairs", self._arrived),
-            *map(self._diagnostic, diagnostics_in(self._table.schema)),
-        ]
-        if axes == state.SPACE:
-            height = partial(self._span, _grid(self._table, POSITION[-1]))
-            panels.insert(2, _Panel("altitude: mean, max, min", "$z$ (m)", height))
-        if self._table["weight_spread"].null_count < self._table.num_rows:
-            panels.append(_Panel(FIELDS["weight_spread"].name, axis("weight_spread"), self._spread))
-        return panels
-
-    def _diagnostic(self, name: str) -> _Panel:
-        measured, values = quantity(name), _grid(self._table, name)
-        values[_grid(self._table, "status") >= Status.LOST] = np.nan  # a UAV that is lost or landed reports nothing
-        values[_line(self._table, "tick")[:, None] <= self._joins] = np.nan  # nor does one before its first tick
-        label = plotstyle.axis(name)
-        if measured.logarithmic:
-            return _Panel(f"{measured.name}, mean", label, partial(self._size, np.abs(values)))
-        return _Panel(f"{measured.name}: mean, max, min", label, partial(self._span, values, from_zero=False))
-
-    def _span(self, values: Floats, ax: Axes, from_zero: bool = True) -> None:
-        rows = values[:: self._step]
-        for part in self._parts:
-            own = rows[:, part.rows]
-            mean, low, high = span_where(own, np.isfinite(own)).T
-            ax.fill_between(self._times, low, high, color=part.colour, alpha=0.18, linewidth=0)
-            ax.plot(self._times, mean, color=part.colour)
-        if from_zero:
-            ax.set_ylim(bottom=0.0)
-        elif not np.nan_to_num(rows).any():  # without this the axis would have ticks of ±0.04
-            ax.set_ylim(0.0, 1.0)
-
-    def _size(self, sizes: Floats, ax: Axes) -> None:
-        rows = sizes[:: self._step]
-        if np.nanmax(rows, initial=0.0) > 0:
-            for part in self._parts:
-                own = rows[:, part.rows]
-                mean = span_where(own, np.isfinite(own))[:, 0]
-                ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=part.colour, linewidth=1.0)
-            plotstyle.log_axis(ax)
-        else:
-            ax.annotate("the residual is zero", (0.5, 0.5), xycoords="axes fraction", ha="center")
-            ax.set_yticks([])
-
-    def _plot(self, ax: Axes, column: str, **look: Any) -> None:
-        ax.plot(self._times, _line(self._table, column)[:: self._step], **{"color": self._tone, **look})
-
-    def _bits(self, ax: Axes) -> None:
-        bits = np.sum([_line(self._table, f"{name}_bits") for name in TRAFFIC.values()], axis=0)
-        ax.plot(self._times, bits[:: self._step], color=self._tone)
-        ax.set_ylim(bottom=0.0)
-        plotstyle.bit_axis(ax.yaxis)
-
-    def _alignment(self, ax: Axes) -> None:
-        self._plot(ax, "phi_A")
-        ax.set_ylim(bottom=0.0)
-
-    def _risk(self, ax: Axes) -> None:
-        self._plot(ax, "phi_C", label="with self-pairs")
-        self._plot(ax, "phi_C_distinct", label="distinct pairs", linestyle="--")
-        _legend(ax)
-
-    def _arrived(self, ax: Axes) -> None:
-        self._plot(ax, "arrived", label=f"arrived, of {self._uavs}")
-        self._plot(
-            ax,
-            "collisions",
-            label=f"collisions ({FIELDS['collisions'].unit})",
-            color=plotstyle.STAR["color"],
-            linewidth=1.0,
-        )
-        _legend(ax)
-
-    def _spread(self, ax: Axes) -> None:
-        spread = _line(self._table, "weight_spread")
-        reported = np.isfinite(spread)
-        ax.plot(_line(self._table, "sim_time_s")[reported], spread[reported], color=self._tone)
-        ax.set_ylim(bottom=0.0)
-
-
-def _ranged(field: str) -> str:
-    return f"{FIELDS[field].name}: mean, max, min"
-
-
-def _legend(ax: Axes) -> None:
-    """Adds a legend with room above the lines."""
-    ax.set_ylim(0.0, 1.3 * ax.dataLim.y1 if ax.dataLim.y1 > 0 else 1.0)
-    ax.legend(loc="upper left", fontsize=7, ncols=2, borderaxespad=0.2)

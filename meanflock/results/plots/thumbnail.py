@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from meanflock.results.flown import FlownKeys
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.run import RunPicture, parts_of, places_of
+from meanflock.results.plots.run import places_of
+from meanflock.results.plots.run_picture import RunPicture, parts_of
 from meanflock.results.series import per_uav
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput
