@@ -185,7 +185,7 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
 
     spread = [plots.SPREAD] if reported.weights else []
     for plot in (
-        *plots.of_flight(scenario.space.dimensions),
+        *plots.of_flight(scenario),
         plots.ROUNDS,
         *map(plots.diagnostic, reported.diagnostics),
         *spread,
@@ -243,7 +243,7 @@ def flight_blueprint(scenario: Scenario, reported: Reported, live: bool) -> rrb.
         if _hops(scenario) and not scenario.faults:
             front = len(details) - 1
     details.append(_series(plots.ROUNDS, "rounds"))
-    grid = rrb.Grid(*map(_series, plots.of_flight(scenario.space.dimensions)), *in_grid, grid_columns=2)
+    grid = rrb.Grid(*map(_series, plots.of_flight(scenario)), *in_grid, grid_columns=2)
     below = rrb.Horizontal(close_up, rrb.Tabs(*details, active_tab=front), column_shares=[2, 3])
     return window(rrb.Horizontal(rrb.Vertical(shown, below, row_shares=[4, 3]), grid, column_shares=[1, 1]), live)
 

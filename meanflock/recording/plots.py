@@ -1,7 +1,7 @@
 """The plots of a recording over time: titles, lines and colours, and the values of the lines out of telemetry."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,14 @@ from meanflock.recording.drawing import (
     Floats,
     Sent,
     Ticks,
+    group_color,
     scalars,
 )
 from meanflock.results import quantities
 from meanflock.results.series import BITS_SENT, COLUMN, Reported, log_sizes, span, span_where
 from meanflock.swarm import state
 from meanflock.swarm.events import RoundEnded
+from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Status, Telemetry
 
 PLOTS = "plots"
@@ -60,6 +62,7 @@ _SIZES_WIDTHS = (1.2, 2.5)
 ENERGY = Plot("plots/energy", quantities.ENERGY.title(), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS, True)
 SPEED = Plot("plots/speed", quantities.SPEED.title("mean, min, max"), _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)
 ALTITUDE = Plot("plots/altitude", "altitude, m: mean, min, max", _RANGE, _RANGE_COLORS, _RANGE_WIDTHS)  # in space
+ARRIVED = Plot("plots/arrived", "arrived and in the air, UAVs", ("arrived",), (GREEN,))  # with groups
 BITS = Plot(
     "plots/bits",
     f"{quantities.PAYLOAD.name}, Mbit",
@@ -111,9 +114,27 @@ def weights_title(leader: int, reported: Reported) -> str:
     return f"what UAV {leader} has learned: {which} weights"
 
 
-def of_flight(dimensions: int) -> tuple[Plot, ...]:
-    """The plots of every flight in so many dimensions."""
-    return IN_SPACE if dimensions == state.SPACE else OF_EVERY_FLIGHT
+def of_flight(scenario: Scenario) -> tuple[Plot, ...]:
+    """The plots of a flight; with groups, those of numbers of UAVs have a line a group."""
+    found = IN_SPACE if scenario.space.dimensions == state.SPACE else OF_EVERY_FLIGHT
+    if not scenario.groups:
+        return found
+    return (
+        *(_by_group(plot, scenario) if plot in (ENERGY, SPEED, ALTITUDE) else plot for plot in found),
+        replace(_by_group(ARRIVED, scenario), title=ARRIVED.title),
+    )
+
+
+def _by_group(plot: Plot, scenario: Scenario) -> Plot:
+    """The plot with the mean of each group, in its colour."""
+    count = len(scenario.groups)
+    return replace(
+        plot,
+        title=f"{plot.title.partition(':')[0]}: mean of each group",
+        names=tuple(group.name for group in scenario.groups),
+        colors=tuple(map(group_color, range(count))),
+        widths=(2.0,) * count,
+    )
 
 
 def plot_rows(
@@ -125,21 +146,30 @@ def plot_rows(
     status: NDArray[np.uint8],
     names: Sequence[str],
     computed: NDArray[np.bool_] | None = None,
+    groups: Sequence[slice] = (),
 ) -> Iterator[Sent]:
     """Values of all plots at ticks (T,), those of `LAST` at the end.
 
     Args:
         states: (T, N, 2d). diagnostics: (T, N, K), called `names`. swarm: (T, columns), as in `SWARM_COLUMNS`.
         energy: (T, N), J. status: (T, N). computed: diagnostics that UAVs had in these ticks, (T, N, K), as far as
-            they are not lost; None: all.
+            they are not lost; None: all. groups: the UAVs of each group; empty without groups.
     """
 
     def columns(*names: str) -> NDArray[np.float64]:
         return swarm[:, [COLUMN[name] for name in names]]
 
-    yield from scalars(SPEED.entity, ticks, span(state.speed(states)))
+    def lines(values: NDArray[Any]) -> NDArray[np.float64]:
+        """The mean of each group, (T, groups); without groups mean, minimum and maximum, (T, 3)."""
+        means = [values[:, own].mean(axis=1, dtype=np.float64) for own in groups]
+        return np.stack(means, axis=-1) if means else span(values)
+
+    yield from scalars(SPEED.entity, ticks, lines(state.speed(states)))
     if state.axes(states) == state.SPACE:
-        yield from scalars(ALTITUDE.entity, ticks, span(state.position(states)[..., 2]))
+        yield from scalars(ALTITUDE.entity, ticks, lines(state.position(states)[..., 2]))
+    if groups:
+        arrived = np.stack([(status[:, own] == Status.ARRIVED).sum(axis=1) for own in groups], axis=-1)
+        yield from scalars(ARRIVED.entity, ticks, arrived)
     yield from scalars(BITS.entity, ticks, swarm[:, BITS_SENT] / 1e6)
     yield from scalars(ALIGNMENT.entity, ticks, columns("phi_A"))
     yield from scalars(RISK.entity, ticks, columns("phi_C", "phi_C_distinct"))
@@ -147,7 +177,7 @@ def plot_rows(
     for number, name in enumerate(names):
         active = status < Status.LOST if computed is None else (status < Status.LOST) & computed[..., number]
         yield from _diagnostic_rows(diagnostic(name), ticks, diagnostics[..., number], active)
-    yield from scalars(LAST.entity, ticks, span(energy))
+    yield from scalars(LAST.entity, ticks, lines(energy))
 
 
 def _diagnostic_rows(plot: Plot, ticks: Ticks, values: NDArray[Any], active: NDArray[np.bool_]) -> Iterator[Sent]:

@@ -161,7 +161,8 @@ class Writer:
         if not self._large:
             self._send(self._disturbances.lanes(ticks, status))
         names = self._reported.diagnostics
-        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, names, computed))
+        groups = [rows for _, rows in mission.parts(self._scenario)]
+        self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, names, computed, groups))
 
     def _computed(self, ticks: Ticks, has: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
         """Mask (T, N, K) of the diagnostics that UAVs have computed: those they have (N, K), once they have joined."""

@@ -44,7 +44,7 @@ GROUPS = [
     ORCA | {"start": {"formation": "circle", "centre": [-60.0, 60.0], "radius": 20.0}},
     {"name": "reserve", "count": 2, "joins_at_s": 5.0, "leaves_at_s": 10.0},
 ]
-COURIERS, RESERVE = slice(4, 7), slice(7, 9)
+LEARNERS, COURIERS, RESERVE = slice(0, 4), slice(4, 7), slice(7, 9)
 DIMMED = int(drawing.dimmed(np.array([drawing.group_color(2)], dtype=np.uint32))[0])
 
 
@@ -110,6 +110,17 @@ def check_recording(path: Path, rows: Any) -> None:
     assert ticks.tolist() == [0, 50, 101]
     assert fixed(path, "map/uavs", "Points2D:labels")[4] == "UAV 4, couriers"
     assert fixed(path, "map/legend/groups/couriers", "LineStrips2D:colors") == [drawing.group_color(1)]
+    ticks, lines = scalars(path, plots.ENERGY)
+    energy, uavs = per_uav(rows, "energy_J")[..., 0], (LEARNERS, COURIERS, RESERVE)
+    np.testing.assert_array_equal(ticks, rows["tick"].to_numpy())
+    np.testing.assert_allclose(lines, np.stack([energy[:, own].mean(axis=1) for own in uavs], axis=-1), rtol=1e-6)
+    velocity = per_uav(rows, "vx_m_s", "vy_m_s")
+    speed = [np.linalg.norm(velocity[:, own], axis=-1).mean(axis=1) for own in uavs]
+    np.testing.assert_allclose(scalars(path, plots.SPEED)[1], np.stack(speed, axis=-1), rtol=1e-6)
+    assert not scalars(path, plots.ARRIVED)[1].any()
+    for plot in (plots.ENERGY, plots.SPEED, plots.ARRIVED):
+        assert fixed(path, plot.entity, "SeriesLines:names") == [group["name"] for group in GROUPS]
+        assert fixed(path, plot.entity, "SeriesLines:colors") == list(map(drawing.group_color, range(3)))
     ticks, lines = scalars(path, plots.diagnostic("phi_G"))
     values = per_uav(rows, "phi_G")[..., 0]
     for tick, has in ((30, [0, 1, 2, 3]), (80, [0, 1, 2, 3, 7, 8]), (130, [0, 1, 2, 3])):
@@ -122,6 +133,25 @@ def test_a_recording_has_the_colours_and_names_of_groups_and_means_of_the_uavs_t
     folder: Path, rows: Any
 ) -> None:
     check_recording(folder / "recording.rrd", rows)
+
+
+def test_a_recording_counts_the_arrived_uavs_in_the_air_by_group(rows: Any) -> None:
+    block = block_of(rows, 0)
+    status = np.zeros_like(block.status)
+    status[50:, 0], status[60:, 4:6], status[90:, 4] = Status.ARRIVED, Status.ARRIVED, Status.LANDED
+    ticks, fields = np.arange(len(status)), (block.states, block.diagnostics, block.swarm, block.energy)
+    sent = plots.plot_rows(ticks, *fields, status, block.diagnostic_names, groups=[LEARNERS, COURIERS, RESERVE])
+    ((values,),) = [columns for entity, _, columns in sent if entity == plots.ARRIVED.entity]
+    counts = np.array(values.as_arrow_array().to_pylist())
+    assert [counts[at].tolist() for at in (0, 50, 60, 90)] == [[0, 0, 0], [1, 0, 0], [1, 2, 0], [1, 1, 0]]
+
+
+def test_views_have_a_line_a_group_where_there_are_groups() -> None:
+    flown = load(None, uavs=9, duration=14.0, groups=GROUPS)
+    titles = [plot.title for plot in plots.of_flight(flown)]
+    assert titles[:2] == ["energy, past arrival too, J: mean of each group", "speed, m/s: mean of each group"]
+    assert titles[-1] == plots.ARRIVED.title
+    assert plots.of_flight(Scenario()) == plots.OF_EVERY_FLIGHT
 
 
 def test_a_recording_that_is_made_of_the_time_series_is_the_same(folder: Path, rows: Any) -> None:
@@ -179,7 +209,7 @@ def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder
     assert plain(figure.get_supxlabel()) == f"zero throughout the flight: {zero}"
     energy = per_uav(rows, "energy_J")[..., 0]
     lines = panels["energy, past arrival too: mean, max, min"].lines
-    for number, (line, own) in enumerate(zip(lines, (slice(0, 4), COURIERS, RESERVE), strict=True)):
+    for number, (line, own) in enumerate(zip(lines, (LEARNERS, COURIERS, RESERVE), strict=True)):
         np.testing.assert_allclose(line.get_ydata(), energy[:, own].mean(axis=1))
         assert to_hex(line.get_color()).upper() == plotstyle.group_colour(number)
     assert [line.get_color() for line in panels["payload"].lines] == [plotstyle.INK]
