@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib.colors import to_hex
 from mcap.reader import make_reader
+from msgspec.structs import replace
 from rosbags.typesys import Stores, get_typestore
 
 from meanflock.cli.command import main
@@ -27,7 +28,7 @@ from meanflock.results.flown import flown_keys
 from meanflock.results.groups import uav_names
 from meanflock.results.plots import plotstyle
 from meanflock.results.plots.curves import plot_curves
-from meanflock.results.plots.run import plot_run, stored
+from meanflock.results.plots.run import plot_paths, plot_run, stored
 from meanflock.results.plots.thumbnail import thumbnail
 from meanflock.results.series import block_of, per_uav, rows_of
 from meanflock.results.summary_file import read_summary
@@ -214,6 +215,17 @@ def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder
         assert to_hex(line.get_color()).upper() == plotstyle.group_colour(number)
     assert [line.get_color() for line in panels["payload"].lines] == [plotstyle.INK]
     assert figure.legends[0].get_texts()[-1].get_text() == "all UAVs"
+
+
+def test_long_names_of_groups_fit_into_the_figures(folder: Path) -> None:
+    run = stored(folder)
+    named = [replace(group, name=f"{group.name}-{'and-so-on-' * 3}") for group in run.scenario.groups]
+    run = run._replace(scenario=replace(run.scenario, groups=tuple(named)))
+    for figure in (plot_curves(run), plot_paths(run)):
+        figure.draw_without_rendering()
+        box, panels = figure.legends[0].get_window_extent(), [ax.get_tightbbox() for ax in figure.axes]
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+        assert not any(box.overlaps(panel) for panel in panels if panel is not None)
 
 
 def test_arrivals_are_counted_by_group_and_stay_counted_after_the_landing(folder: Path) -> None:

@@ -55,7 +55,7 @@ def plot_curves(run: RunPicture) -> Figure:
     if len(parts) > 1:
         handles = [Line2D([], [], color=part.colour, label=part.name) for part in parts]
         handles.append(Line2D([], [], color=plotstyle.INK, label="all UAVs"))
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 6))
+        plotstyle.place_legend(figure, handles)
     return figure
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 from zlib import crc32
 
 import matplotlib as mpl
@@ -151,7 +151,8 @@ _RC: Any = {
 }
 
 _LEGEND_LETTERS_IN = 14.7  # in an inch of a legend
-_HANDLE_LETTERS = 8  # that a line and the space beside it take
+_HANDLE_LETTERS = 8  # that a line or a mark and the space beside it take
+_LEGEND_COLUMNS = 5  # at most
 _LEGEND_ROW_IN, _LEGEND_LINE_IN = 0.17, 0.133  # height of a row of a legend, and of each more line of a name
 _METADATA: dict[str, dict[str, None]] = {  # of each format, without dates and programs
     "png": {"Software": None},
@@ -311,17 +312,27 @@ def legend(
     place_legend(drawing, [*handles, *extra])
 
 
-def place_legend(drawing: Figure, handles: Sequence[Line2D]) -> None:
-    """Put a legend of these lines and marks above all panels; likewise."""
+def place_legend(
+    drawing: Figure,
+    handles: Sequence[Line2D],
+    where: Literal["outside upper center", "outside lower center"] = "outside upper center",
+) -> None:
+    """Put a legend of these lines and marks above or below all panels; likewise."""
+    long = 2.6 if any(handle.get_linestyle() != "None" for handle in handles) else 1.0
     room = int(_LEGEND_LETTERS_IN * drawing.get_figwidth())
     names = [textwrap.fill(str(handle.get_label()), room - _HANDLE_LETTERS) for handle in handles]
-    longest = max(len(line) for each in names for line in each.splitlines())
-    columns = max(1, min(len(handles), 4, room // (longest + _HANDLE_LETTERS)))
+    widths = [_HANDLE_LETTERS + max(map(len, each.splitlines())) for each in names]
+    columns = len(handles) if sum(widths) <= room else max(1, room // max(widths))
+    columns = min(columns, len(handles), _LEGEND_COLUMNS)
     rows, broken = -(-len(handles) // columns), sum(each.count("\n") for each in names)
     drawing.set_figheight(drawing.get_figheight() + _LEGEND_ROW_IN * (rows - 1) + _LEGEND_LINE_IN * broken)
-    long = 2.6 if any(handle.get_linestyle() != "None" for handle in handles) else 1.0
     drawing.legend(
-        handles=handles, labels=names, loc="outside upper center", ncols=columns, handlelength=long, columnspacing=1.4
+        handles=handles,
+        labels=names,
+        loc=where,
+        ncols=columns,
+        handlelength=long,
+        columnspacing=1.4,
     )
 
 

@@ -65,8 +65,8 @@ def plot_paths(run: RunPicture) -> Figure:
     name, uavs = f"{mission.method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
     some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
     plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
-    marks = panels[0].get_legend_handles_labels()
-    figure.legend(*marks, loc="outside lower center", ncols=5, handletextpad=0.2, columnspacing=1.2)
+    named = [line for line in panels[0].get_lines() if not str(line.get_label()).startswith("_")]
+    plotstyle.place_legend(figure, named, "outside lower center")
     if _is_shaded(run):
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
         figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=panels, extend="both", label=label)
