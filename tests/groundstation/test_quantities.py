@@ -168,6 +168,15 @@ def test_methods_of_one_figure_differ_in_colour_and_marker() -> None:
     assert (looks["hjb"], looks["plan"]) == (plotstyle.look("hjb"), plotstyle.look("plan"))
 
 
+@pytest.mark.parametrize("ends", [(0.00095, 0.0027), (0.0003, 0.004), (0.01, 3.0)])
+def test_a_logarithmic_axis_has_two_numbers_at_least(ends: tuple[float, float]) -> None:
+    ax = plotstyle.figure(3.0, 2.0).subplots()
+    ax.plot(ends)
+    plotstyle.log_axis(ax)
+    low, high = ax.get_ylim()
+    assert sum(low <= tick <= high for tick in ax.yaxis.get_majorticklocs()) >= 2
+
+
 VALUES = np.random.default_rng(1).normal(3.0, 2.0, 9)
 
 

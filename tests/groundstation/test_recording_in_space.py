@@ -236,3 +236,14 @@ def test_paths_are_plotted_from_above_and_from_the_side(tmp_path: Path) -> None:
     assert [type(patch).__name__ for patch in side.patches[:2]] == ["Rectangle", "Rectangle"]
     assert side.patches[0].get_height() == run.states[..., 2].max()
     assert (above.get_ylabel(), side.get_ylabel()) == ("$y$ (m)", "$z$ (m)")
+
+
+@pytest.mark.parametrize("method", ["cruise", "mfg"])  # `mfg` has a colour bar
+def test_both_panels_of_paths_in_space_have_the_same_x_axis(method: str, tmp_path: Path) -> None:
+    run = mf.fly("sphere", method=method, uavs=8, duration=5.0, out=tmp_path)
+    figure = plot_run(run.folder)["paths"]
+    figure.draw_without_rendering()
+    above, side, *bar = (ax.get_window_extent() for ax in figure.axes)
+    assert (above.x0, above.x1) == pytest.approx((side.x0, side.x1), abs=1.0)
+    assert above.y0 - side.y1 < 0.1 * figure.bbox.height
+    assert [each.width < 0.1 * above.width for each in bar] == [True] * (method == "mfg")

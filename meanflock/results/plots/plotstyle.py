@@ -379,12 +379,12 @@ def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate], j
 
 
 def log_axis(ax: Axes) -> None:
-    """A logarithmic y axis; with 1 and 3 of every decade written out where it spans less than two."""
+    """A logarithmic y axis; where it spans less than two decades, more of its numbers are written out."""
     ax.set_yscale("log")
     low, high = ax.get_ylim()
-    narrow = high < 100 * low
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if narrow else (1.0,), numticks=8))
-    if narrow:
+    leads = (1.0,) if high >= 100 * low else (1.0, 3.0) if high >= 10 * low else (1.0, 2.0, 3.0, 5.0, 7.0)
+    ax.yaxis.set_major_locator(LogLocator(subs=leads, numticks=8))
+    if len(leads) > 1:
         ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
 

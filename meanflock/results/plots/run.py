@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 _MAX_SEGMENTS = 60_000  # of all paths
 _MAX_PATHS = 2000  # UAVs whose paths are drawn, evenly chosen by number
-_PANEL_IN = 4.5  # width of the paths in space
+_PANEL_IN, _SHADED_IN = 4.5, 3.8  # width of the paths in space, and of those beside a colour bar
 _SIDES = (0.4, 0.3), (1.1, 0.8)  # height of its panels from above and from the side, as shares of it: least and most
 
 
@@ -57,7 +57,7 @@ def plot_paths(run: RunPicture) -> Figure:
     """The paths of all UAVs on the map, with collisions, obstacles and goals; in space also from the side."""
     table, flown = run.table, run.scenario
     position = per_uav(table, *POSITION[: dimensions_in(table.schema)])
-    figure, panels = _sides(position, flown)
+    figure, panels = _sides(position, flown, _SHADED_IN if _is_shaded(run) else _PANEL_IN)
     for ax, up in zip(panels, (1, 2), strict=False):
         _draw_paths(ax, run, position, up)
     end = run.line("sim_time_s")[-1]
@@ -69,19 +69,23 @@ def plot_paths(run: RunPicture) -> Figure:
     plotstyle.place_legend(figure, named, "outside lower center")
     if _is_shaded(run):
         label = plotstyle.tex(f"{FIELDS[PHI_G].name} as a UAV reports it ({FIELDS[PHI_G].unit})")
-        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=panels, extend="both", label=label)
+        shrink = 1.0 / len(panels)
+        figure.colorbar(ScalarMappable(**plotstyle.PHI_G), ax=panels, extend="both", label=label, shrink=shrink)
     return figure
 
 
-def _sides(position: Floats, flown: FlownKeys | Scenario) -> tuple[Figure, Sequence[Axes]]:
-    """An empty figure with a panel from above, and below it in space one from the side, with about the same scale."""
+def _sides(position: Floats, flown: FlownKeys | Scenario, width_in: float) -> tuple[Figure, Sequence[Axes]]:
+    """An empty figure with a panel from above, and below it in space one from the side, with about the same scale.
+
+    `width_in`: of the panels in space.
+    """
     if position.shape[-1] == state.PLANE:
         figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 3.9)
         return figure, [figure.subplots()]
     places = np.concatenate([position.reshape(-1, 3), mission.all_goals(flown), mission.stations(flown)])
     wide, deep, _ = np.maximum(np.ptp(places, axis=0), 1.0)
     shares = np.clip([deep / wide, places[:, 2].max() / wide], *_SIDES)
-    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 0.9 + _PANEL_IN * shares.sum())
+    figure = plotstyle.figure(plotstyle.COLUMN_IN * 1.1, 1.25 + width_in * shares.sum())
     return figure, figure.subplots(2, 1, sharex=True, height_ratios=shares)
 
 
