@@ -15,7 +15,7 @@ from meanflock.swarm.errors import BadInput, printable
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"  # a browser loads nothing, whatever the page says
 _LEGEND = (
     "Grey squares: starts. Black dots: last positions. Green: the goal, a ring or crosses. Grey discs: obstacles. Red: "
-    "collisions. The colour of paths is that of the controller."
+    "collisions. The colour of paths is that of the controller, with groups that of the group."
 )
 _COLUMNS = ("run", "time", "controller", "mission", "UAVs", "seed", "arrived", "collisions", "sent", "state")
 _TEXTS = ("run", "time", "controller", "mission", "state")
