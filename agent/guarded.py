@@ -95,10 +95,8 @@ class Guarded:
                 range(len(self._uavs)), lambda row: self._initial_memory(self._uavs[row : row + 1], plan)
             )
             failed = [uav for row, uav in enumerate(self._uavs) if row not in by_row] or self._uavs
-            uavs = ", ".join(map(str, failed))
-            raise BadInput(
-                f"controller {self._method!r} failed in `init` with UAV {uavs}: {last_line(error)}"
-            ) from error
+            uavs = listed(tuple(failed))
+            raise BadInput(f"controller {self._method!r} failed in `init` with {uavs}: {last_line(error)}") from error
 
     def _initial_memory(self, uavs: Rows, plan: Floats) -> Memory:
         memory = self.controller.init(uavs.copy(), plan)

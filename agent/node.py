@@ -13,6 +13,7 @@ from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults, mission
 from meanflock.swarm.declared import PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
+from meanflock.swarm.events.base import listed
 from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, contains, distinct
@@ -291,5 +292,6 @@ class Agent:
                     begun = ~expect(PRESENT, present, (len(self.uavs),), np.dtype(bool))
                     self._memory[name][begun] = array[begun]
         except MessageRejected as error:
-            uavs = ", ".join(map(str, self.uavs))
-            raise BadInput(f"the memory of UAV {uavs} does not fit this controller: {error}") from error
+            raise BadInput(
+                f"the memory of {listed(tuple(self.uavs.tolist()))} does not fit this controller: {error}"
+            ) from error

@@ -8,6 +8,7 @@ from meanflock.channel.medium import Cut, Indices
 from meanflock.federation.seat import missing_stations
 from meanflock.swarm import state
 from meanflock.swarm.events import FaultBegan, FaultEnded, FaultNeverBegins, FlightEvent
+from meanflock.swarm.events.base import listed
 from meanflock.swarm.faults import (
     Fault,
     Gust,
@@ -137,9 +138,9 @@ def words(fault: Fault) -> str:
     """A fault in words: its kind, UAVs or place, and duration."""
     words = kind(fault)
     if uavs := getattr(fault, "uavs", ()):
-        words += f" of UAV {', '.join(map(str, uavs))}"
+        words += f" of {listed(uavs)}"
     if stations := getattr(fault, "stations", ()):
-        words += f"{' and' if uavs else ' of'} station {', '.join(map(str, stations))}"
+        words += f"{' and' if uavs else ' of'} station{'s' * (len(stations) > 1)} {', '.join(map(str, stations))}"
     if isinstance(fault, Jam | Gust) and fault.centre is not None:
         words += f" within {fault.radius_m:g} m of ({fault.centre[0]:g}, {fault.centre[1]:g}) m"
     if isinstance(fault, Gust):

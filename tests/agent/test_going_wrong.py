@@ -247,7 +247,7 @@ def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> N
 def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_the_uavs() -> None:
     past = fly(flown(Honest, "duration=3"))[1].checkpoints[-1]
     other = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"more": np.zeros(len(uavs))})
-    with pytest.raises(BadInput, match=r"UAV 0, 1, 2, 3, 4.* does not fit this controller: .*'more'"):
+    with pytest.raises(BadInput, match=r"UAVs 0, 1, 2, 3, 4.* does not fit this controller: .*'more'"):
         Engine(flown(other, "duration=3"), "strangers", resume=past)
 
 

@@ -106,8 +106,8 @@ def test_a_group_that_joins_late_waits_and_one_that_leaves_lands() -> None:
     assert not places[91:, :, 2:].any()
     assert rows[-1].status.tolist() == [Status.FLYING] * 6 + [Status.LANDED] * 2
     texts = [event.text for row in rows for event in row.events]
-    assert "UAV 6, 7 of group reserve joined" in texts
-    assert "UAV 6, 7 landed: group reserve leaves" in texts
+    assert "UAVs 6, 7 of group reserve joined" in texts
+    assert "UAVs 6, 7 landed: group reserve leaves" in texts
     sends = [row.tick for row in rows if 6 in row.links[:, LinkColumn.SOURCE]]
     assert sends
     assert all(40 < tick <= 90 for tick in sends)

@@ -257,7 +257,7 @@ def test_a_false_upload_changes_the_flight_or_is_refused_and_named(kind: str, wi
     assert (summary["rounds"], honest["rounds"]) == (1 if kind == "huge" and not refused else 3, 3)
     false = ", ".join(map(str, Byzantine(lab.world.scenario).uavs))
     texts = {event.text for event in lab.record.events if event.kind == "refused"}
-    assert texts == ({f"uploads of UAV {false} were not averaged"} if refused else set())
+    assert texts == ({f"uploads of UAVs {false} were not averaged"} if refused else set())
 
 
 # -- the examples: they fly, and compute what their papers say --------------------------------------------------------

@@ -304,7 +304,7 @@ def test_marks_of_faults_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None
     np.testing.assert_allclose(vectors[72], [[0.5 * look.GUST_S2, -0.5 * look.GUST_S2]])
     np.testing.assert_array_equal(origins[72], points[72, [8]])
     words = rows(path, look.WORDS, "Points2D:labels")
-    assert words[35] == ["pause of UAV 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
+    assert words[35] == ["pause of UAVs 3, 4 for 1 s\npartition of UAV 5 for 2 s"]
     assert sorted(words) == [0, 30, 35, 40, 50, 55, 60, 65, 70, 75]
     assert areas[60] == lines[65] == vectors[50] == vectors[75] == words[75] == []
 

@@ -54,8 +54,8 @@ class BaseEvent(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
 
 
 def listed(uavs: Uavs) -> str:
-    """UAVs in words, as `UAV 3, 5`. Of very many the first, and how many others."""
-    shown = f"UAV {', '.join(map(str, uavs[:_LISTED]))}"
+    """UAVs in words, as `UAVs 3, 5`. Of very many the first, and how many others."""
+    shown = f"UAV{'s' * (len(uavs) > 1)} {', '.join(map(str, uavs[:_LISTED]))}"
     return shown if len(uavs) <= _LISTED else f"{shown} and {len(uavs) - _LISTED:,} others"
 
 
