@@ -29,4 +29,6 @@ def new(kind: "Kind", name: str) -> None:
     from meanflock.cli import scaffold
 
     report(scaffold.create(kind, name, Path()))
-    click.echo(f"\nNext: pip install -e ./{name}\n      pytest {name}\n      {scaffold.flight(kind, name)}")
+    click.echo(
+        f"\nNext: pip install -e './{name}[test]'\n      python -m pytest {name}\n      {scaffold.flight(kind, name)}"
+    )

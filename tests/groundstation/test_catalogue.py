@@ -145,7 +145,10 @@ def test_new_packages_of_all_kinds_install_conform_and_fly(run, tmp_path, monkey
     names = {kind: f"swirl_{kind}" for kind in get_args(scaffold.Kind)}
     for kind, name in names.items():
         code, out, _ = run("new", kind, name)
-        assert (code, f"Next: pip install -e ./{name}" in out) == (EXIT_DONE, True)
+        assert (code, f"Next: pip install -e './{name}[test]'\n      python -m pytest {name}\n" in out) == (
+            EXIT_DONE,
+            True,
+        )
         written = [line for line in out.splitlines() if line.startswith(f"{name}/")]
         assert [line for line in written if not (tmp_path / line).is_file()] == []
     # The build backend lies in a folder of its own, so that packages are built without an environment each.
