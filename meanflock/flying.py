@@ -10,6 +10,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
+from meanflock.results.groups import run_name
 from meanflock.results.series import check_reports
 from meanflock.runs import Run
 from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
@@ -111,7 +112,7 @@ def prepared(
     memory.check([flown])
     warn_of_lost_models([flown])
     outputs = None
-    run_id = f"{flown.method}-s{flown.seed}"
+    run_id = run_name(flown)
     telemetry = StoredTelemetry()
     sinks: list[BlockSink] = [telemetry]
     if out is not None:

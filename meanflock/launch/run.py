@@ -14,6 +14,7 @@ from meanflock.launch.memory import learner_memory
 from meanflock.launch.options import Options
 from meanflock.net.access import STATION, Address, Identity, free, secured
 from meanflock.net.process import Interrupted
+from meanflock.results.groups import run_name
 from meanflock.swarm import durable, logs
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.declared import NO_LEARNER
@@ -51,8 +52,8 @@ class EndedRun:
 
 
 def new_run(scenario: Scenario, parent: Path) -> AbstractContextManager[Path]:
-    """Context with the folder of a new run in `parent`, named by time, method and seed; see `durable.new_folder`."""
-    return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{scenario.method}-s{scenario.seed}")
+    """Context with the folder of a new run in `parent`, named by time and `run_name`; see `durable.new_folder`."""
+    return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario)}")
 
 
 def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> EndedRun:

@@ -1,9 +1,10 @@
-"""Groups of a flight as tables and pictures name them: the number and the name of the group of each UAV."""
+"""Groups of a flight in tables, pictures and names: number and name of the group of each UAV, name of a run."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.swarm.mission import Mission
+from meanflock.swarm.scenario import Scenario
 
 
 def numbers(flown: Mission) -> NDArray[np.intp]:
@@ -18,3 +19,9 @@ def uav_names(flown: Mission) -> list[str]:
     if not flown.groups:
         return [f"UAV {uav}" for uav in range(flown.uavs)]
     return [f"UAV {uav}, {flown.groups[number].name}" for uav, number in enumerate(numbers(flown).tolist())]
+
+
+def run_name(flown: Scenario) -> str:
+    """Name of a run, by controller and seed: `mfgfl-hf-s1`; `groups-s1` if its groups fly several controllers."""
+    methods = {group.method or flown.method for group in flown.groups} or {flown.method}
+    return f"{methods.pop() if len(methods) == 1 else 'groups'}-s{flown.seed}"
