@@ -17,6 +17,11 @@ from meanflock.swarm.wire.messages import Telemetry
 
 _BAR, _BAR_NARROW = 24, 10  # columns
 _UPLOADS = {"uploads_silent": "not sent", "uploads_late": "late", "uploads_refused": "refused"}  # of the summary
+_LASTING = {  # fields of the summary of flights with waypoints or batteries: name and unit
+    "waypoints_reached": ("waypoints reached", ""),
+    "turned_back": ("turned back", "UAVs, low battery"),
+    "batteries_empty": ("batteries empty", "in the air"),
+}
 _WIDE = 120  # columns of a terminal with room for everything
 
 
@@ -109,8 +114,12 @@ def summary_table(summary: dict[str, object]) -> Table:
         if summary["nodes_rejoined"]:
             rejoined += ": agents among them began anew, without what they had learned"
         table.add_row("processes lost", f"{summary['nodes_lost']}", rejoined)
-    landed = f", {summary['landed']} landed for good" if summary.get("landed") else ""
-    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost{landed}")
+    table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
+    if summary.get("landed"):
+        add("landed for good", summary["landed"], "UAVs, arrived or not")
+    for field, (name, unit) in _LASTING.items():
+        if (count := summary.get(field)) is not None:
+            add(name, count, unit)
 
     def quantity(field: str, statistic: str, digits: int) -> None:
         known = FIELDS[field]

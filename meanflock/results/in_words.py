@@ -54,7 +54,10 @@ def flown(run: StoredFolder) -> str:
     return f"{where}, seed {seed}, on {run.when.astimezone():%Y-%m-%d at %H:%M}"
 
 
-_HARMS = {  # named only if there are any
+_COUNTED = {  # named only if there are any
+    "waypoints_reached": "The UAVs reached {} waypoint{}.",
+    "turned_back": "{} UAV{} turned back with a low battery.",
+    "batteries_empty": "The batteries of {} UAV{} were empty in the air.",
     "obstacle_hits": "UAVs flew into obstacles {} time{}.",
     "grounded": "{} UAV{} came down to the ground on the way.",
     "altitude_violations": "UAVs left the limits of altitude {} time{}.",
@@ -71,7 +74,7 @@ def outcome(run: StoredFolder) -> str:
         sentences.append(_collided(run.figure("collisions")))
         sentences += [
             text.format(count, "" if count == 1 else "s")
-            for field, text in _HARMS.items()
+            for field, text in _COUNTED.items()
             if (count := run.figure(field))
         ]
         sent, lost = run.figure("payload_bits.total"), run.figure("radio.outage_rate")
@@ -87,7 +90,8 @@ def _arrived(run: StoredFolder, time: str) -> str:
     mean, lost, landed = run.figure("t_avg_s"), run.figure("lost"), run.figure("landed")
     when = f"none in {time}" if mean is None else f"after {mean:.1f} s on average"
     arrived = f"{run.figure('arrived')} of {run.named('uavs')} UAVs arrived"
-    others = [f"{lost} were lost"] * bool(lost) + [f"{landed} landed for good"] * bool(landed)
+    either = ", whether they had arrived or not" if run.figure("arrived") else ""
+    others = [f"{lost} were lost"] * bool(lost) + [f"{landed} landed for good{either}"] * bool(landed)
     return f"{'; '.join([f'{arrived}, {when}', *others])}."
 
 

@@ -28,14 +28,21 @@ class NearestMission(NamedTuple):
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """The keys of a table, dotted, without those that are unset."""
+    """The keys of a table, dotted, without those that are unset, also in tables of a list."""
     keys: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping):
             keys |= flat(value, f"{prefix}{key}.")
         elif value is not None:
-            keys[f"{prefix}{key}"] = value
+            keys[f"{prefix}{key}"] = _set(value)
     return keys
+
+
+def _set(value: Any) -> Any:
+    """A value without the unset keys of its tables."""
+    if isinstance(value, Mapping):
+        return {key: _set(each) for key, each in value.items() if each is not None}
+    return [_set(each) for each in value] if isinstance(value, list) else value
 
 
 def differing(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
