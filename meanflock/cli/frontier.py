@@ -149,12 +149,12 @@ def _tell(record: "FrontierRecord") -> None:
     """Print the tables of a frontier."""
     from rich.console import Console
 
-    from meanflock.cli.tables import console_for
+    from meanflock.cli.tables import print_table
     from meanflock.studies.frontier import terminal
 
     console = Console()
     for table in terminal.tables(record):
-        console_for(table).print(table)
+        print_table(table)
         console.print()
     for note in terminal.notes(record):
         console.print(note, style="dim", markup=False, highlight=False)

@@ -107,13 +107,12 @@ def _tell(board: "Board") -> None:
     """Print the tables of a board."""
     from rich.console import Console
 
-    from meanflock.cli.tables import console_for
+    from meanflock.cli.tables import print_table
     from meanflock.studies.leaderboard import tables, terminal
 
     console = Console()
     for course in board.courses:
-        table = terminal.table(course)
-        console_for(table).print(table)
+        print_table(terminal.table(course))
         conditions = tables.conditions(course, board.policies).replace("`", "")
         for note in (conditions, *tables.notes(course), *tables.mixed(course)):
             console.print(note, style="dim", markup=False, highlight=False)

@@ -39,7 +39,7 @@ def rerun(file: Path, jobs: int, out: Path | None, quiet: bool) -> None:
     \b
     Example: meanflock study rerun out/sweep/study.json
     """
-    from meanflock.cli.tables import console_for, differences_table
+    from meanflock.cli.tables import differences_table, print_table
     from meanflock.studies.rerun import RERUN, Study
     from meanflock.studies.runner import terminable
     from meanflock.studies.study_file import STUDY_FILE, versions_here
@@ -58,7 +58,7 @@ def rerun(file: Path, jobs: int, out: Path | None, quiet: bool) -> None:
         click.echo(f"All {study.flights} flights are the same.")
         return
     table = differences_table(study.record.names, differences[:_MOST])
-    console_for(table).print(table)
+    print_table(table)
     if more := len(differences) - table.row_count:
         click.echo(f"{more} more")
     flights = {(difference.point, difference.seed) for difference in differences}

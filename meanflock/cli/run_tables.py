@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from meanflock.cli.tables import WIDTH, console_for
+from meanflock.cli.tables import empty, print_table
 from meanflock.launch.progress import groups_table, summary_table
 from meanflock.results.flown import flown_keys
 from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
-from meanflock.results.rounds_table import MEAN, METRIC, rounds_table, stored_rounds
+from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, rounds_table, stored_rounds
 from meanflock.results.run_difference import Difference
 from meanflock.results.run_folder import EVENTS
 from meanflock.results.scenario_keys import changed_keys, nearest
@@ -38,6 +37,7 @@ _IN_THE_NAME = ("when", "method", "seed")  # columns that the name of a run repe
 _LEFT = ("run", "when", "method", "mission")  # columns of text
 _LONGEST_PATH = 4096  # characters
 _WIDE = 1000  # columns: wider than any table
+_OF_GROUP = "groups."  # begins the figures of a group
 _MOST_TRAFFIC = "radio.traffic."  # figures by kind of traffic are in the JSON record only
 
 
@@ -53,7 +53,7 @@ def list_table(runs: Sequence[StoredFolder]) -> Table:
 
 
 def _table(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
-    shown = _empty()
+    shown = empty()
     names = [name for name in rows[0] if name not in left_out]
     for name in names:
         shown.add_column(name, no_wrap=True, justify="left" if name in _LEFT else "right")
@@ -129,7 +129,6 @@ def print_run(run: StoredFolder) -> None:
 
 
 _COUNTS = ("lost", "silent", "absent", "late", "refused", "isolated", "retries")  # shown where any is above 0
-_SPARED = ("airtime\n(s)", "received", "absent", "silent")  # left out of a narrow terminal, in this order
 
 
 def print_rounds(folder: Path, as_json: bool) -> None:
@@ -143,7 +142,7 @@ def print_rounds(folder: Path, as_json: bool) -> None:
         print(json.dumps(table.to_pylist(), indent=1))
         return
     if not table.num_rows:
-        print(f"{folder}: the run has no rounds")
+        print(f"{folder}: the run has {NO_ROUNDS}")
         return
     means = [name for name in table.column_names if name.startswith((MEAN, METRIC))]
     counts = [name for name in _COUNTS if any(table[name].to_pylist())]
@@ -156,37 +155,23 @@ def print_rounds(folder: Path, as_json: bool) -> None:
             **{name: str(row[name]) for name in ("sent", "received", *counts)},
             "sent\nso far": bits(row["bits"], "bit"),
             "airtime\n(s)": f"{row['airtime_s']:.3g}",
-            **{_head(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
+            **{_bare(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
         }
         for row in table.to_pylist()
     ]
-    shown = next(
-        (one for left_out in range(len(_SPARED)) if _width(one := _rounds(rows, _SPARED[:left_out])) <= WIDTH),
-        _rounds(rows, _SPARED),
-    )
+    shown = empty()
+    for name in rows[0]:
+        shown.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        shown.add_row(*row.values())
     if any(name.startswith(MEAN) for name in means):
         shown.caption = "Diagnostics are means over the UAVs on the way when the round ended."
-        shown.caption_justify = "left"
-    console_for(shown).print(shown)
+    print_table(shown)
 
 
-def _rounds(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
-    names = [name for name in rows[0] if name not in left_out]
-    shown = _headed(*names)
-    for column in shown.columns:
-        column.justify, column.no_wrap = "right", True
-    for row in rows:
-        shown.add_row(*(row[name] for name in names))
-    return shown
-
-
-def _width(table: Table) -> int:
-    return Console(width=_WIDE).measure(table).maximum
-
-
-def _head(column: str) -> str:
-    """The heading of a mean or metric, broken into lines."""
-    return column.removeprefix(MEAN).removeprefix(METRIC).replace("_", "_\n")
+def _bare(column: str) -> str:
+    """The name of a mean or metric."""
+    return column.removeprefix(MEAN).removeprefix(METRIC)
 
 
 def _files(run: StoredFolder) -> dict[str, int]:
@@ -208,20 +193,29 @@ def print_difference(found: Difference) -> None:
     for key, values in found.keys.items():
         keys.add_row(escape(key), *(escape(setting(value)) for value in values))
     _print_titled(f"Keys that differ: {len(found.keys) or 'none'}", keys)
-    figures = _headed("figure", "unit", "A", "B", "B − A")
-    for column in figures.columns[2:]:
-        column.justify = "right"
-        column.no_wrap = True
-    for figure in found.figures:
-        if not figure.key.startswith(_MOST_TRAFFIC):
-            cells = map(number, (figure.first, figure.second, figure.change))
-            figures.add_row(escape(printable(figure.key)), figure.unit, *cells)
+    shown = [figure for figure in found.figures if not figure.key.startswith(_MOST_TRAFFIC)]
+    tables: dict[str, Table] = {"": _figures()}
+    for figure in shown:
+        *_, group, key = figure.key.split(".", 2) if figure.key.startswith(_OF_GROUP) else ("", figure.key)
+        cells = map(number, (figure.first, figure.second, figure.change))
+        tables.setdefault(group, _figures()).add_row(escape(printable(key)), figure.unit, *cells)
     number_of = len(found.figures) or "none"
-    _print_titled(f"Figures that differ: {number_of} of {found.compared}", figures)
-    if hidden := len(found.figures) - figures.row_count:
+    for group, table in tables.items():
+        _print_titled(
+            f"Group {escape(group)}" if group else f"Figures that differ: {number_of} of {found.compared}", table
+        )
+    if hidden := len(found.figures) - len(shown):
         console.print(f"{hidden} more, by kind of traffic: --json", highlight=False)
     same = "Both flights are bit-identical." if found.same_flight else "The flights are different."
     console.print(f"\n{same}", highlight=False)
+
+
+def _figures() -> Table:
+    """A table without rows of figures that differ."""
+    table = _headed("figure", "unit", "A", "B", "B − A")
+    for column in table.columns[2:]:
+        column.justify, column.no_wrap = "right", True
+    return table
 
 
 def _path(run: StoredFolder) -> str:
@@ -230,7 +224,7 @@ def _path(run: StoredFolder) -> str:
 
 
 def _headed(*headings: str) -> Table:
-    table = _empty()
+    table = empty()
     for heading in headings:
         table.add_column(heading, overflow="fold")
     return table
@@ -238,13 +232,6 @@ def _headed(*headings: str) -> Table:
 
 def _print_titled(title: str, table: Table) -> None:
     """Print a table under a title, after an empty line; the title only if it has no rows."""
-    console = console_for(table)
-    console.print(f"\n[bold]{title}[/]", highlight=False)
+    Console().print(f"\n[bold]{title}[/]", highlight=False)
     if table.row_count:
-        console.print(table)
-
-
-def _empty() -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.show_edge = False
-    return table
+        print_table(table)

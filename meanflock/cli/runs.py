@@ -27,7 +27,7 @@ def list_runs(folder: Path, as_json: bool, html: Path | None, quiet: bool) -> No
     Example: meanflock list --html runs.html
     """
     from meanflock.cli.run_tables import list_table, record
-    from meanflock.cli.tables import console_for
+    from meanflock.cli.tables import print_table
     from meanflock.results.stored_run import runs_in
     from meanflock.swarm.errors import BadInput
 
@@ -45,8 +45,7 @@ def list_runs(folder: Path, as_json: bool, html: Path | None, quiet: bool) -> No
     elif not runs:
         click.echo(f"{folder}: no runs; `meanflock run` flies one")
     else:
-        table = list_table(runs)
-        console_for(table).print(table)
+        print_table(list_table(runs))
 
 
 @click.command()

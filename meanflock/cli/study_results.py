@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.cli.study_arguments import ResultsOptions
-from meanflock.cli.tables import console_for, means_table, payload_table, rounds_table, tradeoff_table
+from meanflock.cli.tables import groups_table, means_table, payload_table, print_table, rounds_table, tradeoff_table
 from meanflock.results import flown_plugins
 from meanflock.results.plots import comparison, learning, plotstyle
 from meanflock.results.plots import tradeoff as tradeoff_plot
@@ -60,10 +60,11 @@ class StudyResults:
             means_table(means, title, [one.duration for one in firsts]),
             payload_table(means),
             rounds_table(means),
+            groups_table(means),
             tradeoff_table(means, found) if found else None,
         ]
         for table in filter(None, shown):
-            console_for(table).print(table)
+            print_table(table)
 
     def write(self, flown: Points, out: Path) -> list[Path]:
         """Write all files; study.json last, when the others are whole. Returns their paths.

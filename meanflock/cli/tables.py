@@ -1,12 +1,14 @@
-"""Tables in a terminal: the means of a study in 80 columns, without numbers that are cut off."""
+"""Tables in a terminal, of at least 80 columns: no number is cut off, and no table is wider. The tables of a study."""
 
 from collections.abc import Sequence
+from copy import copy
+from statistics import fmean
 from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results import quantities
@@ -18,6 +20,8 @@ from meanflock.studies.tradeoff import Tradeoff
 from meanflock.swarm.errors import printable
 
 WIDTH = 80  # of a terminal, at least
+_LOOSE = (0, 1, 0, 0)  # space around a cell
+_GAP = 2  # columns between two cells, with that space
 _LONGEST = 12  # characters of a hash
 _WIDE = 1000  # columns: wider than any table
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
@@ -27,6 +31,7 @@ MEANS = (
 )
 _MARKS = {"best": "*", "undecided": "?"}
 VERDICTS = " * is significantly best, ? is undecided (paired by seed, Holm's method)."
+_EQUAL = " No number differs between the rows."
 
 
 def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
@@ -35,7 +40,8 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
     n = max(row["n"] for _, row in rows)
     time = f", {durations_s[0]:g} s" if len(set(durations_s)) == 1 else ""
     note = MEANS.format(n=n, s="s" * (n > 1), time=time)
-    note += VERDICTS if {*means.verdicts.values()} & {*_MARKS} else ""
+    found = {*means.verdicts.values()}
+    note += VERDICTS if found & {*_MARKS} else _EQUAL if found == {"equal"} else ""
     constant = [f"{values}" for place, values in enumerate(next(iter(means.points))) if place not in means.varying]
     shown = _empty(means, ", ".join([title, *constant]), note)
     scale, prefix = _scale(rows)
@@ -47,8 +53,6 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
         cells[0] += f"/{row['uavs']}"  # of the arrivals
         marks = [_MARKS.get(str(row[f"{quantities.table_column(metric)}_verdict"]), "") for metric in METRICS]
         shown.add_row(*_named(means, values), *map("".join, zip(cells, marks, strict=True)))
-    if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
-        shown.padding = 0
     return shown
 
 
@@ -79,11 +83,29 @@ def rounds_table(means: Means) -> Table | None:
     for values, row in rows:
         cells = ["–" if row[name] is None else f"{row[name]:.4g}" for name in (*ROUNDS, f"{begin}n", *last)]
         shown.add_row(*_named(means, values), *cells)
-    if Console(width=10 * WIDTH).measure(shown).maximum > WIDTH:
-        for column in shown.columns[len(means.varying) :]:
-            column.header = _broken(str(column.header))
-        shown.padding = 0
     return shown
+
+
+def groups_table(means: Means) -> Table | None:
+    """Table of the means of each group of UAVs; None if no flight has groups."""
+    scale, prefix = _scale(list(means.rows()))
+    note = "A collision of UAVs of two groups counts in both."
+    shown = _empty(means, "\nmeans of each group of UAVs", note)
+    shown.add_column("group", overflow="fold")
+    for heading in ("arrived\n(UAVs)", "energy\n(J)", f"payload\n({prefix}bit)", "collisions\n(pairs)", "airtime\n(s)"):
+        shown.add_column(heading, justify="right", no_wrap=True)
+    for values, summaries in means.points.items():
+        for name, group in (summaries[0]["groups"] or {}).items():
+            flown = [summary["groups"][name] for summary in summaries]
+            numbers = (
+                [each["energy_mean_J"] for each in flown],
+                [each["payload_bits"]["total"] / scale for each in flown],
+                [each["collisions"] for each in flown],
+                [each["airtime_s"] for each in flown],
+            )
+            arrived = f"{fmean(each['arrived'] for each in flown):.4g}/{group['uavs']}"
+            shown.add_row(*_named(means, values), name, arrived, *(f"{fmean(each):.4g}" for each in numbers))
+    return shown if shown.row_count else None
 
 
 def tradeoff_table(means: Means, found: Tradeoff) -> Table:
@@ -92,6 +114,8 @@ def tradeoff_table(means: Means, found: Tradeoff) -> Table:
         "dominated: another point is better in one of them, and better or equal in the other. undecided: it may be, by "
         "95 % intervals of the differences, paired by seed."
     )
+    if not all(placed.place for placed in found.placed.values()):
+        note += " unknown: a flight of the point lacks one of the numbers."
     shown = _empty(means, f"\nPareto front of {found.x.name} and {found.y.name}", note)
     shown.add_column("n", justify="right", no_wrap=True)
     for objective in (found.x, found.y):
@@ -105,9 +129,7 @@ def tradeoff_table(means: Means, found: Tradeoff) -> Table:
 
 def differences_table(names: Sequence[str], differences: Sequence[FlightDifference]) -> Table:
     """Table of the fields of flights that differ from those of a study."""
-    shown = Table(title="Flights that differ", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    shown.show_edge = False
-    shown.title_justify = "left"
+    shown = empty("Flights that differ")
     for head in (*map(_broken, names), "seed", "field", "expected", "found"):
         shown.add_column(head, overflow="fold")
     for each in differences:
@@ -128,10 +150,7 @@ def _named(means: Means, point: Sequence[Any]) -> list[str]:
 
 def _empty(means: Means, title: str, note: str) -> Table:
     """A table whose first columns are the varied values, without those that are the same everywhere."""
-    shown = Table(title=title, caption=note, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    shown.show_edge = False
-    shown.title_justify = "left"
-    shown.caption_justify = "left"
+    shown = empty(title, note)
     for name in (means.names[place] for place in means.varying):
         shown.add_column(_broken(name), overflow="fold", no_wrap=name == "method")
     return shown
@@ -150,16 +169,80 @@ def _heading(quantity: quantities.Quantity, prefix: str) -> str:
 
 
 def _broken(name: str) -> str:
-    """A dotted key that may be broken into lines."""
-    return name.replace(".", ".\n").replace("_", "_\n").replace(" (", "\n(")
+    """A dotted key with its unit, in lines."""
+    return name.replace(".", ".\n").replace(" (", "\n(")
 
 
-def console_for(table: Table) -> Console:
-    """Console on standard output, at least as wide as the table; a narrower terminal wraps lines."""
-    console, wide = Console(), Console(width=_WIDE)
-    wanted = wide.measure(table).maximum
+def empty(title: str | None = None, caption: str | None = None) -> Table:
+    """A table without columns."""
+    table = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, padding=_LOOSE, pad_edge=False, show_edge=False)
+    table.title_justify = table.caption_justify = "left"
+    return table
+
+
+def print_table(table: Table) -> None:
+    """Print a table that is no wider than the terminal, or than 80 columns in a narrower one.
+
+    A table that does not fit is set tightly: less space between columns, and headings in more lines. If it does not fit
+    then, its columns are divided into tables below each other, each with the columns of text that come first.
+    """
+    width = max(WIDTH, Console().width)
+    console = Console(width=width)
+    if table.title:
+        console.print(table.title, style="table.title", markup=False, highlight=False)
+    whole = _columns_of(table, table.columns)
+    tight = _columns_of(table, table.columns, is_tight=True)
+    parts = next(([one] for one in (whole, tight) if _least(one) <= width), None) or _parts(table, width)
+    for number, part in enumerate(parts):
+        if number:
+            console.print()
+        Console(width=max(width, _least(part))).print(part)
+    if table.caption:
+        console.print(table.caption, style="table.caption", markup=False, highlight=False)
+
+
+def _parts(table: Table, width: int) -> list[Table]:
+    """The table in the fewest parts that fit, about as wide as each other."""
+    widths = [_least(_columns_of(table, [column])) for column in table.columns]
+    numbers = next((place for place, column in enumerate(table.columns) if column.justify == "right"), 0)
+    first, others = [*range(max(1, numbers))], [*range(max(1, numbers), len(widths))]
+
+    def divided(most: int) -> list[list[int]]:
+        """Places of the columns of each part, of at most that width."""
+        parts: list[list[int]] = []
+        for place in others:
+            if not parts or sum(widths[each] + _GAP for each in (*parts[-1], place)) - _GAP > most:
+                parts.append([*first])
+            parts[-1].append(place)
+        return parts
+
+    fewest = divided(width)
+    narrow = next(most for most in range(width + 1) if len(divided(most)) == len(fewest))
+    return [_columns_of(table, [table.columns[place] for place in part]) for part in divided(narrow)]
+
+
+def _columns_of(table: Table, columns: Sequence[Column], *, is_tight: bool = False) -> Table:
+    """Some columns of a table as a table without title and caption."""
+    found = copy(table)
+    found.title, found.caption, found.columns, found.rows = None, None, [], []
+    for column in columns:
+        heading = str(column.header).replace("_", "_\n") if is_tight else column.header
+        found.add_column(
+            heading, style=column.style, justify=column.justify, overflow=column.overflow, no_wrap=column.no_wrap
+        )
+    for cells in zip(*(column.cells for column in columns), strict=True):
+        found.add_row(*cells)
+    if is_tight:
+        found.padding = 0
+    return found
+
+
+def _least(table: Table) -> int:
+    """Width of a table whose columns of text are as narrow as their longest word."""
+    wide = Console(width=_WIDE)
+    width = wide.measure(table).maximum
     for column in table.columns:
         if not column.no_wrap:
             cells = [wide.measure(cell) for cell in (column.header, *column.cells)]
-            wanted -= max(cell.maximum for cell in cells) - max(cell.minimum for cell in cells)
-    return console if console.width >= wanted else Console(width=wanted)
+            width -= max(cell.maximum for cell in cells) - max(cell.minimum for cell in cells)
+    return width

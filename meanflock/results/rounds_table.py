@@ -15,6 +15,7 @@ from meanflock.swarm.events import RoundEnded
 
 ROUNDS = "rounds.parquet"
 _NAME = str(RoundEnded.__struct_config__.tag).encode()  # in every line about a round
+NO_ROUNDS = "no rounds; fly a method that shares a model, as mfgfl-hf does, until a round ends"  # of a run without any
 MEAN, METRIC = "mean_", "metric_"  # begin the names of columns
 
 COLUMNS: dict[str, tuple[pa.DataType, str]] = {  # type and description

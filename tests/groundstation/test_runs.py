@@ -11,6 +11,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.cli.command import main
+from meanflock.cli.tables import empty, print_table
 from meanflock.results.quantities import SUMMARY, VARYING
 from meanflock.results.run_folder import CHECKPOINT
 from meanflock.results.stored_run import runs_in
@@ -90,6 +91,56 @@ faults = [{ kind = "gust", tick = 5, duration_s = 3.0, uavs = [1], acceleration 
         "UAVs flew into obstacles 1 time. 1 UAV came down to the ground on the way. "
         "UAVs left the limits of altitude 1 time."
     ) in words
+
+
+def test_a_patrol_is_listed_and_shown_with_its_waypoints_and_batteries(run, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    flight = ("run", "patrol", "--in-process", "--no-record", "--quiet")
+    rows = " ".join(re.sub("[│ ]+", " ", run(*flight)[1]).split())
+    assert "arrived 2 of 5 0 lost landed for good 5 UAVs, arrived or not" in rows
+    assert "waypoints reached 14 turned back 5 UAVs, low battery batteries empty 0 in the air" in rows
+    words = " ".join(run("show", "latest")[1].split())
+    for part in (
+        "5 UAVs under cruise+orca in patrol, seed 1,",
+        "2 of 5 UAVs arrived, after 80.2 s on average; 5 landed for good, whether they had arrived or not.",
+        "The UAVs reached 14 waypoints. 5 UAVs turned back with a low battery. The UAVs sent",
+    ):
+        assert part in words
+    assert run(*flight, "--duration", "5")[0] == EXIT_DONE
+    (first, *_), (second, *_) = (line.split() for line in run("list")[1].splitlines()[2:])
+    assert first.endswith("-groups-s1")
+    listed, differ = run("list")[1], run("diff", f"runs/{second}", f"runs/{first}")[1]
+    assert max(map(len, (listed + differ).splitlines())) <= 80
+    assert [line.split()[1:4] for line in listed.splitlines()[2:]] == [
+        ["cruise+orca", "patrol", "+1"],
+        ["cruise+orca", "patrol", "5"],
+    ]
+    titles = [line for line in differ.splitlines() if line.startswith("Group ")]
+    assert titles == ["Group patrol", "Group followers"]
+    assert sum(line.startswith("energy_mean_J ") for line in differ.splitlines()) == 3
+
+
+def test_a_table_that_is_wider_than_the_terminal_is_divided_into_parts(monkeypatch, capsys) -> None:
+    table = empty("title", "caption")
+    table.add_column("name", no_wrap=True)
+    for number in range(12):
+        table.add_column(f"a_long_heading_{number}", justify="right", no_wrap=True)
+    for row in ("first", "second"):
+        table.add_row(row, *(f"{row}-number-{number}" for number in range(12)))
+    monkeypatch.setenv("COLUMNS", "60")
+    print_table(table)
+    parts = capsys.readouterr().out.split("\n\n")
+    assert max(len(line) for part in parts for line in part.splitlines()) <= 80
+    assert [[line.split()[0] for line in part.splitlines()] for part in parts[1:-1]] == [
+        ["name", "─" * len(part.splitlines()[1]), "first", "second"] for part in parts[1:-1]
+    ]
+    words = " ".join(parts).split()
+    assert (words[0], words[-1]) == ("title", "caption")
+    for number in range(12):
+        assert [words.count(f"{each}{number}") for each in ("a_long_heading_", "first-number-")] == [1, 1]
+    monkeypatch.setenv("COLUMNS", "300")
+    print_table(table)
+    assert len(capsys.readouterr().out.splitlines()) == 6
 
 
 def test_show_has_the_changed_keys_the_summary_and_the_files(run, runs) -> None:

@@ -27,7 +27,15 @@ def files(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("files")
 def test_tables_of_a_study_name_the_controllers_of_all_groups(run: Any, tmp_path: Path) -> None:
     command = ("sweep", "wind.sigma=0.1,0.2", "--methods", "cruise", "lqr", "--scenario", "open.toml")
-    assert run(*command, "--seeds", "1", *QUICK)[0] == EXIT_DONE
+    code, out, _ = run(*command, "--seeds", "1", *QUICK)
+    assert code == EXIT_DONE
+    lines = [line.split() for line in out[out.index("means of each group of UAVs") :].splitlines()]
+    assert [line[:4] for line in lines if line[2:3] in (["a"], ["b"])] == [
+        [sigma, method, group, "0/2"]
+        for sigma in ("0.1", "0.2")
+        for method in ("cruise+orca", "lqr+orca")
+        for group in ("a", "b")
+    ]
     expected = [("cruise+orca", sigma) for sigma in (0.1, 0.2)] + [("lqr+orca", sigma) for sigma in (0.1, 0.2)]
     assert sorted((row["method"], row["wind.sigma"]) for row in flown(tmp_path / "out")) == expected
     assert sorted({row["method"] for row in rows(tmp_path / "out/sweep.csv")}) == ["cruise+orca", "lqr+orca"]

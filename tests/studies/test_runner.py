@@ -10,7 +10,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.cli.tables import console_for, means_table, payload_table
+from meanflock.cli.tables import means_table, payload_table, print_table
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
@@ -216,13 +216,13 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, column
     points = {(value, method): [LARGE] * 8 for value in values for method in ("mfgfl-hf", "offline")}
     means = Means((key, "method"), points)
     by_kind = payload_table(means)
-    console_for(by_kind).print(by_kind)
+    print_table(by_kind)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= max(80, columns)
     assert "relay" not in shown
     assert all(word in shown for word in ("uplink", "state", "(Mbit)", "87.65"))
     table = means_table(means, "sweep: 25 UAVs", [300.0])
-    console_for(table).print(table)
+    print_table(table)
     shown = capsys.readouterr().out
     lines = shown.splitlines()
     assert max(map(len, lines)) <= max(80, columns)

@@ -289,6 +289,7 @@ def test_more_seeds_and_values_join_a_study_and_another_one_is_refused(run: Any,
         (("wind.sgima=0.1,0.2",), "did you mean `wind.sigma`"),
         (("radio.access=fdma,aloha",), "aloha"),
         (("uavs=2,3", "--pareto", "bits", "colisions"), "did you mean 'collisions'"),
+        (("uavs=2,3", "--pareto", "bits", "accuracy"), "--pareto accuracy: no flight has such a number"),
         (("uavs=2,3", "--figures", "gif"), "--figures gif: name formats, of pdf, png, svg"),
     ],
 )
@@ -308,3 +309,13 @@ def test_every_table_of_a_grid_fits_a_terminal(run: Any, undrawn: Any, monkeypat
     assert max(map(len, out.splitlines())) <= 80
     assert "Means over 2 flights each" in out
     assert "? is undecided" in out
+
+
+def test_tables_say_that_no_number_differs_and_what_is_unknown(run: Any, undrawn: Any) -> None:
+    swept = ("sweep", "federation.period=40,50", "--methods", "plan", "--seeds", "2", *SHORT)
+    code, out, _ = run(*swept, "--pareto", "t_avg_s", "bits", "--out", "out")
+    words = " ".join(out.split())
+    assert code == EXIT_DONE
+    assert "No number differs between the rows." in words
+    assert sum(line.endswith(" unknown") for line in out.splitlines()) == 2
+    assert "unknown: a flight of the point lacks one of the numbers." in words

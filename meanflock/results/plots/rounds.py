@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from meanflock.results.flown import flown_keys
 from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import axis_label, quantity
-from meanflock.results.rounds_table import MEAN, METRIC, OVER, rounds_table, stored_rounds
+from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, OVER, rounds_table, stored_rounds
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm.errors import BadInput
 
@@ -29,9 +29,12 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
     """
     table = rounds_table(stored_rounds(folder / EVENTS), flown_keys(folder).dt)
     names = [name for prefix in (METRIC, MEAN) for name in table.column_names if name.startswith(prefix)]
-    if not table.num_rows or not names:
-        missing = "no round" if not table.num_rows else "rounds, but no diagnostics or metrics"
-        raise BadInput(f"{folder}: the run has {missing}; fly a method that learns and shares, such as mfgfl-hf")
+    if not table.num_rows:
+        raise BadInput(f"{folder}: the run has {NO_ROUNDS}")
+    if not names:
+        raise BadInput(
+            f"{folder}: the run has rounds, but no diagnostics or metrics; fly one that has, as mfgfl-hf does"
+        )
     x = table[OVER[over]].to_numpy()
     averaged = np.array(table["outcome"].to_pylist()) == "averaged"
     names = [name for name in names if len(table[name].drop_null().unique()) > 1] or names
