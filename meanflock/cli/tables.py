@@ -1,5 +1,6 @@
 """Tables in a terminal, of at least 80 columns: no number is cut off, and no table is wider. The tables of a study."""
 
+import re
 from collections.abc import Sequence
 from copy import copy
 from statistics import fmean
@@ -226,7 +227,7 @@ def _columns_of(table: Table, columns: Sequence[Column], *, is_tight: bool = Fal
     found = copy(table)
     found.title, found.caption, found.columns, found.rows = None, None, [], []
     for column in columns:
-        heading = str(column.header).replace("_", "_\n") if is_tight else column.header
+        heading = re.sub(r"(?<=\w\w)_(?=\w\w)", "_\n", str(column.header)) if is_tight else column.header
         found.add_column(
             heading, style=column.style, justify=column.justify, overflow=column.overflow, no_wrap=column.no_wrap
         )

@@ -1,7 +1,7 @@
 """Objectives of a study: numbers of its flights, each with the end that is better."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -25,6 +25,7 @@ SHORT = {  # short names of fields of the summary
 }
 ROUNDING = 1e-6  # relative difference below which two numbers are equal: models on the air are rounded
 _ENDS = ("less", "more")
+_UNTIL = "until."  # begins the fields of flights that end at a metric
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Objective:
 COMPARED_OBJECTIVES = tuple(Objective(key, (key,), cast(Better, better(key))) for key in COMPARED)
 
 
-def objective(text: str, scenarios: Iterable[Scenario], flag: str) -> Objective:
+def objective(text: str, scenarios: Collection[Scenario], flag: str) -> Objective:
     """The objective of a text: a field of the summary, a short name of one, or what is reported of the last round.
 
     `NAME=less` and `NAME=more` say which end is better, where nobody knows it or to say otherwise.
@@ -69,6 +70,8 @@ def objective(text: str, scenarios: Iterable[Scenario], flag: str) -> Objective:
     if equals and end not in _ENDS:
         raise BadInput(f"{flag} {text}: write NAME, NAME=less or NAME=more")
     key, fields = SHORT.get(name, name), _fields()
+    if key in fields and key.startswith(_UNTIL) and all(flown.until is None for flown in scenarios):
+        raise BadInput(f"{flag} {text}: no flight ends at a metric; add --until, for example --until accuracy=0.9")
     if key in fields:
         keys: tuple[str, ...] = (key,)
     elif name in (reported := _reported(scenarios)) or None in reported:
@@ -94,7 +97,7 @@ def _fields() -> set[str]:
     return found
 
 
-def _reported(scenarios: Iterable[Scenario]) -> set[str | None]:
+def _reported(scenarios: Collection[Scenario]) -> set[str | None]:
     """What any of the flights reports of a round; None among them if a rule may report anything."""
     names: set[str | None] = set()
     for flown in scenarios:

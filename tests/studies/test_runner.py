@@ -229,7 +229,7 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, column
     assert "…" not in shown
     assert all(sum(method in line.split() for line in lines) == 2 for method in ("mfgfl-hf", "offline"))
     assert all(word in shown for value in values for word in str(value).split())
-    for word in ("(UAVs)", "(s)", "(J)", "(Mbit)", "(m/s)", "(1)", "(pairs)", "25/25", "1.235e-05", "161.3"):
+    for word in ("(UAVs)", "(s)", "(J)", "(Mbit)", "φ_A", "(m/s)", "(1)", "(pairs)", "25/25", "1.235e-05", "161.3"):
         assert word in shown
 
 

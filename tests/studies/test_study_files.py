@@ -290,6 +290,7 @@ def test_more_seeds_and_values_join_a_study_and_another_one_is_refused(run: Any,
         (("radio.access=fdma,aloha",), "aloha"),
         (("uavs=2,3", "--pareto", "bits", "colisions"), "did you mean 'collisions'"),
         (("uavs=2,3", "--pareto", "bits", "accuracy"), "--pareto accuracy: no flight has such a number"),
+        (("uavs=2,3", "--pareto", "bits", "until.bits"), "--pareto until.bits: no flight ends at a metric"),
         (("uavs=2,3", "--figures", "gif"), "--figures gif: name formats, of pdf, png, svg"),
     ],
 )
