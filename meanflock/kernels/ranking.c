@@ -68,7 +68,7 @@ FOR_AXES Py_ssize_t neighbours(const int axes, const Neighbours *a) {
             for (int k = 0; k < axes; k++) apart[k] = here[k] - double_at(others, k * n + j);
             a->distance[j] = inner(axes, apart, apart);
         }
-        a->distance[uav] = INFINITY;
+        a->distance[uav] = NAN;
         const Py_ssize_t count = nearest_first((const char *)a->distance, n, a->reach, a->most, a->near, row);
         if (count > largest) largest = count;
         for (Py_ssize_t place = 0; place < a->most; place++) {

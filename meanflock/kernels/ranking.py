@@ -13,15 +13,15 @@ def closest(distance: Floats, reach: float, found: NDArray[np.intp]) -> int:
     """Find the objects within reach of each row, nearest first, ties in their order.
 
     Args:
-        distance: (M, N); NaN is out of reach. reach: finite. found: (M, K), written: numbers of the K nearest objects,
-            −1 where there are fewer.
+        distance: (M, N); NaN is out of every reach.
+        found: (M, K), written: numbers of the K nearest objects, −1 where there are fewer.
 
     Returns:
         The largest number of objects that a row has found.
     """
     within = distance <= reach
     most = found.shape[1]
-    which = np.argsort(np.where(within, distance, np.inf), axis=1, kind="stable")[:, :most]
+    which = np.argsort(np.where(within, distance, np.nan), axis=1, kind="stable")[:, :most]
     found[:] = -1
     found[:, : which.shape[1]] = np.where(np.take_along_axis(within, which, axis=1), which, -1)
     return min(most, int(within.sum(axis=1).max(initial=0)))
@@ -41,7 +41,7 @@ def neighbours(
 
     Args:
         own: (M, 2d), states of the rows. others: (M, 2d, N), states of all UAVs known to each row.
-        uavs: (M,), numbers of the rows. reach: squared distance, finite, m².
+        uavs: (M,), numbers of the rows. reach: squared distance, m².
         away: (M, K, d), written: own positions minus those of the K nearest UAVs, m.
         closing: (M, K, d), written: own velocities minus theirs, m/s. squared: (M, K), written: of `away`, m².
         found: (M, K), written: their numbers, −1 where there are fewer; then the other numbers have no meaning.
@@ -51,7 +51,7 @@ def neighbours(
     """
     rows, axes = np.arange(len(own)), state.axes(own)
     distance = state.squared([own[:, axis, None] - others[:, axis] for axis in range(axes)])
-    distance[rows, uavs] = np.inf
+    distance[rows, uavs] = np.nan
     count = closest(distance, reach, found)
     apart = own[:, None] - np.swapaxes(others, 1, 2)[rows[:, None], found]
     away[:], closing[:] = apart[..., :axes], apart[..., axes:]

@@ -224,40 +224,49 @@ def test_products_are_sums_in_the_order_of_their_terms(
 
 
 @both_forms
-@given(st.integers(0, 4), st.integers(0, 12), st.integers(0, 6), seeds)
+@given(st.integers(0, 4), st.integers(0, 12), st.integers(0, 6), st.sampled_from([4.0, np.inf]), seeds)
 def test_the_nearest_few_come_first_and_ties_in_their_order(
-    backend: ModuleType, rows: int, objects: int, most: int, seed: int
+    backend: ModuleType, rows: int, objects: int, most: int, reach: float, seed: int
 ) -> None:
     draw = np.random.default_rng(seed)
     distance = draw.integers(0, 6, size=(rows, objects)).astype(float)
-    distance[draw.random(distance.shape) < 0.1] = np.nan
+    for unlike in (np.nan, np.inf):
+        distance[draw.random(distance.shape) < 0.1] = unlike
     found = np.full((rows, most), 7, dtype=np.intp)
-    largest = backend.closest(distance, 4.0, found)
+    largest = backend.closest(distance, reach, found)
     for row, numbers in zip(distance, found, strict=True):
-        expected = sorted((apart, number) for number, apart in enumerate(row) if apart <= 4.0)[:most]
+        expected = sorted((apart, number) for number, apart in enumerate(row) if apart <= reach)[:most]
         assert numbers.tolist() == [number for _, number in expected] + [-1] * (most - len(expected))
     assert largest == (found >= 0).sum(axis=1).max(initial=0)
 
 
 @both_forms
-@given(st.integers(0, 4), st.integers(1, 9), st.integers(0, 6), st.sampled_from([2, 3]), seeds)
+@given(
+    st.integers(0, 4),
+    st.integers(1, 9),
+    st.integers(0, 6),
+    st.sampled_from([2, 3]),
+    st.sampled_from([4.0, np.inf]),
+    seeds,
+)
 def test_neighbours_are_the_nearest_other_uavs_as_each_row_knows_them(
-    backend: ModuleType, rows: int, uavs: int, most: int, axes: int, seed: int
+    backend: ModuleType, rows: int, uavs: int, most: int, axes: int, reach: float, seed: int
 ) -> None:
-    """On a grid many are equally far, and some at one place; the state of some is unknown."""
+    """On a grid many are equally far, and some at one place; the state of some is unknown or not finite."""
     draw = np.random.default_rng(seed)
     own = draw.integers(0, 3, size=(rows, 2 * axes)).astype(float)
     others = draw.integers(0, 3, size=(rows, 2 * axes, uavs)).astype(float)
-    others[draw.random(others.shape) < 0.05] = np.nan
+    for unlike in (np.nan, np.inf):
+        others[draw.random(others.shape) < 0.05] = unlike
     numbers = draw.integers(0, uavs, size=rows)
     away, closing = np.full((rows, most, axes), 7.0), np.full((rows, most, axes), 7.0)
     squared, found = np.full((rows, most), 7.0), np.full((rows, most), 7, dtype=np.intp)
-    largest = backend.neighbours(own, others, numbers, 4.0, away, closing, squared, found)
+    largest = backend.neighbours(own, others, numbers, reach, away, closing, squared, found)
     assert largest == (found >= 0).sum(axis=1).max(initial=0)
     for m, uav in enumerate(numbers.tolist()):
         apart = own[m] - others[m].T
         lengths = (apart[:, :axes] ** 2).sum(axis=1)
-        near = sorted((lengths[j], j) for j in range(uavs) if j != uav and lengths[j] <= 4.0)[:most]
+        near = sorted((lengths[j], j) for j in range(uavs) if j != uav and lengths[j] <= reach)[:most]
         assert found[m].tolist() == [j for _, j in near] + [-1] * (most - len(near))
         for place, (length, j) in enumerate(near):
             moved_apart = np.array([-1e-3 if uav < j else 1e-3, 0.0, 0.0][:axes])
