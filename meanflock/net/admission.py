@@ -113,6 +113,8 @@ class Admission:
         self._clock = clock
         self._limits = limits
         self._stations = stations
+        self._federated = world.plan.declared.is_federated
+        self._leader_lost = False  # in flight
         self._resumed = resumed
         bus.subscribe(keys.act(run, "*"), barrier.offer)
         bus.subscribe(self._received)
@@ -153,6 +155,7 @@ class Admission:
         about = {"tick": self._world.tick, "peer": member.name, "uavs": member.uavs.tolist(), "reason": reason}
         log.warning("lost %s: %s", member.name, reason, extra=about)
         self._counters.nodes_lost += self.flying
+        self._leader_lost |= self.flying and member.role == LEADER
         self.dismiss(member, reason, lost=True)
         if len(member.uavs) and self.flying:
             self.unattended |= dict.fromkeys(member.uavs.tolist(), self._clock())
@@ -272,7 +275,8 @@ class Admission:
         member.ready = True
         for uav in member.uavs.tolist():
             self.unattended.pop(uav, None)
-        if not self.flying or member.name == LEADER:  # a flight without rounds does not wait for its first leader
+        has_predecessor = member.role != LEADER or self._federated or self._leader_lost
+        if not self.flying or not has_predecessor:  # a flight without rounds does not wait for its first leader
             return
         self._counters.nodes_rejoined += 1
         if member.role == LEADER:

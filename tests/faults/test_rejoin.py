@@ -6,11 +6,13 @@ import pytest
 from meanflock.net import keys
 from meanflock.net.bus import Delivery
 from meanflock.net.members import JoinRefused, Members
+from meanflock.net.networked import NetworkedRun
 from meanflock.swarm.errors import BadInput, BusError, Refused
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Join, Ready, Status
 from tests.faults.conftest import RUN, Lab, scenario
+from tests.memory_swarm import MemorySwarm
 
 
 def test_several_agents_take_over_the_uavs_of_one_lost_node_until_none_is_free() -> None:
@@ -62,6 +64,22 @@ def test_a_flight_without_rounds_does_not_wait_for_a_leader_and_does_not_tell_wh
     assert [event.text for event in lab.record.events if event.kind in ("joined", "rejoined")] == [
         "2 nodes hold 6 UAVs"
     ]
+
+
+@pytest.mark.parametrize(("flies", "count"), [(False, 0), (True, 1)])
+def test_a_leader_of_a_flight_without_rounds_rejoins_if_one_was_lost_in_flight(monkeypatch, flies, count) -> None:
+    def gather(swarm: MemorySwarm, timeout_s: float) -> None:
+        """The leader is lost before the swarm takes off."""
+        (bus,) = (bus for bus in swarm.network.endpoints if keys.sense(RUN, "leader") in bus._subscriptions)
+        bus.close()
+        NetworkedRun.gather(swarm, timeout_s)
+
+    if not flies:
+        monkeypatch.setattr(MemorySwarm, "gather", gather)
+    lab = Lab(scenario(method="orca"), uavs_per_node=3)
+    summary = lab.fly({5: lab.leader} if not flies else {3: lambda: lab.kill("leader"), 5: lab.leader})
+    assert (summary["nodes_lost"], summary["nodes_rejoined"]) == (count, count)
+    assert [event.text for event in lab.record.events if event.kind == "rejoined"] == ["leader.2 stands by"] * count
 
 
 @pytest.mark.parametrize("place", ["agent-3", "leader"])
