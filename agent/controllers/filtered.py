@@ -64,7 +64,7 @@ class Filter:
         self.broadcast_numbers = inner.broadcast_numbers + scenario.state_numbers
         self.pairwise = True  # it knows a state of every other UAV
         self.shares = True
-        self._neighbours = NeighbourStates(scenario, inner.prediction())
+        self._neighbours = NeighbourStates(scenario, inner.prediction(), all_share=True)
 
     @abstractmethod
     def admit(self, own: States, others: States, uavs: NDArray[np.integer], wanted: Vectors) -> tuple[Vectors, Floats]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import meanflock as mf
+from meanflock.agent.controllers.cruise import Cruise
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
@@ -131,12 +132,30 @@ def test_a_uav_that_is_lost_on_the_ground_and_rejoins_takes_off() -> None:
     assert not flight.lost_on_ground.any()
 
 
-def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are() -> None:
+class Discreet(Cruise):
+    """Flies like `cruise`; its class says that it shares its states, and its options that it does not."""
+
+    name = "discreet"
+    shares = True
+
+    class Options(Cruise.Options, frozen=True):
+        """The options of `discreet`."""
+
+        tells: bool = False
+
+    def __init__(self, options: Any, scenario: Scenario) -> None:
+        super().__init__(options, scenario)
+        self.shares = options.tells
+
+
+@pytest.mark.parametrize("method", ["cruise", "discreet"])
+def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are(method: str) -> None:
+    mf.register(Discreet)
     places = [[97.5, 58.5], [95.0, 57.0], [92.5, 55.5]]
 
     def flown(others: list[list[float]]) -> np.ndarray:
         """Of a UAV that shares its states and flies from (100, 60) to (0, 0)."""
-        silent = {"name": "silent", "count": 3, "method": "cruise", "start": {"positions": others}}
+        silent = {"name": "silent", "count": 3, "method": method, "start": {"positions": others}}
         courier = {"name": "courier", "count": 1, "method": "orca", "start": {"positions": [[100.0, 60.0]]}}
         rows = rows_of(Scenario(uavs=4, duration=60.0, stop="duration", groups=[silent, courier]))
         return np.stack([row.states[3] for row in rows])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Broadcast, Memory, Received, of_kind
 from meanflock.agent.controllers.goals import Goals
-from meanflock.agent.controllers.sharing.base import FAR_M, NeighbourStates, silent_uavs
+from meanflock.agent.controllers.sharing.base import FAR_M, NeighbourStates
 from meanflock.swarm import state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, States, Vectors
@@ -40,7 +40,7 @@ class Perception:
         self.neighbours = neighbours
         self.message = message
         self.broadcast_numbers = scenario.state_numbers + message
-        self._others = NeighbourStates(scenario, silent=silent_uavs(scenario))
+        self._others = NeighbourStates(scenario)
         self._goals = Goals(scenario)
         self._dt = scenario.dt
 

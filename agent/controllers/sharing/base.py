@@ -14,6 +14,7 @@ flying as predicted, for any time. With a broadcast every tick, a silent UAV is 
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -68,16 +69,15 @@ class NeighbourStates:
     numbers: count of the numbers that a UAV broadcasts in a tick.
     """
 
-    def __init__(self, scenario: Scenario, predict: Prediction | None = None, *, silent: Mask | None = None) -> None:
+    def __init__(self, scenario: Scenario, predict: Prediction | None = None, *, all_share: bool = False) -> None:
         """
         Args:
             predict: predicts states from the time of sending; None: at constant velocity.
-            silent: (N,), UAVs that never send a state, so that theirs is unknown; None: none.
+            all_share: whether UAVs send their states whatever their controllers share.
         """
-        self._silent = silent
+        self._scenario, self._all_share = scenario, all_share
         policy, self.numbers = scenario.sharing.rule, scenario.state_numbers
         self._events, self._repeats = policy.broadcast == "event", policy.repeats
-        self._joins = _joins(scenario, silent)
         self._delta_squared = policy.delta_m * policy.delta_m
         self._velocity_delta_squared = policy.velocity_delta_m_s * policy.velocity_delta_m_s or math.inf
         self._forget = None if self._events else max(1, round(scenario.sharing.forget_s / scenario.dt))
@@ -166,6 +166,19 @@ class NeighbourStates:
         """Diagnostic (M, 1): 1 if a row had a state to send in the last tick that exceeds the range of int16."""
         return memory["neighbour_unsent"][:, None].astype(np.float64)
 
+    @cached_property
+    def _silent(self) -> Mask | None:
+        """Mask (N,) of the UAVs that never send a state; None if all do. No controller may ask while it is made."""
+        return None if self._all_share else _silent_uavs(self._scenario)
+
+    @cached_property
+    def _joins(self) -> frozenset[int]:
+        """Ticks in which a group of UAVs that share their states joins a flight that has begun."""
+        late = (ticks := mission.joins(self._scenario)) > 0
+        if late.any() and self._silent is not None:
+            late &= ~self._silent
+        return frozenset(ticks[late].tolist())
+
     def _own(self, memory: Memory, tick: int) -> States:
         """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
         uav = memory["neighbour_uav"].astype(np.intp)
@@ -188,26 +201,21 @@ class NeighbourStates:
         return numbers * UNIT + self._origin[uavs]
 
 
-def _joins(scenario: Scenario, silent: Mask | None) -> frozenset[int]:
-    """Ticks in which a group of UAVs that share their states joins the flight after its begin."""
-    ticks = mission.joins(scenario)
-    return frozenset((ticks if silent is None else ticks[~silent]).tolist()) - {0}
+def _silent_uavs(scenario: Scenario) -> Mask:
+    """Mask (N,) of the UAVs that never send a state: those of groups whose controllers share none.
 
-
-def silent_uavs(scenario: Scenario) -> Mask | None:
-    """Mask (N,) of the UAVs in groups whose controllers share no states; None for none.
-
-    Args:
-        scenario: as a controller gets it, with the methods of all groups.
-
-    Raises:
-        BadInput: a controller of a group is not installed.
+    It makes these controllers, because their options may decide it; so none of them may ask it while it is made.
     """
     silent = np.zeros(scenario.uavs, dtype=bool)
+    asked: list[tuple[str, dict[str, Any], bool]] = []  # methods, their options, and whether they share states
     for group, rows in mission.parts(scenario):
-        controller: Any = plugins.load("controller", group.method)
-        silent[rows] = not controller.shares
-    return silent if silent.any() else None
+        own = scenario.of_group(group)
+        shares = next((shares for *one, shares in asked if one == [own.method, own.controller]), None)
+        if shares is None:
+            shares = bool(plugins.create("controller", own.method, own.controller, own).shares)
+            asked.append((own.method, own.controller, shares))
+        silent[rows] = not shares
+    return silent
 
 
 class SharingController(Controller):
@@ -219,7 +227,7 @@ class SharingController(Controller):
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
-        self._neighbours = NeighbourStates(scenario, silent=silent_uavs(scenario))
+        self._neighbours = NeighbourStates(scenario)
         self._obstacles = Obstacles(scenario)
         self._limits = AltitudeLimits(scenario)
         self.broadcast_numbers = self._neighbours.numbers

@@ -240,13 +240,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def of_group(self, group: tables.GroupTable) -> "Scenario":
         """The scenario as the controller of a group gets it: method, learner, vehicle and radius of arrival of the
-        group, and the mission and the methods of all."""
-        named = (msgspec.structs.replace(other, method=other.method or self.method) for other in self.groups)
-        own: dict[str, Any] = {"groups": tuple(named)}
+        group, and the mission, the methods and their options of all."""
+        named = tuple(
+            msgspec.structs.replace(other, method=other.method or self.method, controller=self._options_of(other))
+            for other in self.groups
+        )
+        own: dict[str, Any] = {"groups": named, "controller": self._options_of(group)}
         if group.method is not None:
             own["method"] = group.method
-        if group.controller is not None or group.method not in (None, self.method):
-            own["controller"] = group.controller or {}
         if group.training is not None:
             own["training"] = group.training
         if group.vehicle is not None:
@@ -254,6 +255,12 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         if group.destination is not None:
             own["destination"] = msgspec.structs.replace(self.destination, radius=group.destination.radius)
         return msgspec.structs.replace(self, **own)
+
+    def _options_of(self, group: tables.GroupTable) -> dict[str, Any]:
+        """The options of a group's controller."""
+        if group.controller is not None:
+            return group.controller
+        return self.controller if group.method in (None, self.method) else {}
 
     def alone(self, group: tables.GroupTable) -> "Scenario":
         """The scenario that the vehicle of a group gets if it reads a file. Its UAVs are 0…count − 1, and no others."""
