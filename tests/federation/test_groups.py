@@ -252,6 +252,7 @@ TRACE = {"model": "trace", "options": {"file": "x.csv"}}
 A, B = {"name": "a", "count": 2}, {"name": "b", "count": 3}
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A]}, "`groups` have 2 UAVs in all, and `uavs` is 5; set `uavs` to 2"),
+    ({"groups": [A, B | {"count": 2**31}]}, "lower a `count`, because `uavs` is 2147483647 at most"),
     ({"groups": [A, B | {"name": "a"}]}, "two `groups` have the name 'a'"),
     ({"groups": [A, B | {"name": "no name"}]}, "name"),
     ({"groups": [A, B | {"count": 0}]}, "count"),

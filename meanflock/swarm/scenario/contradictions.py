@@ -76,7 +76,9 @@ def check(scenario: Any) -> None:
         )
     for number, fault in enumerate(scenario.faults):
         if any(uav >= scenario.uavs for uav in getattr(fault, "uavs", ())):
-            raise ValueError(f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{scenario.uavs - 1}")
+            raise ValueError(
+                f"`faults[{number}].uavs` names UAV {max(fault.uavs)} of 0…{scenario.uavs - 1}; name one of them"
+            )
         for station in getattr(fault, "stations", ()):
             if station >= len(scenario.stations):
                 raise ValueError(
@@ -93,7 +95,9 @@ def _check_groups(scenario: Any) -> None:
         return
     names = [group.name for group in scenario.groups]
     if (total := sum(group.count for group in scenario.groups)) != scenario.uavs:
-        raise ValueError(f"`groups` have {total} UAVs in all, and `uavs` is {scenario.uavs}; set `uavs` to {total}")
+        most = tables.MOST_UAVS
+        remedy = f"set `uavs` to {total}" if total <= most else f"lower a `count`, because `uavs` is {most} at most"
+        raise ValueError(f"`groups` have {total} UAVs in all, and `uavs` is {scenario.uavs}; {remedy}")
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two `groups` have the name {twice[0]!r}; give each a name of its own")
     if scenario.federation.group == ():
@@ -224,7 +228,7 @@ def _check_radios(scenario: Any) -> None:
             raise ValueError(f"`radios[{number}].group` names {radio.group!r}, which is none of `groups`; add it")
         for uav in mission.uavs_of(scenario, radio):
             if uav >= scenario.uavs:
-                raise ValueError(f"`radios[{number}].uavs` names UAV {uav} of 0…{scenario.uavs - 1}")
+                raise ValueError(f"`radios[{number}].uavs` names UAV {uav} of 0…{scenario.uavs - 1}; name one of them")
             if uav in named:
                 raise ValueError(f"`radios[{number}].uavs` names UAV {uav}, which has a radio already; name it once")
             named.add(uav)

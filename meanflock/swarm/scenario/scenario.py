@@ -55,7 +55,15 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         dict[str, Any], key("options of that controller", OURS, "a controller declares its own", later=True)
     ] = field(default_factory=dict)
     uavs: Annotated[
-        int, key("N, number of UAVs", PRINTED, "S0, the scenario of its first figures", unit="UAVs", ge=1, le=2**31 - 1)
+        int,
+        key(
+            "N, number of UAVs",
+            PRINTED,
+            "S0, the scenario of its first figures",
+            unit="UAVs",
+            ge=1,
+            le=tables.MOST_UAVS,
+        ),
     ] = 25
     seed: Annotated[
         int,

@@ -9,6 +9,7 @@ from meanflock.swarm.scenario.tables.training import Training
 from meanflock.swarm.scenario.tables.vehicle import VehicleTable
 from meanflock.swarm.toml import Table as _Table
 
+MOST_UAVS = 2**31 - 1  # of a flight, all groups together
 _TIME = Meta(ge=0, le=1000000.0)
 
 
