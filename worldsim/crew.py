@@ -84,8 +84,8 @@ def inbox_of(senses: Senses, uavs: NDArray[np.intp], after: int) -> tuple[Frames
     for batch in senses.heard:
         targets = links_of(batch)[:, 1]
         reached = None if has_all else targets == uavs[0] if len(uavs) == 1 else contains(uavs, targets)
-        if reached is None or np.count_nonzero(reached):
-            own.append(picked(batch, reached))
+        if (part := picked(batch, reached)) is not None:
+            own.append(part)
     if senses.newest > after:
         own += mail_for(senses.letters, "agent", uavs, after)
     return tuple(own)

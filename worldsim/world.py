@@ -447,9 +447,5 @@ def _reaching(due: list[Frames], awake: Mask) -> list[Frames]:
     """The frames `due` in this tick, reduced to links that end at UAVs that are `awake` (N,)."""
     if awake.all():
         return due
-    arrived = []
-    for batch in due:
-        reached = awake[links_of(batch)[:, 1]]
-        if reached.any():
-            arrived.append(picked(batch, reached))
-    return arrived
+    parts = [picked(batch, awake[links_of(batch)[:, 1]]) for batch in due]
+    return [part for part in parts if part is not None]

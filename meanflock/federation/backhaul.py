@@ -44,9 +44,9 @@ class Backhaul(Stateful):
         seat, uavs = self._plan.seat(frames.round), self._plan.scenario.uavs
         target = links_of(frames)[:, 1]
         arrive = (target < uavs) | (present[target] & present[seat] & (seat >= uavs))  # the wire ends at stations
-        if not arrive.any():
-            return None
         there = picked(frames, arrive)
+        if there is None:
+            return None
         links = links_of(there).copy()
         moves = (links[:, 1] >= uavs) & (links[:, 1] != seat)
         self._count(frames, int(np.count_nonzero(moves)))

@@ -45,9 +45,8 @@ class Mailbox(Stateful):
         """Adds frames under a number for the UAVs that are awake (N,)."""
         target = links_of(frames)[:, 1]
         self.addressed[target] = True
-        received = awake[target]
-        if received.any():
-            self.letters.append(Letter(number, self.hop, picked(frames, received)))
+        if (received := picked(frames, awake[target])) is not None:
+            self.letters.append(Letter(number, self.hop, received))
 
     def fragments(self, uav: int) -> Mask:
         """The fragments that a UAV averages and sends, (F,): those that arrived; in a last hop from others."""
@@ -113,9 +112,7 @@ def mail_for(letters: Iterable[Letter], role: Role, uavs: Indices | None = None,
         if number <= after or hop.role != role:
             continue
         averaging = hop.senders if uavs is None else uavs[contains(hop.senders, uavs)]
-        here = np.isin(links_of(frames)[:, 1], averaging)
-        if here.any():
-            part = picked(frames, here)
+        if (part := picked(frames, np.isin(links_of(frames)[:, 1], averaging))) is not None:
             found += [part, _receipt(part)]
     return tuple(found)
 
@@ -134,14 +131,16 @@ def links_of(frames: Frames) -> NDArray[np.int32]:
     return frames.links
 
 
-def picked(frames: Frames, chosen: Mask | None = None) -> Frames:
-    """Frames reduced to some links, and to the rows that these use; not copied if all stay.
+def picked(frames: Frames, chosen: Mask | None = None) -> Frames | None:
+    """Frames reduced to some links, and to the rows that these use; not copied if all stay, None if no link stays.
 
     `chosen`: (K,), the links that stay; None: all.
     """
     links = links_of(frames)
     staying, used = np.empty_like(links), np.empty(len(frames.source), dtype=np.intp)
     count, rows = kernels.pick(links, chosen, staying, used)
+    if not count:
+        return None
     if count == len(links) and rows == len(used):
         return frames
     slots = frames.slots if frames.slots is None or chosen is None else frames.slots[chosen]

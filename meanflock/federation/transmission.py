@@ -111,7 +111,7 @@ class Transmission:
         hears = awake[target[by_radio]]
         self._reached[pair[hears], fragment[by_radio][hears]] = True
         self._own[own[awake[target[~by_radio]]]] = True
-        return picked(frames, is_new) if is_new.any() else None
+        return picked(frames, is_new)
 
     def fields(self) -> list[Any]:
         """All of it."""
