@@ -139,7 +139,8 @@ def sweep(
     from meanflock.studies.swept import Grid, add_point, point_of, refuse_setting
 
     with redirect_stdout(sys.stderr):  # what plug-ins print is not what the command says
-        grid = Grid.parse(swept).with_learners([learner_named(learner) for learner in names(learners)])
+        given_keys = Grid.parse(swept)
+        grid = given_keys.with_learners([learner_named(learner) for learner in names(learners)])
     of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
     for varied in grid.keys:
         varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
@@ -153,6 +154,7 @@ def sweep(
         for name in flown_by:
             one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
             add_point(scenarios, point_of(named, point, one), one)
+    given_keys.check_values()  # after the scenarios, which know unknown keys
     _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet, wanted)
 
 

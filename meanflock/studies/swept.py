@@ -17,7 +17,7 @@ LEARNER = "training.learner"
 
 @dataclass(frozen=True)
 class Swept:
-    """A dotted key, and two values or more, in TOML's types; lists and tables are written as text."""
+    """A dotted key and its values, in TOML's types; lists and tables are written as text."""
 
     key: str
     values: tuple[Any, ...]
@@ -27,15 +27,13 @@ class Swept:
         """`KEY=V1,V2,…`, the values in TOML syntax; bare words are strings.
 
         Raises:
-            BadInput: no key, fewer than two values, or one of them twice.
+            BadInput: no key, no value, or a value twice.
         """
         key, equals, listed = text.partition("=")
         key = key.strip()
-        if not equals or not key:
-            raise BadInput(f"{text}: write it as KEY=VALUE,VALUE, for example wind.sigma=0.1,0.2,0.3")
         values = [_toml(value) if isinstance(value, list | dict) else value for value in _values(listed)]
-        if len(values) < 2:
-            raise BadInput(f"{text}: a sweep needs two values or more, between commas")
+        if not equals or not key or not values:
+            raise BadInput(f"{text}: write it as KEY=VALUE,VALUE, for example wind.sigma=0.1,0.2,0.3")
         twice = [value for place, value in enumerate(values) if value in values[:place]]
         if twice:
             raise BadInput(f"{text}: {_toml(twice[0])} is there twice; give every value once")
@@ -87,6 +85,12 @@ class Grid:
             return self
         refuse_twice([*(one.key for one in self.keys), LEARNER])
         return Grid((*self.keys, Swept(LEARNER, tuple(dict.fromkeys(learners)))))
+
+    def check_values(self) -> None:
+        """Raise BadInput if a key has one value only."""
+        for one in self.keys:
+            if len(one.values) < 2:
+                raise BadInput(f"{one.setting(one.values[0])}: a sweep needs two values or more, between commas")
 
     @property
     def has_methods(self) -> bool:

@@ -33,8 +33,8 @@ def test_a_file_or_a_name(run: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (("--learner", "lines"), "learner 'lines' is not installed here"),
-        (("--learner", "nowhere.py"), "nowhere.py: No such file"),
+        (("--learner", "lines"), "name its file: --learner FILE.py; no other is installed"),
+        (("--learner", "nowhere.py"), "error: --learner nowhere.py: No such file"),
         (
             ("--learner", str(ROOT / "examples" / "spring.py")),
             "no learner in it; derive a class",

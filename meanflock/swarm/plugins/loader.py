@@ -33,13 +33,15 @@ class SourceRead(SourceFileLoader):
         return self.source_to_code(self._source, self.path)
 
 
-def load_file(path: Path | str) -> list[Plugin]:
+def load_file(path: Path | str, option: str = "--plugin") -> list[Plugin]:
     """Register all plug-ins of a file: its classes with a `name` that are derived from one of our base classes.
+
+    `option`: the option that names the file, for an error.
 
     Raises:
         BadInput: the file cannot be read or run, or has no plug-in.
     """
-    where, path = f"--plugin {path}", _resolved(path)
+    where, path = f"{option} {path}", _resolved(path)
     try:
         source = read(path)
     except OSError as error:
@@ -54,7 +56,7 @@ def load_file(path: Path | str) -> list[Plugin]:
             SourceRead(name, path, source).exec_module(module)
     except FAILURES as error:
         del sys.modules[name]
-        raise BadInput(f"{where}: {last_line(error)}{_missing_neighbour(path, error)}") from error
+        raise BadInput(f"{where}: {last_line(error)}{_advice(path, error)}") from error
     entries = {}
     for key, (attribute, value) in _defined(module, where).items():
         other = registry.registered.get(key)
@@ -86,20 +88,21 @@ def fingerprint(source: bytes) -> str:
     return f"sha256 {hashlib.sha256(source).hexdigest()}"
 
 
-def load_files(paths: Iterable[Path | str]) -> None:
+def load_files(paths: Iterable[Path | str], option: str = "--plugin") -> None:
     """Register the plug-ins of files, here and in every process that this one starts.
 
-    A file that is registered already, as in a fork, is not run again.
+    A file that is registered already, as in a fork, is not run again. `option`: the option that names the files, for an
+    error.
 
     Raises:
         BadInput: like `load_file`.
     """
-    given = [_resolved(path) for path in paths]
-    for path in given:
+    given = {_resolved(path): path for path in paths}
+    for path, named in given.items():
         if os.pathsep in str(path):  # other processes get it by a variable
-            raise BadInput(f"--plugin {path}: no {os.pathsep!r} may be in its path; give the file another place")
+            raise BadInput(f"{option} {named}: no {os.pathsep!r} may be in its path; give the file another place")
         if not _is_registered(path):
-            load_file(path)
+            load_file(named, option)
     if given:
         before = [part for part in os.environ.get(FILES, "").split(os.pathsep) if part]
         os.environ[FILES] = os.pathsep.join(dict.fromkeys([*before, *map(str, given)]))
@@ -136,13 +139,16 @@ def hold(wanted: Iterable[tuple[str, str]]) -> None:
             load_file(path)
 
 
-def _missing_neighbour(path: Path, error: BaseException) -> str:
-    """Advice if a plug-in imports another file of its folder, which is not on the path; else an empty text."""
+def _advice(path: Path, error: BaseException) -> str:
+    """Advice if a plug-in imports what is not installed, or another file of its folder, which is not on the path; else
+    an empty text."""
     if isinstance(error, ImportError) and "relative import" in str(error):
         return "; a plug-in is one file, or a package: install its package, for example with `pip install -e`"
     wanted = ((isinstance(error, ModuleNotFoundError) and error.name) or "").partition(".")[0]
-    if not wanted or not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
+    if not wanted or wanted == "meanflock":
         return ""
+    if not ((path.parent / wanted).is_dir() or (path.parent / f"{wanted}.py").exists()):
+        return f"; install {wanted!r} in the Python environment of meanflock"
     return (
         f"; a plug-in is one file, or a package: install the package of {wanted!r}, for example with `pip install -e`"
     )

@@ -96,10 +96,11 @@ def find(kind: PluginKind, name: str) -> Plugin:
     key = (kind, name)
     candidates = [*_packaged().get(key, ()), *([registered[key][0]] if key in registered else [])]
     if not candidates:
-        suggested = meant(name, names(kind))
+        suggested, option = meant(name, names(kind)), "--learner" if kind == "learner" else "--plugin"
+        found = f"there are {', '.join(names(kind))}" if names(kind) else "no other is installed"
         raise BadInput(
             f"{kind} {name!r} is not installed here{suggested + ' Else' if suggested else ';'} install its package, or "
-            f"name its file: --plugin FILE.py; there are {', '.join(names(kind)) or 'none'}"
+            f"name its file: {option} FILE.py; {found}"
         )
     if len(candidates) > 1:
         where = " and ".join(f"{plugin.reference} ({plugin.source})" for plugin in candidates)
