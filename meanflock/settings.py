@@ -52,7 +52,7 @@ def learner_named(given: str | Path | type) -> str:
         return plugins.register(given).name
     if Path(given).suffix != ".py":
         return plugins.find("learner", str(given)).name
-    plugins.load_files([given])
+    plugins.load_files([given], "--learner")
     path = str(paths.given(paths.given(given).resolve()))
     found = [plugin.name for plugin in plugins.installed() if (plugin.kind, plugin.source) == ("learner", path)]
     if len(found) == 1:
@@ -81,5 +81,6 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         flown = Scenario(**given) if scenario is None else Scenario.load(scenario, **given)
     if "method" in given:
         refuse_method(flown)
-    plan_of(flown)  # whoever cannot fly it hears of it now
+    where = "scenario" if isinstance(scenario, Scenario | None) else str(scenario)
+    plan_of(flown, where)  # whoever cannot fly it hears of it now
     return flown

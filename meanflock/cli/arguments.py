@@ -232,7 +232,7 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     flown = scenario.load(file, settings, **options)
     if options.get("method") is not None or "method" in (setting.partition("=")[0].strip() for setting in settings):
         refuse_method(flown)
-    plan_of(flown)  # whoever cannot fly it hears of it now
+    plan_of(flown, str(file or "scenario"))  # whoever cannot fly it hears of it now
     return flown
 
 

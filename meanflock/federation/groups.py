@@ -60,7 +60,7 @@ def grouped(scenario: Scenario, declared: Declared | None) -> tuple[Scenario, De
         whole = msgspec.structs.replace(whole, controller=options)
         return whole, alone, (Group(np.arange(scenario.uavs), whole, alone, alone.is_federated),)
     if declared is not None:
-        raise BadInput("scenario: there are `[[groups]]`, and one controller for all UAVs is given; remove the groups")
+        raise BadInput("there are `[[groups]]`, and one controller for all UAVs is given; remove the groups")
     each: list[Declared] = []
     of_groups = [scenario.of_group(group) for group in scenario.groups]
     for number, (group, flown) in enumerate(zip(scenario.groups, of_groups, strict=True)):

@@ -181,7 +181,7 @@ class Plan:
                     "`energy.battery_J` sends UAVs home" if self.scenario.energy.battery_J else "there are waypoints"
                 )
                 raise BadInput(
-                    f"scenario: {cause}, and controller {group.scenario.method!r} flies to one goal only; take one "
+                    f"{cause}, and controller {group.scenario.method!r} flies to one goal only; take one "
                     "that is `guided`, for example cruise, orca or mfgfl-hf"
                 )
 
@@ -190,7 +190,7 @@ class Plan:
         standbys = any(isinstance(fault, LeaderLoss) and fault.standby for fault in self.scenario.faults)
         if standbys and not self.is_resumable:
             raise BadInput(
-                f"scenario: `faults` has a standby leader, which cannot go on with the rule "
+                f"`faults` has a standby leader, which cannot go on with the rule "
                 f"{self.scenario.federation.aggregation}: its state is in one process; leave out `standby`"
             )
 
@@ -205,7 +205,7 @@ class Plan:
         ):
             names = ", ".join(self.declared.diagnostics) if self.declared.is_federated else ""
             raise BadInput(
-                f"scenario: `until` names {metric}, which {self.method} does not report at the end of a round"
+                f"`until` names {metric}, which {self.method} does not report at the end of a round"
                 + (f"; it reports {names}" if names else "; take a method or a learner that shares a model")
             )
 
@@ -216,7 +216,7 @@ class Plan:
             name = getattr(self.given.federation, key)
             if name is not None and plugins.load("coding", name).bits > widest:  # type: ignore[attr-defined]
                 raise BadInput(
-                    f"scenario: `federation.{key}` {name} is wider than a float of the radio, `radio.bits_per_float` "
+                    f"`federation.{key}` {name} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{widest}; take a narrower payload or a wider float"
                 )
 
@@ -226,7 +226,7 @@ class Plan:
         rule, threshold = federation.aggregation, federation.upload_threshold
         if threshold and not getattr(plugins.load("aggregator", rule), "bears_silence", True):
             raise BadInput(
-                f"scenario: `federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models "
+                f"`federation.upload_threshold` is {threshold}, but with the rule {rule} UAVs whose models "
                 "have settled would be silent, so that false uploads could be a majority; take fedavg, or 0"
             )
 
@@ -239,17 +239,16 @@ class Plan:
         channel: Any = plugins.load("channel", name)
         if scenario.radios and not channel.own_radios:
             raise BadInput(
-                f"scenario: there are `[[radios]]`, and the channel {name} has one radio for all; remove them, or take "
+                f"there are `[[radios]]`, and the channel {name} has one radio for all; remove them, or take "
                 "the channel link-budget"
             )
         if has_noise and not channel.hears_noise:
             raise BadInput(
-                f"scenario: `faults` has noise, which the channel {name} does not hear; take jam, or the channel "
-                "link-budget"
+                f"`faults` has noise, which the channel {name} does not hear; take jam, or the channel link-budget"
             )
         if not scenario.stations:
             return
-        about = f"scenario: there are `[[stations]]`, and the channel {scenario.radio.model}"
+        about = f"there are `[[stations]]`, and the channel {scenario.radio.model}"
         if not channel.bears_stations():
             raise BadInput(
                 f"{about} has a `carry` that knows UAVs only; remove them, or let the channel declare `stations = True`"
@@ -265,7 +264,7 @@ class Plan:
             plugins.load("topology", topology), "bears_station", False
         ):
             raise BadInput(
-                f"scenario: `federation.station` is {scenario.federation.station}, and the topology {topology} has its "
+                f"`federation.station` is {scenario.federation.station}, and the topology {topology} has its "
                 "leader aboard a UAV; remove that key, or take the topology leader"
             )
 
@@ -279,7 +278,7 @@ class Plan:
         if largest > limit * (1.0 + 1e-9):
             least = math.ceil(self.period_ticks * largest / limit * (1.0 - 1e-9))
             raise BadInput(
-                f"scenario: `radio.duty_max` is {limit:g}, and {name_of(self.scenario, node)} would send models for "
+                f"`radio.duty_max` is {limit:g}, and {name_of(self.scenario, node)} would send models for "
                 f"{100 * largest:.4g} % of the time; set `federation.period` to {least} at least, or shorten the models"
             )
 
@@ -288,7 +287,7 @@ class Plan:
         kind = plugins.load("topology", name)
         if federation.clusters > 1 and not getattr(kind, "bears_clusters", True):
             raise BadInput(
-                f"scenario: `federation.clusters` is {federation.clusters}, but `federation.topology` is {name}; "
+                f"`federation.clusters` is {federation.clusters}, but `federation.topology` is {name}; "
                 "set only one of them"
             )
         if name == LEADER and not self.declared.is_federated:
@@ -313,7 +312,7 @@ class Plan:
         """Validates that the topology has clusters, if each of them is to have a band."""
         if self.scenario.radio.bands == "cluster" and all(hop.bands is None for hop in self.hops):
             raise BadInput(
-                f"scenario: `radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
+                f"`radio.bands` is cluster, but topology {topology_of(self.scenario)} has no clusters; set "
                 "`federation.clusters`, or take `radio.bands` one"
             )
 
@@ -323,14 +322,17 @@ def _shown_by(model: str) -> tuple[str, ...]:
     return column_names(f"vehicle {model!r}: `columns`", getattr(plugins.load("vehicle", model), "columns", ()))
 
 
-def plan_of(scenario: Scenario) -> Plan:
-    """The plan of a scenario, made when it is first asked for.
+def plan_of(scenario: Scenario, where: str = "scenario") -> Plan:
+    """The plan of a scenario, made when it is first asked for. `where`: source of the scenario, for an error.
 
     Raises:
         BadInput: see `Plan`.
     """
     plan: Plan | None = vars(scenario).get(_PLAN)
-    return plan or Plan(scenario)
+    try:
+        return plan or Plan(scenario)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error
 
 
 def topology_of(scenario: Scenario) -> str:
@@ -373,7 +375,7 @@ def _with_starts(scenario: Scenario) -> Scenario:
     """
     if scenario.vehicle.file is not None and (own := [one.name for one in scenario.groups if one.vehicle is not None]):
         raise BadInput(
-            f"scenario: the vehicle of all UAVs reads its movement from a file, and group {own[0]!r} has a vehicle of "
+            f"the vehicle of all UAVs reads its movement from a file, and group {own[0]!r} has a vehicle of "
             "its own; leave out one of them, or let the groups read files of their own"
         )
     scenario = _resolved_vehicle(scenario)

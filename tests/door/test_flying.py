@@ -111,6 +111,8 @@ OUT = {"out": "runs"}
         (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
         (lambda: mf.fly("paper", record=True), "out="),
         (lambda: mf.fly("nowhere.toml", **OUT), "nowhere.toml"),
+        (lambda: mf.fly("patrol", method="offline", **OUT), "patrol: `energy.battery_J` sends UAVs home"),
+        (lambda: mf.fly("patrol", learner="nowhere.py", **OUT), "--learner nowhere.py: No such file"),
         (lambda: mf.Stepped("paper", record=True), "record=True"),
         (lambda: mf.compare([], seeds=2, **FEW), "name a controller"),
         (lambda: mf.compare(["mfg"], seeds=0, **FEW), "seeds: 0; give how many"),
