@@ -9,6 +9,7 @@ from meanflock.studies.swept import refuse_method
 from meanflock.swarm import paths, plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
+from meanflock.worldsim.vehicles.flown import FlownVehicles
 
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned", covariant=True)
@@ -42,8 +43,10 @@ def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
         plugins.load_files([given] if isinstance(given, str | Path) else given)
 
 
-def learner_named(given: str | Path | type) -> str:
+def learner_named(given: str | Path | type, option: str = "--learner") -> str:
     """Name of a learner, given as its name, its class or the file that has it; class or file are then registered.
+
+    `option`: the option that names it, for an error.
 
     Raises:
         BadInput: it cannot be used, or the file has no learner, or several.
@@ -52,16 +55,16 @@ def learner_named(given: str | Path | type) -> str:
         return plugins.register(given).name
     if Path(given).suffix != ".py":
         return plugins.find("learner", str(given)).name
-    plugins.load_files([given], "--learner")
+    plugins.load_files([given], option)
     path = str(paths.given(paths.given(given).resolve()))
     found = [plugin.name for plugin in plugins.installed() if (plugin.kind, plugin.source) == ("learner", path)]
     if len(found) == 1:
         return found[0]
     if not found:
         raise BadInput(
-            f"--learner {given}: no learner in it; derive a class from meanflock.Learner and give it a `name`"
+            f"{option} {given}: no learner in it; derive a class from meanflock.Learner and give it a `name`"
         )
-    raise BadInput(f"--learner {given}: several learners, {' and '.join(found)}; use --plugin, and --learner NAME")
+    raise BadInput(f"{option} {given}: several learners, {' and '.join(found)}; use --plugin, and {option} NAME")
 
 
 def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, Any], **options: Any) -> Scenario:
@@ -81,6 +84,19 @@ def scenario_of(scenario: str | Path | Scenario | None, settings: Mapping[str, A
         flown = Scenario(**given) if scenario is None else Scenario.load(scenario, **given)
     if "method" in given:
         refuse_method(flown)
-    where = "scenario" if isinstance(scenario, Scenario | None) else str(scenario)
-    plan_of(flown, where)  # whoever cannot fly it hears of it now
+    check_flyable(flown, "scenario" if isinstance(scenario, Scenario | None) else str(scenario))
     return flown
+
+
+def check_flyable(flown: Scenario, where: str) -> None:
+    """Make the plan and the vehicles of a scenario, and the options of its rule. `where`: source of the scenario.
+
+    Raises:
+        BadInput: the scenario cannot be flown here; the message begins with its source.
+    """
+    given = plan_of(flown, where).given
+    try:
+        plugins.options_of("aggregator", given.federation.aggregation, given.federation.options)
+        FlownVehicles(given)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error

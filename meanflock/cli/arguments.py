@@ -222,7 +222,7 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     Raises:
         BadInput: a scenario that cannot be flown here, or a key that is set both by a flag and by `--set`.
     """
-    from meanflock.federation.plan import plan_of
+    from meanflock.settings import check_flyable
     from meanflock.studies.swept import refuse_method, refuse_setting
     from meanflock.swarm import scenario
 
@@ -232,7 +232,7 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
     flown = scenario.load(file, settings, **options)
     if options.get("method") is not None or "method" in (setting.partition("=")[0].strip() for setting in settings):
         refuse_method(flown)
-    plan_of(flown, str(file or "scenario"))  # whoever cannot fly it hears of it now
+    check_flyable(flown, str(file or "scenario"))
     return flown
 
 

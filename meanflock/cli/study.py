@@ -140,7 +140,7 @@ def sweep(
 
     with redirect_stdout(sys.stderr):  # what plug-ins print is not what the command says
         given_keys = Grid.parse(swept)
-        grid = given_keys.with_learners([learner_named(learner) for learner in names(learners)])
+        grid = given_keys.with_learners([learner_named(learner, "--learners") for learner in names(learners)])
     of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
     for varied in grid.keys:
         varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)

@@ -11,7 +11,7 @@ import pyarrow as pa
 from msgspec import Meta, field
 
 from meanflock.results.event_log import past_events
-from meanflock.results.run_folder import EVENTS, SCENARIO, SUMMARY, check_flown, unreadable
+from meanflock.results.run_folder import EVENTS, SCENARIO, SUMMARY, check_flown, check_uavs, unreadable
 from meanflock.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
@@ -110,8 +110,7 @@ class FlightSoFar:
         left = self._events
         try:
             for rows in self._series.pieces(max(1, _PIECE_STATES // self.scenario.uavs)):
-                if len(rows["x_m"][0]) != self.scenario.uavs:
-                    raise OSError(f"it has {len(rows['x_m'][0])} UAVs, and the scenario {self.scenario.uavs}")
+                check_uavs(self._path, rows, self.scenario.uavs)
                 done += len(rows)
                 last = rows["tick"][-1].as_py()
                 now = [event for event in left if event.tick <= last or done == self.ticks]

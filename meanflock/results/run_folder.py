@@ -385,6 +385,16 @@ def check_flown(path: Path, ticks: int) -> None:
         raise BadInput(f"{path}: nothing was flown; name the folder of a run that took off")
 
 
+def check_uavs(path: Path, rows: pa.Table, uavs: int) -> None:
+    """Check that the rows of a time series have the UAVs of the scenario beside it.
+
+    Raises:
+        BadInput: they have others.
+    """
+    if (found := len(rows["x_m"][0])) != uavs:
+        raise unreadable(path, OSError(f"it has {found} UAVs, and the scenario {uavs}"))
+
+
 def read_checkpoint(folder: Path) -> dict[str, Any]:
     """The last checkpoint of a run: `tick`, `block`, `events_bytes` and the world's own `body`.
 

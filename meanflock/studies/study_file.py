@@ -175,12 +175,15 @@ def read(path: Path) -> StudyRecord:
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; name the {STUDY_FILE} of a study, in the folder of --out") from error
     try:
-        flown_by = json.loads(raw).get("meanflock", __version__)
+        table = json.loads(raw)
+        if not isinstance(table, dict):
+            raise ValueError("not the record of a study")
+        flown_by = table.get("meanflock", __version__)
         if flown_by == __version__:
             record = msgspec.json.decode(raw, type=StudyRecord)
             _check(record)
             return record
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise BadInput(f"{path}: damaged: {error}; repeat the command of the study, which writes it anew") from error
     raise BadInput(
         f"{path}: flown with meanflock {flown_by}, and this is {__version__}, whose flights may differ; install that "

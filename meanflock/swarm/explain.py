@@ -35,6 +35,8 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", re
         meant = ".".join(filter(None, (where, _meant(root, place, unknown[1]))))
         meant = f"; did you mean `{meant}`?" if meant != where else ""
         return f"{prefix}there is no key `{unknown[1]}`{meant}; {remedy}"
+    if lacks := re.search(r"missing required field (`.*`)", text):
+        return f"{prefix}it lacks the key {lacks[1]}; add it; {remedy}"
     if text.startswith("Invalid "):
         choices = _choices(root, place)
         return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {remedy}"

@@ -82,6 +82,16 @@ LINES: list[tuple[tuple[str, ...], str]] = [
         "error: patrol: `energy.battery_J` sends UAVs home, and controller 'off",
     ),
     (("run", "patrol", "--set", "energy.battery_J=0.1"), "error: patrol: `energy.battery_J` 0.1 J leaves a reserve of"),
+    (("run", "unnamed.toml"), "error: unnamed.toml: groups[0]: it lacks the key `name`; add it"),
+    (
+        ("run", "--radio", "flat.toml"),
+        "error: --radio flat.toml: `start` is 5, and must be a table; write it as [start]",
+    ),
+    (("run", "--radio", "none.toml"), "error: --radio none.toml: No such file or directory; give a readable scenario"),
+    (("run", "swap", "--set", "vehicle.options.mas=3"), "error: swap: vehicle.options: there is no key `mas`"),
+    (("run", "swap", "--set", "federation.options.x=3"), "error: swap: federation.options: there is no key `x`"),
+    (("sweep", "vehicle.model=point-mass,trace"), "error: scenario: vehicle 'trace': it needs a file"),
+    (("sweep", "uavs=2,3", "--learners", "none.py"), "error: --learners none.py: No such file or directory"),
     (("run", "--uavs", "90000"), "GiB for 90000 UAVs in "),
     (("run", "--uavs", "90000", "--in-process", "--method", "hjb"), "GiB for 90000 UAVs in "),
     (("run", "--uavs", "90000", "--in-process", *TO_ALL), "GiB for 90000 UAVs in one process"),
@@ -95,6 +105,8 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("diff", "old", "none"), "old: no run"),
     (("plot", "."), "name the folder of a run"),
     (("plot", "hurt"), "hurt/timeseries.parquet: damaged: "),
+    (("plot", "edited"), "edited/timeseries.parquet: it has 2 UAVs, and the scenario 5; bring the file back"),
+    (("study", "rerun", "list.json"), "list.json: damaged: not the record of a study"),
     (("plot", "lacking"), "fly the run again with `meanflock run lacking/scenario.toml`"),
     (("plot", "run", "--per", "tick"), "--csv"),
     (("view", "."), "recording"),
@@ -135,18 +147,23 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("prepared")
     (folder / "bad.toml").write_text("uavs = = 3")
     (folder / "near.toml").write_text("uavs = 2\nduration = 2.0\n")
+    (folder / "list.json").write_text("[]")
+    (folder / "flat.toml").write_text("start = 5")
+    (folder / "unnamed.toml").write_text("[[groups]]\ncount = 25")
     (folder / "ideal.toml").write_text("uavs = 2\n[radio]\nmodel = 'ideal'\n")
     (folder / "old").mkdir()
     (folder / "old" / "code.txt").write_text("0.0.9+abc\n")
     line = ("run", "--in-process", "--quiet", "--uavs", "2", "--duration", "2", "--out", str(folder / "runs"))
     assert main([*line]) == EXIT_DONE
     (flown,) = (folder / "runs").iterdir()
-    for name in ("run", "hurt", "lacking"):
+    for name in ("run", "hurt", "lacking", "edited"):
         shutil.copytree(flown, folder / name)
     rows = bytearray((folder / "hurt" / "timeseries.parquet").read_bytes())
     rows[len(rows) // 3] ^= 1
     (folder / "hurt" / "timeseries.parquet").write_bytes(rows)
     (folder / "lacking" / "timeseries.parquet").unlink()
+    scenario = folder / "edited" / "scenario.toml"
+    scenario.write_text(scenario.read_text().replace("uavs = 2", "uavs = 5"))
     return folder
 
 

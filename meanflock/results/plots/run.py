@@ -22,8 +22,9 @@ from meanflock.results.plots import plotstyle
 from meanflock.results.plots.curves import MAX_POINTS, plot_curves
 from meanflock.results.plots.run_picture import RunPicture, parts_of
 from meanflock.results.quantities import FIELDS, PHI_G, POSITION
-from meanflock.results.run_folder import EVENTS, flown_rows
+from meanflock.results.run_folder import EVENTS, check_uavs, flown_rows
 from meanflock.results.series import diagnostics_in, dimensions_in, per_uav
+from meanflock.results.timeseries_file import TIMESERIES
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Obstacle, Scenario
 
@@ -41,9 +42,12 @@ def stored(folder: Path, columns: list[str] | None = None) -> RunPicture:
     """The run in `folder`, with some columns of its time series, or all.
 
     Raises:
-        BadInput: no run there, or one that never wrote a row.
+        BadInput: no run there, one that never wrote a row, or one of other UAVs than its scenario.
     """
-    return RunPicture(flown_rows(folder, columns), flown_keys(folder), _events(folder / EVENTS))
+    rows, flown = flown_rows(folder, columns), flown_keys(folder)
+    if flown.method:
+        check_uavs(folder / TIMESERIES, rows, flown.uavs)
+    return RunPicture(rows, flown, _events(folder / EVENTS))
 
 
 def plot_run(folder: Path) -> dict[str, Figure]:
