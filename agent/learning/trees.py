@@ -138,7 +138,8 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
         value = (value.float() if str(value.dtype) == "torch.bfloat16" else value).numpy()
     if not isinstance(value, np.ndarray | np.generic | float | int):
         if not hasattr(value, "__array__"):
-            raise BadInput(f"{name!r} is a {type(value).__name__}; expected an array of NumPy or torch")
+            what = repr(name) if name else "the model"
+            raise BadInput(f"{what} is a {type(value).__name__}; expected an array of NumPy or torch")
         value = np.asarray(value)
     array = np.asarray(value)
     return array.astype(np.float32) if array.dtype.name == "bfloat16" else array

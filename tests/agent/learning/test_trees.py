@@ -47,6 +47,7 @@ def test_means_of_whole_numbers_are_rounded() -> None:
     [
         ({"w": np.zeros(2, np.complex64)}, "send", (), "'w' is of complex64; expected floats, integers or booleans"),
         ({"w": np.array(["a"])}, "send", (), "'w' is of <U1"),
+        (None, "send", (), "the model is a NoneType; expected an array of NumPy or torch"),
         ({"w": "text"}, "send", (), "'w' is a str; expected an array of NumPy or torch"),
         ({"w": None}, "send", (), "'w' is a NoneType"),
         ({"w": np.zeros(1), "n": np.array([2**24])}, "send", (), "'n' has a number of 2\\*\\*24 or more"),
