@@ -93,7 +93,7 @@ class NeighbourStates:
         """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
         rows, everyone = len(uavs), len(plan)
         remembered = self._predict.keep(plan, np.arange(everyone), 0)
-        if self._silent is not None:
+        if self._silent.any():
             remembered = np.where(self._silent[:, None], self._nowhere, remembered)
         return {
             "neighbour_uav": uavs.astype(np.int32),
@@ -167,17 +167,15 @@ class NeighbourStates:
         return memory["neighbour_unsent"][:, None].astype(np.float64)
 
     @cached_property
-    def _silent(self) -> Mask | None:
-        """Mask (N,) of the UAVs that never send a state; None if all do. No controller may ask while it is made."""
-        return None if self._all_share else _silent_uavs(self._scenario)
+    def _silent(self) -> Mask:
+        """Mask (N,) of the UAVs that never send a state. No controller may ask while it is made."""
+        return np.zeros(self._scenario.uavs, dtype=bool) if self._all_share else _silent_uavs(self._scenario)
 
     @cached_property
     def _joins(self) -> frozenset[int]:
         """Ticks in which a group of UAVs that share their states joins a flight that has begun."""
-        late = (ticks := mission.joins(self._scenario)) > 0
-        if late.any() and self._silent is not None:
-            late &= ~self._silent
-        return frozenset(ticks[late].tolist())
+        ticks = mission.joins(self._scenario)
+        return frozenset(ticks[~self._silent].tolist()) - {0}
 
     def _own(self, memory: Memory, tick: int) -> States:
         """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
@@ -204,7 +202,7 @@ class NeighbourStates:
 def _silent_uavs(scenario: Scenario) -> Mask:
     """Mask (N,) of the UAVs that never send a state: those of groups whose controllers share none.
 
-    It makes these controllers, because their options may decide it; so none of them may ask it while it is made.
+    It makes these controllers, because their options may decide it. So no controller may call it in its constructor.
     """
     silent = np.zeros(scenario.uavs, dtype=bool)
     asked: list[tuple[str, dict[str, Any], bool]] = []  # methods, their options, and whether they share states
