@@ -40,7 +40,7 @@ def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
         BadInput: a file cannot be used.
     """
     if given is not None:
-        plugins.load_files([given] if isinstance(given, str | Path) else given)
+        plugins.load_files(given if isinstance(given, Sequence) and not isinstance(given, str) else [given])
 
 
 def learner_named(given: str | Path | type, option: str = "--learner") -> str:
@@ -53,16 +53,19 @@ def learner_named(given: str | Path | type, option: str = "--learner") -> str:
     """
     if isinstance(given, type):
         return plugins.register(given).name
-    if Path(given).suffix != ".py":
+    if paths.given(given).suffix != ".py":
         return plugins.find("learner", str(given)).name
     plugins.load_files([given], option)
     path = str(paths.given(paths.given(given).resolve()))
-    found = [plugin.name for plugin in plugins.installed() if (plugin.kind, plugin.source) == ("learner", path)]
+    of_file = [plugin for plugin in plugins.installed() if plugin.source == path]
+    found = [plugin.name for plugin in of_file if plugin.kind == "learner"]
     if len(found) == 1:
         return found[0]
     if not found:
+        others = " and ".join(f"{plugin.kind} {plugin.name!r}" for plugin in of_file)
         raise BadInput(
-            f"{option} {given}: no learner in it; derive a class from meanflock.Learner and give it a `name`"
+            f"{option} {given}: no learner in it, but {others}; load it with --plugin, or derive a class from "
+            "meanflock.Learner and give it a `name`"
         )
     raise BadInput(f"{option} {given}: several learners, {' and '.join(found)}; use --plugin, and {option} NAME")
 

@@ -37,7 +37,7 @@ def test_a_file_or_a_name(run: Any, tmp_path: Path) -> None:
         (("--learner", "nowhere.py"), "error: --learner nowhere.py: No such file"),
         (
             ("--learner", str(ROOT / "examples" / "spring.py")),
-            "no learner in it; derive a class",
+            "no learner in it, but controller 'spring'; load it with --plugin, or derive a class",
         ),
         (("--learner", str(LINES), "--set", "training.learner=none"), "training.learner"),
         (("--learner", str(LINES), "--set", "training.options.rate='a'"), "training.options.rate"),
