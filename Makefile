@@ -135,8 +135,9 @@ else "$$python" -m venv --clear --without-pip $(1); "$$python" -m pip --python $
 endef
 
 # $(call install,EXTRA): make the environment if there is none, then install this checkout into it. Type checkers do not
-# find an editable install, so a .pth file names a folder with nothing but a link to meanflock/. The bytecode is made
-# here: where PYTHONDONTWRITEBYTECODE is set, every process of a swarm would compile it for itself, each time.
+# find an editable install, so a .pth file names a folder with nothing but a link to meanflock/. Bytecode of what flights
+# and studies import is made here: where PYTHONDONTWRITEBYTECODE is set, every process would compile it for itself, each
+# time. To compile all packages, as pip does, takes half of the installation.
 define install
 @set -eu; \
 if ! { $(in_place); }; then \
@@ -144,11 +145,12 @@ if ! { $(in_place); }; then \
 	echo "Setting up $(VENV) with $$("$$python" --version): once, about a minute"; \
 	$(call make_venv,$(VENV)); \
 fi; \
-$(BIN)/python -m pip install -qq -c constraints.txt -e '.[$(1)]'; \
+$(BIN)/python -m pip install -qq --no-compile -c constraints.txt -e '.[$(1)]'; \
 mkdir -p $(VENV)/checkout; \
 ln -sfn ../../meanflock $(VENV)/checkout/meanflock; \
 echo "$$(pwd -P)/$(VENV)/checkout" > "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/checkout.pth"; \
 $(BIN)/python -m compileall -q meanflock $$(find meanflock -type l -exec readlink -f {} +); \
+PYTHONDONTWRITEBYTECODE= $(BIN)/python -c 'import meanflock.cli.study_results, meanflock.launch.progress, meanflock.launch.run, meanflock.recording.recorder, meanflock.results.plots.run, meanflock.studies.runner'; \
 pwd -P > $(VENV)/.home
 endef
 
