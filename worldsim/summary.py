@@ -90,7 +90,7 @@ def group_summary(world: World) -> dict[str, Any] | None:
             "phi_A": measured.phi_a(number),
             "collisions": _with_any_of(rows, flight.encounters.collided),
             "collisions_all": _with_any_of(rows, flight.encounters.touched),
-            "closest_approach_m": measured.closest_approach_m(number),
+            "closest_approach_m": measured.closest_approaches_m[number],
             "obstacle_hits": int(np.count_nonzero(flight.encounters.hit[rows])),
             "airtime_s": float(meter.loads[0][rows].sum() * meter.radio.coherence_time_s),
             "payload_bits": _named(bills.until(number, arrival=False)),

@@ -25,6 +25,7 @@ from meanflock.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY,
 from meanflock.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
@@ -45,6 +46,21 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
     assert steady(resumed(folder)) == steady(undisturbed)
     assert ticks_of(folder) == list(range(351))
     assert [e["tick"] for e in events(folder) if e["kind"] == "resumed"] == [101, 201, 301]
+
+
+def test_a_run_is_resumed_before_a_group_has_two_uavs_in_the_air(tmp_path: Path) -> None:
+    groups = [
+        {"name": "most", "count": 3},
+        {"name": "single", "count": 1},
+        {"name": "late", "count": 2, "joins_at_s": 20.0},
+    ]
+    flown = Scenario(uavs=6, duration=30.0, groups=groups)
+    whole = flight(tmp_path / "whole", flown)
+    folder = dead(tmp_path / "dead", flown, 130)
+    assert steady(resumed(folder)) == steady(whole)
+    closest = {name: group["closest_approach_m"] for name, group in whole["groups"].items()}
+    assert closest["single"] is None
+    assert None not in (closest["most"], closest["late"])
 
 
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undisturbed, tmp_path, monkeypatch) -> None:
