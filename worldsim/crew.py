@@ -12,6 +12,7 @@ from meanflock.agent.node import Agent
 from meanflock.federation.mailbox import links_of, mail_for, picked
 from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
+from meanflock.swarm import mission
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.events import (
     FlightEvent,
@@ -172,7 +173,7 @@ class LocalCrew:
         part = max(1, -(-size // self._threads))
         self._plan = plan
         self._encoded = scenarios.encode(plan.node_scenario)
-        self._starts = world.flight.states.astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self._starts = mission.starts(scenario).astype(FLOAT_OF_BITS[scenario.radio.bits_per_float])
         agents: list[tuple[int, str, Agent]] = []  # first UAV, name of the node, agent
         for group in plan.groups:
             for first in range(0, len(group.uavs), size):

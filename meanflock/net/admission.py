@@ -15,7 +15,7 @@ from meanflock.net.limits import JOIN_BYTES, RECEIVED_BYTES, Limits
 from meanflock.net.members import LEADER, JoinRefused, Member, Members
 from meanflock.net.outbox import Outbox
 from meanflock.net.tick import TYPES
-from meanflock.swarm import scenario
+from meanflock.swarm import mission, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.events import (
     FlightEvent,
@@ -103,7 +103,7 @@ class Admission:
         self._received = keys.received(run)
         self._scenario = scenario
         self._known = world.plan.node_scenario
-        self._starts = world.flight.states.astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+        self._starts = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
         self._plugins = plugins_of(scenario)
         self._world = world
         self._barrier = barrier

@@ -48,19 +48,20 @@ def test_a_run_can_die_and_be_resumed_again_and_again(undisturbed: dict[str, Any
     assert [e["tick"] for e in events(folder) if e["kind"] == "resumed"] == [101, 201, 301]
 
 
-def test_a_run_is_resumed_before_a_group_has_two_uavs_in_the_air(tmp_path: Path) -> None:
-    groups = [
-        {"name": "most", "count": 3},
-        {"name": "single", "count": 1},
-        {"name": "late", "count": 2, "joins_at_s": 20.0},
-    ]
-    flown = Scenario(uavs=6, duration=30.0, groups=groups)
+GROUPS: list[dict[str, Any]] = [
+    {"name": "most", "count": 3, "method": "orca"},
+    {"name": "single", "count": 1},
+    {"name": "late", "count": 2, "method": "vasarhelyi", "joins_at_s": 20.0},
+]
+
+
+@pytest.mark.parametrize("kind", ["none", "ecbf"])
+def test_a_run_is_resumed_before_a_group_joins_and_though_one_has_a_single_uav(kind: str, tmp_path: Path) -> None:
+    flown = Scenario(uavs=6, duration=30.0, federation={"leader": 3}, filter={"kind": kind}, groups=GROUPS)
     whole = flight(tmp_path / "whole", flown)
     folder = dead(tmp_path / "dead", flown, 130)
     assert steady(resumed(folder)) == steady(whole)
-    closest = {name: group["closest_approach_m"] for name, group in whole["groups"].items()}
-    assert closest["single"] is None
-    assert None not in (closest["most"], closest["late"])
+    assert [group["closest_approach_m"] is None for group in whole["groups"].values()] == [False, True, False]
 
 
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undisturbed, tmp_path, monkeypatch) -> None:
