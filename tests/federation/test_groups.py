@@ -176,6 +176,22 @@ def test_uavs_that_share_their_states_send_them_when_a_group_that_hears_them_joi
     assert bool(heard) is hears
 
 
+@pytest.mark.parametrize("keys", [{"method": "vasarhelyi"}, {"method": "cruise", "filter": {"kind": "ecbf"}}])
+@pytest.mark.parametrize("away", [{"joins_at_s": 39.0}, {"leaves_at_s": 0.1}], ids=["waits", "landed"])
+def test_a_uav_does_not_avoid_uavs_that_wait_on_the_ground_or_landed(
+    away: dict[str, Any], keys: dict[str, Any]
+) -> None:
+    def flown(place: list[float]) -> np.ndarray:
+        """Of a UAV that flies from (−40, 0) to (40, 0), beside one at a place on the ground."""
+        courier = {"name": "courier", "count": 1, "start": {"positions": [[-40.0, 0.0]]}}
+        goal = {"destination": {"positions": [[40.0, 0.0]]}}
+        other = {"name": "other", "count": 1, "start": {"positions": [place]}, **away}
+        rows = rows_of(Scenario(uavs=2, duration=40.0, stop="duration", groups=[courier | goal, other], **keys))
+        return np.stack([row.states[0] for row in rows])
+
+    np.testing.assert_array_equal(flown([0.5, 0.2]), flown([0.5, 70.0]))
+
+
 def test_columns_of_the_filter_are_those_of_no_controller() -> None:
     plan = plan_of(Scenario(**SIDE_BY_SIDE, filter={"kind": "ecbf"}))
     couriers, learners = plan.groups

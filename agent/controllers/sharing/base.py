@@ -85,19 +85,26 @@ class NeighbourStates:
         self._nowhere = state.at_rest(np.full(scenario.dimensions, FAR_M))
         self._predict = ConstantVelocity(scenario.dt) if predict is None else predict
         self._plausible = plausible(scenario)
+        self._leaves = mission.leaves(scenario)
+        self._first_leaves = int(self._leaves.min())
         halfway = 0.5 * (state.position(mission.starts(scenario)) + mission.goals(scenario))
         self._origin = state.at_rest(halfway)  # of the numbers that a UAV sends
         self._silence = Broadcast(np.zeros((0, self.numbers), dtype=np.int16), np.zeros(0, dtype=np.intp))
 
     def init(self, uavs: NDArray[np.intp], plan: States) -> Memory:
-        """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4)."""
+        """The memory of rows with numbers (M,) at take-off, with the states of the mission plan (N, 4).
+
+        Of the plan a row knows the UAVs that share their states and join the flight in the tick in which it does.
+        """
         rows, everyone = len(uavs), len(plan)
-        remembered = self._predict.keep(plan, np.arange(everyone), 0)
-        if self._silent.any():
-            remembered = np.where(self._silent[:, None], self._nowhere, remembered)
+        remembered = np.repeat(self._predict.keep(plan, np.arange(everyone), 0).T[None], rows, axis=0)
+        joins = mission.joins(self._scenario)
+        known = (joins == joins[uavs][:, None]) & ~self._silent
+        if not known.all():
+            remembered = np.where(known[:, None], remembered, self._nowhere[:, None])
         return {
             "neighbour_uav": uavs.astype(np.int32),
-            "neighbour_remembered": np.repeat(remembered.T[None], rows, axis=0),  # (M, 4, N)
+            "neighbour_remembered": remembered,  # (M, 4, N)
             "neighbour_tick": np.zeros((rows, everyone), dtype=np.int32),  # of sending
             "neighbour_repeats": np.zeros(
                 rows, dtype=np.int32
@@ -130,13 +137,16 @@ class NeighbourStates:
     def states(self, memory: Memory, tick: int) -> States:
         """Predicted states of all UAVs in a tick, for each row: (M, N, 4), a view whose columns are contiguous.
 
-        A row's own state is the prediction of its last broadcast. A forgotten UAV is `FAR_M` away, at rest.
+        A row's own state is the prediction of its last broadcast. A UAV that is forgotten, or whose group has left the
+        flight, is `FAR_M` away, at rest.
         """
         age = tick - memory["neighbour_tick"]
         now = self._predict.now(memory["neighbour_remembered"], age, slice(None), tick)
         states: States = np.swapaxes(now, 1, 2)
         if self._forget is not None and (forgotten := age > self._forget).any():
             states[forgotten] = self._nowhere
+        if tick >= self._first_leaves:
+            states[:, self._leaves <= tick] = self._nowhere
         return states
 
     def broadcast_states(self, memory: Memory, tick: int, own: States) -> tuple[Memory, Broadcast]:
