@@ -27,7 +27,8 @@ class Fare:
     def __init__(self, scenario: Scenario, time_price_w: float) -> None:
         """`time_price_w`: μ, cost of a second in addition to the energy, J."""
         self._vehicle, self._price = scenario.vehicle, time_price_w
-        self._through_air = scenario.vehicle.power_speed == "air"
+        through_air = scenario.vehicle.power_speed == "air"
+        self._in_any_wind = None if through_air else self._least(np.zeros(1), np.zeros(1))
 
     def best(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
         """The least cost, J/m, and the speed over ground, m/s, at which it is reached.
@@ -35,8 +36,12 @@ class Fare:
         Args:
             along, across: components of the wind in m/s, in the direction of flight and at right angles to it.
         """
-        if not self._through_air:
-            along, across = np.zeros_like(along), np.zeros_like(across)
+        if self._in_any_wind is None:
+            return self._least(along, across)
+        cost, speed = self._in_any_wind
+        return np.full(along.shape, cost), np.full(along.shape, speed)
+
+    def _least(self, along: Floats, across: Floats) -> tuple[Floats, Floats]:
         least, best = np.full(along.shape, np.inf), np.full(along.shape, SPEEDS_M_S[0])
         sideways = across * across
         for speed in SPEEDS_M_S:  # one by one, so that all arrays stay in the cache
