@@ -211,8 +211,8 @@ class PointSwarm:
         return [frames for frames in sent if frames is not None]
 
     def _fly(self, groups: Sequence[NDArray[np.intp]], afresh: bool, ticks: int) -> Trial:
-        """Fly with one instance for each group of UAVs. In the tick after a round the mean of all models arrives at the
-        UAVs that the radio of the first one reaches.
+        """Fly with one instance for all UAVs, or with one for each. In the tick after a round the mean of all models
+        arrives at the UAVs that the radio of the first one reaches.
         """
         instances = [self.make() for _ in groups]
         memories = [self.init(one, group) for one, group in zip(instances, groups, strict=True)]
@@ -231,7 +231,8 @@ class PointSwarm:
                 if mean is not None and len(reached):
                     models = np.repeat(mean[None], len(reached), axis=0)
                     memories[k] = self.set(instances[k], memories[k], reached, models, **remedies)
-                step = self.step(instances[k], memories[k], tick, own[group], _for(group, frames), **remedies)
+                received = tuple(frames) if len(groups) == 1 else received_by(frames, k)
+                step = self.step(instances[k], memories[k], tick, own[group], received, **remedies)
                 now[group] = self.checked(step, memories[k], len(group))
                 memories[k] = step.memory
                 for number, broadcast in enumerate(step.broadcasts):
@@ -239,9 +240,9 @@ class PointSwarm:
                     sent.setdefault(number, []).append((rows, np.array(broadcast.payload)))
             joined = [self._joined(number, sent[number]) for number in sorted(sent)]
             frames = [
-                received
+                batch
                 for number, (source, payload) in enumerate(joined)
-                if (received := self._frames(number, source, payload, self._arrives[tick])) is not None
+                if (batch := self._frames(number, source, payload, self._arrives[tick])) is not None
             ]
             mean = None
             if self._period and tick and tick % self._period == 0:
@@ -285,18 +286,6 @@ class PointSwarm:
         reaches = arrives[source] & (source[:, None] != self.uavs)
         links = np.stack(np.nonzero(reaches), axis=-1)
         return Received(number, source, payload, links) if len(links) else None
-
-
-def _for(group: NDArray[np.intp], frames: Sequence[Received]) -> tuple[Received, ...]:
-    """Frames that the UAVs of a group receive, with links to its rows."""
-    own: list[Received] = []
-    for batch in frames:
-        mine = batch.links[np.isin(batch.links[:, 1], group)]
-        if len(mine):
-            links = np.stack([mine[:, 0], np.searchsorted(group, mine[:, 1])], axis=-1)
-            one = Received(batch.number, batch.source, batch.payload, links)
-            own += received_by((one,), 0) if len(group) == 1 else (one,)
-    return tuple(own)
 
 
 def _read_back(memory: Memory) -> Memory:
