@@ -1,5 +1,6 @@
 """Obstacles in space: ways that enter columns with a top and spheres, and controllers that fly round and over them."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -102,15 +103,23 @@ def test_cruise_hits_the_sphere_and_the_high_column() -> None:
 WALL = {"polygon": [(20.0, -6.0), (32.0, -6.0), (32.0, 5.0), (26.0, 1.0), (20.0, 5.0)]}
 
 
+def toward_the_wall(axes: int) -> dict[str, Any]:
+    keys: dict[str, Any] = {"uavs": 2, "start.positions": ((50.0, -0.5), (50.0, 8.0)), "seed": 3, "duration": 90.0}
+    return keys | {"start.height": 10.0, "space.dimensions": axes, "wind.sigma": 0.0, "vehicle.acceleration_max": 6.0}
+
+
+@cache
+def hits_of_cruise(axes: int, **height: float) -> int:
+    """Hits of a controller that sees no wall, one as high as given."""
+    run = mf.fly(Scenario(method="cruise", obstacles=[{**WALL, **height}], **toward_the_wall(axes)))
+    return run.summary["obstacle_hits"]
+
+
 @pytest.mark.parametrize("name", SUBJECTS)
 @pytest.mark.parametrize("axes", [2, 3])
 def test_controllers_and_filters_fly_round_a_polygon(name: str, axes: int) -> None:
-    keys: dict[str, Any] = {"uavs": 2, "start.positions": ((50.0, -0.5), (50.0, 8.0)), "seed": 3, "duration": 90.0}
-    keys |= {"start.height": 10.0, "space.dimensions": axes, "wind.sigma": 0.0, "vehicle.acceleration_max": 6.0}
-    blind = mf.fly(Scenario(method="cruise", obstacles=[WALL], **keys))
-    assert blind.summary["obstacle_hits"] == 2
-    run = mf.fly(Scenario(obstacles=[WALL], **keys, **SUBJECTS[name]))
+    assert hits_of_cruise(axes) == 2
+    run = mf.fly(Scenario(obstacles=[WALL], **toward_the_wall(axes), **SUBJECTS[name]))
     assert run.summary["obstacle_hits"] == 0
     if axes == 3:
-        low = [{**WALL, "height": 4.0}]
-        assert mf.fly(Scenario(method="cruise", obstacles=low, **keys)).summary["obstacle_hits"] == 0
+        assert hits_of_cruise(axes, height=4.0) == 0
