@@ -61,13 +61,17 @@ def test_pairs_at_rest_are_those_of_the_matrix(
 
 
 def closest_approaches(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """The least distance of all pairs on straight segments, N × N, in extended precision."""
+    """The least distance of all pairs on straight segments, in extended precision; N × N, infinite but above the
+    diagonal."""
     first, last = (state.position(states).astype(np.longdouble) for states in (before, after))
-    apart, moved = first[:, None] - first[None], (last - first)[:, None] - (last - first)[None]
+    one, other = np.triu_indices(len(first), 1)
+    apart, moved = first[one] - first[other], (last - first)[one] - (last - first)[other]
     length = (moved**2).sum(axis=-1)
     share = np.clip(-(apart * moved).sum(axis=-1) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
     at = apart + share[..., None] * moved
-    return np.sqrt((at**2).sum(axis=-1))
+    least = np.full((len(first), len(first)), np.inf, dtype=np.longdouble)
+    least[one, other] = np.sqrt((at**2).sum(axis=-1))
+    return least
 
 
 @both_forms
