@@ -115,8 +115,12 @@ def load(kind: PluginKind, name: str) -> type:
         BadInput: there is none, it cannot be imported, or it lacks a method.
     """
     plugin = find(kind, name)
-    if (kind, name) in registered:
-        return registered[kind, name][1]
+    return registered[kind, name][1] if (kind, name) in registered else _imported(plugin)
+
+
+@cache
+def _imported(plugin: Plugin) -> type:
+    """The class of a package; raises BadInput if it cannot be imported, or lacks a method."""
     module, _, attribute = plugin.reference.partition(":")
     try:
         with threads.pinned_torch():
@@ -124,10 +128,10 @@ def load(kind: PluginKind, name: str) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:
-        title = f"{kind} {name!r} of {plugin.source}"
+        title = f"{plugin.kind} {plugin.name!r} of {plugin.source}"
         ours = lacking(error, title) if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{title}: {last_line(error)}") from error
-    return checked(kind, name, found, plugin.source)
+    return checked(plugin.kind, plugin.name, found, plugin.source)
 
 
 def register(made: type) -> Plugin:
