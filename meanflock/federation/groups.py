@@ -56,8 +56,9 @@ def grouped(scenario: Scenario, declared: Declared | None) -> tuple[Scenario, De
     if not scenario.groups:
         alone = _declared(scenario) if declared is None else declared
         whole = _resolved(scenario, alone)
-        options: dict[str, Any] = scenario.controller | dict(alone.recorded)
-        whole = msgspec.structs.replace(whole, controller=options)
+        if alone.recorded:
+            options: dict[str, Any] = scenario.controller | dict(alone.recorded)
+            whole = msgspec.structs.replace(whole, controller=options)
         return whole, alone, (Group(np.arange(scenario.uavs), whole, alone, alone.is_federated),)
     if declared is not None:
         raise BadInput("there are `[[groups]]`, and one controller for all UAVs is given; remove the groups")
@@ -94,9 +95,7 @@ def _declared(scenario: Scenario) -> Declared:
 
 def _resolved(scenario: Scenario, declared: Declared) -> Scenario:
     """The scenario with the period of the controller and the payloads of the radio."""
-    whole = with_defaults(scenario)
-    federation = msgspec.structs.replace(whole.federation, period=scenario.federation.period or declared.period_ticks)
-    return msgspec.structs.replace(whole, federation=federation)
+    return with_defaults(scenario, period=scenario.federation.period or declared.period_ticks)
 
 
 def _taking_part(scenario: Scenario, each: Sequence[Declared]) -> list[bool]:

@@ -15,6 +15,7 @@ from meanflock.swarm.state import BEYOND_SENSE
 FOLDER = Path("scenarios")  # of the names that users give to the shipped files, in every working folder
 _SURROGATE = re.compile("[\ud800-\udfff]")  # stands for a byte that is not UTF-8
 _SHIPPED = Path(__file__).parent / "scenarios"
+_NESTED = (tuple, list, dict)  # as the options of a plug-in may be
 
 
 Point: TypeAlias = Annotated[
@@ -29,7 +30,8 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
-            for value in _flat(getattr(self, name)):
+            whole = getattr(self, name)
+            for value in _flat(whole) if isinstance(whole, _NESTED) else (whole,):
                 if isinstance(value, float) and not abs(value) < BEYOND_SENSE:  # false for NaN
                     raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {value}")
                 if isinstance(value, str) and _SURROGATE.search(value):
@@ -41,7 +43,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 def _flat(value: Any) -> Iterator[Any]:
-    if isinstance(value, tuple | list | dict):  # the options of a plug-in may be nested
+    if isinstance(value, _NESTED):
         for inner in value.values() if isinstance(value, dict) else value:
             yield from _flat(inner)
     else:

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
@@ -380,10 +381,8 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def sha256(self) -> str:
         """Hash of the resolved scenario; it does not depend on the form in which the scenario was written."""
-        # The default payloads depend on the radio's floats.
-        plain = with_defaults(Scenario(radio=tables.Radio(bits_per_float=self.radio.bits_per_float)))
         whole = self.resolved()
-        table, default = msgspec.to_builtins(whole), msgspec.to_builtins(plain)
+        table, default = msgspec.to_builtins(whole), _default_table(self.radio.bits_per_float)
         table["vehicle"]["options"] = msgspec.to_builtins(whole.vehicle.recorded)
         for plain_group, group in zip(table.get("groups", ()), whole.groups, strict=False):
             if group.vehicle is not None:
@@ -402,12 +401,25 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         return hashlib.sha256(msgspec.json.encode(table, order="sorted")).hexdigest()
 
 
-def with_defaults(scenario: Scenario) -> Scenario:
-    """The same scenario, with the codings of models and the scale of the features written out."""
-    payloads = {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
+@cache
+def _default_table(bits_per_float: Literal[16, 32, 64]) -> dict[str, Any]:
+    """The table of the scenario without any key but the floats of the radio, on which the default payloads depend."""
+    table: dict[str, Any] = msgspec.to_builtins(
+        with_defaults(Scenario(radio=tables.Radio(bits_per_float=bits_per_float)))
+    )
+    return table
+
+
+def with_defaults(scenario: Scenario, **federation: Any) -> Scenario:
+    """The same scenario, with the codings of models and the scale of the features written out.
+
+    Args:
+        federation: other keys of `[federation]`, and their values.
+    """
+    federation |= {"payload": scenario.upload_payload, "broadcast_payload": scenario.broadcast_payload}
     return msgspec.structs.replace(
         scenario,
-        federation=msgspec.structs.replace(scenario.federation, **payloads),
+        federation=msgspec.structs.replace(scenario.federation, **federation),
         learner=msgspec.structs.replace(scenario.learner, position_scale=scenario.position_scale_m),
     )
 
