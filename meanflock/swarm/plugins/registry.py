@@ -115,12 +115,8 @@ def load(kind: PluginKind, name: str) -> type:
         BadInput: there is none, it cannot be imported, or it lacks a method.
     """
     plugin = find(kind, name)
-    return registered[kind, name][1] if (kind, name) in registered else _imported(plugin)
-
-
-@cache
-def _imported(plugin: Plugin) -> type:
-    """The class of a package; raises BadInput if it cannot be imported, or lacks a method."""
+    if (kind, name) in registered:
+        return registered[kind, name][1]
     module, _, attribute = plugin.reference.partition(":")
     try:
         with threads.pinned_torch():
@@ -128,10 +124,10 @@ def _imported(plugin: Plugin) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:
-        title = f"{plugin.kind} {plugin.name!r} of {plugin.source}"
+        title = f"{kind} {name!r} of {plugin.source}"
         ours = lacking(error, title) if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{title}: {last_line(error)}") from error
-    return checked(plugin.kind, plugin.name, found, plugin.source)
+    return checked(kind, name, found, plugin.source)
 
 
 def register(made: type) -> Plugin:
