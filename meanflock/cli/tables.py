@@ -25,6 +25,8 @@ _LOOSE = (0, 1, 0, 0)  # space around a cell
 _GAP = 2  # columns between two cells, with that space
 _LONGEST = 12  # characters of a hash
 _WIDE = 1000  # columns: wider than any table
+_NARROWEST = 12  # columns of a text that folds
+_NAME = 16  # characters of a line of a name that is joined by `+`
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 MEANS = (
     "Means over {n} flight{s} each and all UAVs. Travel time: a UAV that never arrived counts with the duration{time}. "
@@ -185,7 +187,8 @@ def print_table(table: Table) -> None:
     """Print a table that is no wider than the terminal, or than 80 columns in a narrower one.
 
     A table that does not fit is set tightly: less space between columns, and headings in more lines. If it does not fit
-    then, its columns are divided into tables below each other, each with the columns of text that come first.
+    then, long names go on in another line after a `+`. At last its columns are divided into tables below each other,
+    each with the columns of text that come first.
     """
     width = max(WIDTH, Console().width)
     console = Console(width=width)
@@ -193,7 +196,9 @@ def print_table(table: Table) -> None:
         console.print(table.title, style="table.title", markup=False, highlight=False)
     whole = _columns_of(table, table.columns)
     tight = _columns_of(table, table.columns, is_tight=True)
-    parts = next(([one] for one in (whole, tight) if _least(one) <= width), None) or _parts(table, width)
+    folded = _with_folded_names(tight)
+    forms = (whole, tight, folded)
+    parts = next(([one] for one in forms if _least(one) <= width), None) or _parts(_with_folded_names(whole), width)
     for number, part in enumerate(parts):
         if number:
             console.print()
@@ -238,12 +243,35 @@ def _columns_of(table: Table, columns: Sequence[Column], *, is_tight: bool = Fal
     return found
 
 
+def _with_folded_names(table: Table) -> Table:
+    """The table with its names, texts without spaces that do not wrap, in lines that end with `+`."""
+    found = _columns_of(table, table.columns)
+    for column in found.columns:
+        if column.no_wrap and column.justify == "left":
+            column._cells = [_folded(str(cell)) for cell in column.cells]
+    return found
+
+
+def _folded(name: str) -> str:
+    """A name whose lines end with `+`, of at most 16 characters where that is possible."""
+    lines = [""]
+    for part in re.findall(r"[^+]*\+|[^+]+", name):
+        if lines[-1] and len(lines[-1] + part) > _NAME:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
+
+
 def _least(table: Table) -> int:
-    """Width of a table whose columns of text are as narrow as their longest word."""
+    """Width of a table whose columns of text are as narrow as their longest word, or narrower if that may fold."""
     wide = Console(width=_WIDE)
     width = wide.measure(table).maximum
     for column in table.columns:
         if not column.no_wrap:
-            cells = [wide.measure(cell) for cell in (column.header, *column.cells)]
-            width -= max(cell.maximum for cell in cells) - max(cell.minimum for cell in cells)
+            heading, *cells = (wide.measure(cell) for cell in (column.header, *column.cells))
+            most = max(cell.maximum for cell in (heading, *cells))
+            word = max((cell.minimum for cell in cells), default=0)
+            if column.overflow == "fold" and column.justify == "left":
+                word = min(word, _NARROWEST)
+            width -= most - max(heading.minimum, word)
     return width

@@ -143,6 +143,36 @@ def test_a_table_that_is_wider_than_the_terminal_is_divided_into_parts(monkeypat
     assert len(capsys.readouterr().out.splitlines()) == 6
 
 
+@pytest.mark.parametrize("numbers", [2, 8])
+def test_a_long_name_goes_on_after_a_plus_and_a_long_word_folds_so_that_the_table_fits(
+    numbers, monkeypatch, capsys
+) -> None:
+    names = ["cruise", "orca", "bvc", "potential-field", "olfati-saber", "vasarhelyi", "mfgfl-hf", "offline"]
+    table = empty()
+    table.add_column("run", no_wrap=True)
+    table.add_column("method", no_wrap=True)
+    table.add_column("group", overflow="fold")
+    for number in range(numbers):
+        table.add_column(f"number_{number}", justify="right", no_wrap=True)
+    table.add_row("20261128-100000-groups-s1", "+".join(names), "group-" * 5 + "32", *["123.4"] * numbers)
+    table.add_row("20261128-100000-paper-s1", "cruise+orca", "two", *["5"] * numbers)
+    monkeypatch.setenv("COLUMNS", "80")
+    print_table(table)
+    parts = capsys.readouterr().out.split("\n\n")
+    assert max(len(line) for part in parts for line in part.splitlines()) <= 80
+    assert len(parts) == (1 if numbers == 2 else 4)
+    for part in parts:
+        words = part.split()
+        for name in (*(f"{name}+" for name in names[3:5]), "vasarhelyi+", "mfgfl-hf+offline", "cruise+orca+bvc+"):
+            assert name in words
+        assert {"cruise+orca", "20261128-100000-groups-s1", "two"} <= {*words}
+    folded = [line.split()[2] for line in parts[0].splitlines() if "groups-s1" in line]
+    assert len(folded[0]) >= 12
+    monkeypatch.setenv("COLUMNS", "300")
+    print_table(table)
+    assert "+".join(names) in capsys.readouterr().out
+
+
 def test_show_has_the_changed_keys_the_summary_and_the_files(run, runs) -> None:
     folder = one(runs, "s2")
     shown = json.loads(run("show", str(folder), "--json")[1])
