@@ -122,7 +122,8 @@ def tradeoff_table(means: Means, found: Tradeoff) -> Table:
     shown = _empty(means, f"\nPareto front of {found.x.name} and {found.y.name}", note)
     shown.add_column("n", justify="right", no_wrap=True)
     for objective in (found.x, found.y):
-        shown.add_column(f"{objective.label}\n{objective.better} is better", justify="right", no_wrap=True)
+        heading = objective.label.replace(", ", ",\n")
+        shown.add_column(f"{heading}\n{objective.better} is better", justify="right", no_wrap=True)
     shown.add_column("Pareto", no_wrap=True)
     for values, placed in found.placed.items():
         cells = ["–" if each.n == 0 else each.shown(".4g") for each in (placed.x, placed.y)]

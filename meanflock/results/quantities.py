@@ -315,7 +315,12 @@ SUMMARY = (
         "energy of all controllers: `energy.step_J` for each UAV and tick, lost UAVs apart; and of all trainings: "
         "`training.power_W` times their simulated time",
     ),
-    Field("energy_total_J", ENERGY, "energy of all UAVs until the end of the flight: motion, radio and controllers"),
+    Field(
+        "energy_total_J",
+        ENERGY,
+        "energy of all UAVs until the end of the flight: motion, radio and controllers",
+        symbol="energy of all UAVs, whole flight",
+    ),
     Field("rounds", "1", "rounds whose average was broadcast"),
     Field(
         "rounds_void",

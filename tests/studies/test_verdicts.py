@@ -8,7 +8,7 @@ import pytest
 import meanflock as mf
 from meanflock.results.better import better
 from meanflock.results.quantities import COMPARED
-from meanflock.studies.objectives import Objective, objective
+from meanflock.studies.objectives import SHORT, Objective, objective
 from meanflock.studies.tradeoff import tradeoff
 from meanflock.studies.verdicts import verdicts
 
@@ -125,6 +125,13 @@ def test_a_field_is_found_by_its_key_a_short_name_or_what_methods_report(text: s
 def test_a_field_that_no_flight_has_is_refused_with_advice(text: str, said: str) -> None:
     with pytest.raises(mf.BadInput, match=f"--pareto {text}: .*{said}"):
         objective(text, [PLAN, LEARNS], "--pareto")
+
+
+def test_the_short_names_are_labelled_by_what_they_measure() -> None:
+    labels = {name: objective(f"{name}=less", [PLAN, LEARNS], "--pareto").label for name in SHORT}
+    assert labels["energy"] == "energy of all UAVs, whole flight (J)"
+    assert labels["bits"] == "payload (bits)"
+    assert len({*labels.values(), objective("energy_mean_J", [PLAN, LEARNS], "--pareto").label}) == len(SHORT) + 1
 
 
 def test_a_metric_counts_before_a_diagnostic_and_an_unknown_number_is_not_a_number() -> None:
