@@ -23,8 +23,8 @@ def plot_learning(
     """A panel for each metric and diagnostic at the end of the rounds, a line for each point.
 
     A line has the rounds of which all flights of the point have the number, also void ones. Its place along the x axis
-    is the mean of the flights. Numbers that stay the same are left out, if others change. None if there is nothing to
-    draw.
+    is the mean of the flights. Numbers that stay the same are left out, if others change. The legend names the points
+    that have a line. None if there is nothing to draw.
 
     Args:
         names: names of the varied values. points: the values of a point → the rounds of each of its flights.
@@ -49,7 +49,8 @@ def plot_learning(
                 if name in one:
                     _curve(ax, looks[named[point]], one[OVER[over]].mean(axis=0), one[name])
             label_axes(ax, name, over)
-        plotstyle.legend(figure, list(named.values()), looks=looks)
+        drawn = [named[point] for point, one in curves.items() if not one.keys().isdisjoint(shown)]
+        plotstyle.legend(figure, drawn, looks=looks)
         counts = {len(flights) for flights in points.values()}
         several = f"mean and 95 % interval over {min(counts)} flights" if max(counts) > 1 else "one flight each"
         figure.supxlabel(several, fontsize=7, color=plotstyle.INK)
@@ -57,7 +58,7 @@ def plot_learning(
 
 
 def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.float64]]:
-    """Columns (flights, rounds) of the rounds that all flights have, NaN where unknown; none if a flight has none."""
+    """Columns (flights, rounds) of the rounds that all flights have, NaN where unknown; without those of no line."""
     ended = [{row["round"]: row for row in rounds} for rounds in flights]
     common = sorted(set.intersection(*map(set, ended)))
     if not common:
@@ -70,7 +71,7 @@ def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.floa
     ]
     rows = {name: [[one[number].get(name) for number in common] for one in ended] for name in names}
     arrays = {name: np.array(values, dtype=np.float64) for name, values in rows.items()}
-    return {name: array for name, array in arrays.items() if not np.isnan(array).all()}
+    return {name: array for name, array in arrays.items() if not np.isnan(array).any(axis=0).all()}
 
 
 def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64]) -> None:
