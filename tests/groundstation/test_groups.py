@@ -219,6 +219,31 @@ def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder
     assert figure.legends[0].get_texts()[-1].get_text() == "all UAVs"
 
 
+def test_a_quantity_that_is_zero_throughout_is_named_without_its_remark(folder: Path) -> None:
+    run = stored(folder)
+    place, still = run.table.column_names.index("phi_A"), pa.array(np.zeros(run.table.num_rows))
+    figure = plot_curves(run._replace(table=run.table.set_column(place, "phi_A", still)))
+    assert plain(figure.get_supxlabel()).startswith("zero throughout the flight: alignment φ_A; arrived; collisions; ")
+
+
+def test_the_title_of_paths_has_the_lost_uavs_and_the_time_with_its_digits(folder: Path) -> None:
+    run = stored(folder)
+    status = run.grid("status").astype(np.uint8)
+    status[1:, [0, 4]] = Status.LOST
+    place = run.table.column_names.index("status")
+    column = pa.array(status.tolist(), run.table.schema.field("status").type)
+    lost = run.table.set_column(place, "status", column)
+    shown = [
+        plot_paths(run._replace(table=table)).axes[0].get_title(loc="left").split(": ")[-1].replace("\n", " ")
+        for table in (run.table, lost, lost[:2])
+    ]
+    assert shown == [
+        "0 of 9 arrived in 14 s",
+        "0 of 9 arrived in 14 s, 2 lost",
+        "0 of 9 arrived in 0.1 s, 2 lost",
+    ]
+
+
 def test_long_names_of_groups_fit_into_the_figures(folder: Path) -> None:
     run = stored(folder)
     named = [replace(group, name=f"{group.name}-{'and-so-on-' * 3}") for group in run.scenario.groups]

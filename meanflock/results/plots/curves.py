@@ -37,8 +37,7 @@ def plot_curves(run: RunPicture) -> Figure:
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
     for number, (panel, ax) in enumerate(zip(panels, axes.ravel(), strict=False)):
         panel.draw(ax)
-        title = f"{panel.name}: {panel.lines}" if panel.lines else panel.name
-        plotstyle.titled(ax, plotstyle.letter(number), title)
+        plotstyle.titled(ax, plotstyle.letter(number), panel.title)
         ax.set_ylabel(panel.label)
         ax.margins(x=0.0)
     if len(panels) < axes.size:
@@ -60,13 +59,23 @@ def plot_curves(run: RunPicture) -> Figure:
 
 
 class _Panel(NamedTuple):
-    """A plot over time. lines: what its lines are. label: of its y axis. varies: whether it is ever not 0."""
+    """A plot over time.
+
+    lines: what its lines are. label: of its y axis. varies: whether it is ever not 0. remark: of its title.
+    """
 
     name: str
     lines: str
     label: str
     draw: Callable[[Axes], None]
     varies: bool = True
+    remark: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name, remark and lines."""
+        named = f"{self.name}, {self.remark}" if self.remark else self.name
+        return f"{named}: {self.lines}" if self.lines else named
 
 
 class _Panels:
@@ -111,7 +120,8 @@ class _Panels:
 
     def _swarm(self, field: str, draw: Callable[[Axes], None], values: Floats) -> _Panel:
         """A panel of a quantity of the swarm, (T,)."""
-        return _Panel(FIELDS[field].remarked, "", plotstyle.axis(field), draw, bool(np.nan_to_num(values).any()))
+        measured, varies = FIELDS[field], bool(np.nan_to_num(values).any())
+        return _Panel(measured.name, "", plotstyle.axis(field), draw, varies, measured.remark)
 
     def _diagnostic(self, name: str) -> _Panel:
         measured, values = quantity(name), self._run.grid(name)

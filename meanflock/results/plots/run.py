@@ -27,6 +27,7 @@ from meanflock.results.series import diagnostics_in, dimensions_in, per_uav
 from meanflock.results.timeseries_file import TIMESERIES
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Obstacle, Scenario
+from meanflock.swarm.wire.messages import Status
 
 log = logging.getLogger("meanflock.plots")
 
@@ -65,10 +66,11 @@ def plot_paths(run: RunPicture) -> Figure:
     for ax, up in zip(panels, (1, 2), strict=False):
         _draw_paths(ax, run, position, up)
     end = run.line("sim_time_s")[-1]
-    arrived = int(run.line("arrived")[-1])
+    arrived, lost = int(run.line("arrived")[-1]), int(np.count_nonzero(run.grid("status")[-1] == Status.LOST))
     name, uavs = f"{mission.method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
-    some = f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
-    plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:.0f} s{some}")
+    others = f", {lost} lost" if lost else ""
+    others += f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
+    plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:g} s{others}")
     named = [line for line in panels[0].get_lines() if not str(line.get_label()).startswith("_")]
     plotstyle.place_legend(figure, named, "outside lower center")
     if _is_shaded(run):
