@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from mcap.reader import make_reader
 from msgspec.structs import replace
@@ -217,6 +218,26 @@ def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder
         assert to_hex(line.get_color()).upper() == plotstyle.group_colour(number)
     assert [line.get_color() for line in panels["payload"].lines] == [plotstyle.INK]
     assert figure.legends[0].get_texts()[-1].get_text() == "all UAVs"
+
+
+def test_groups_beyond_the_colours_have_other_dashes_in_plots_and_their_legends(tmp_path: Path) -> None:
+    groups = [{"name": f"g{number}", "count": 1, "method": "cruise"} for number in range(14)]
+    options = Options(out=tmp_path, in_process=True, record=False, quiet=True)
+    run = stored(fly(load(None, uavs=14, duration=1.0, groups=groups), options).folder)
+    curves, paths = plot_curves(run), plot_paths(run)
+    drawn = [collection for collection in paths.axes[0].collections if isinstance(collection, LineCollection)]
+    energy = titles(curves)["energy, past arrival too: mean, max, min"].lines
+    for looks in (
+        [(to_hex(each.get_color()[0]), str(each.get_linestyle())) for each in drawn],
+        [(to_hex(line.get_color()), str(line._dash_pattern)) for line in energy],
+        *(
+            [(to_hex(line.get_color()), str(line._dash_pattern)) for line in figure.legends[0].get_lines()[:14]]
+            for figure in (curves, paths)
+        ),
+    ):
+        assert len(looks) == len({*looks}) == 14
+        assert len({dash for _, dash in looks[:6]}) == 1
+    assert len(drawn[0].get_segments()[0]) == run.table.num_rows  # a dash is longer than the way of a tick
 
 
 def test_a_quantity_that_is_zero_throughout_is_named_without_its_remark(folder: Path) -> None:

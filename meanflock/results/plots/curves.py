@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.run_picture import RunPicture, parts_of
+from meanflock.results.plots.run_picture import RunPicture, UavPart, parts_of
 from meanflock.results.quantities import FIELDS, POSITION, RISK, VELOCITY, quantity
 from meanflock.results.series import diagnostics_in, dimensions_in, span_where
 from meanflock.swarm import mission, state
@@ -52,7 +52,7 @@ def plot_curves(run: RunPicture) -> Figure:
         )
         figure.supxlabel(plotstyle.tex(caption), fontsize=7, color=plotstyle.INK)
     if len(parts) > 1:
-        handles = [Line2D([], [], color=part.colour, label=part.name) for part in parts]
+        handles = [Line2D([], [], color=part.colour, linestyle=part.dash, label=part.name) for part in parts]
         handles.append(Line2D([], [], color=plotstyle.INK, label="all UAVs"))
         plotstyle.place_legend(figure, handles)
     return figure
@@ -142,25 +142,26 @@ class _Panels:
             own = rows[:, part.rows]
             mean, low, high = span_where(own, np.isfinite(own)).T
             ax.fill_between(self._times, low, high, color=part.colour, alpha=0.18, linewidth=0)
-            ax.plot(self._times, mean, color=part.colour)
+            ax.plot(self._times, mean, color=part.colour, linestyle=part.dash)
         if from_zero:
             ax.set_ylim(bottom=0.0)
 
     def _draw_size(self, sizes: Floats, ax: Axes) -> None:
         for part, mean in self._means(sizes):
-            ax.plot(self._times, np.where(mean > 0, mean, np.nan), color=part, linewidth=1.0)
+            positive = np.where(mean > 0, mean, np.nan)
+            ax.plot(self._times, positive, color=part.colour, linestyle=part.dash, linewidth=1.0)
         plotstyle.log_axis(ax)
 
     def _draw_share(self, values: Floats, ax: Axes) -> None:
         for part, mean in self._means(values):
-            ax.plot(self._times, mean, color=part, linewidth=1.0)
+            ax.plot(self._times, mean, color=part.colour, linestyle=part.dash, linewidth=1.0)
         ax.set_ylim(bottom=0.0)
 
-    def _means(self, values: Floats) -> list[tuple[str, Floats]]:
-        """Colour and mean of each group, (T,); NaN in ticks in which none of its UAVs has the number."""
+    def _means(self, values: Floats) -> list[tuple[UavPart, Floats]]:
+        """Each group and its mean, (T,); NaN in ticks in which none of its UAVs has the number."""
         rows = values[:: self._step]
-        own = [(part.colour, rows[:, part.rows]) for part in self._parts]
-        return [(colour, span_where(each, np.isfinite(each))[:, 0]) for colour, each in own]
+        own = [(part, rows[:, part.rows]) for part in self._parts]
+        return [(part, span_where(each, np.isfinite(each))[:, 0]) for part, each in own]
 
     def _plot(self, ax: Axes, values: Floats, **look: Any) -> None:
         ax.plot(self._times, values[:: self._step], **{"color": self._tone, **look})
@@ -182,7 +183,8 @@ class _Panels:
     def _draw_arrived(self, ax: Axes) -> None:
         arrived = np.logical_or.accumulate(self._status == Status.ARRIVED, axis=0)
         for part in self._parts:
-            ax.plot(self._times, arrived[:: self._step, part.rows].sum(axis=1), color=part.colour)
+            counted = arrived[:: self._step, part.rows].sum(axis=1)
+            ax.plot(self._times, counted, color=part.colour, linestyle=part.dash)
         ax.set_ylim(bottom=0.0)
         ax.yaxis.set_major_locator(MaxNLocator(6, integer=True))
 

@@ -53,6 +53,7 @@ LOOKS = {
 # For methods without a look of their own: chosen by the name, unless another method of the figure has it.
 OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99")
 OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
+SOLID: Dash = (0, ())
 OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
 GROUPS = ("#0072B2", "#E69F00", "#882255", "#44AA99", "#999933", "#56B4E9")  # of the groups of a flight, in order
 NAMES = {
@@ -183,6 +184,11 @@ def colour(method: str) -> str:
 def group_colour(number: int) -> str:
     """The colour of a group by its number; the colours begin again after the last."""
     return GROUPS[number % len(GROUPS)]
+
+
+def group_dash(number: int) -> Dash:
+    """The dash of a group by its number: solid, and another one whenever the colours begin again."""
+    return (SOLID, *OTHER_DASHES)[number // len(GROUPS) % (1 + len(OTHER_DASHES))]
 
 
 def looks(methods: Iterable[str]) -> dict[str, MethodLook]:
@@ -349,13 +355,14 @@ def curve(ax: Axes, method: str, x: Floats, y: Floats, low: Floats | None = None
     ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)
 
 
-def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7) -> None:
-    """Paths `(T, N, 2)` in one colour, or coloured by φ_G `(T, N)`."""
-    segments = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
-    look: dict[str, Any] = {"colors": colour}
+def paths(ax: Axes, position: Floats, colour: str | Floats, width: float = 0.7, dash: Dash = SOLID) -> None:
+    """Paths `(T, N, 2)` in one colour and dash, or coloured by φ_G `(T, N)`."""
+    lines = position.swapaxes(0, 1)
+    look: dict[str, Any] = {"colors": colour, "linestyles": [dash]}
     if not isinstance(colour, str):
+        lines = np.stack([position[:-1], position[1:]], axis=-2).reshape(-1, 2, 2)
         look = {"array": colour[1:].ravel(), **PHI_G}
-    ax.add_collection(LineCollection(list(segments), linewidths=width, rasterized=True, **look))
+    ax.add_collection(LineCollection(list(lines), linewidths=width, rasterized=True, **look))
 
 
 def dots(ax: Axes, seen: MethodLook, x: Floats, estimates: Sequence[Estimate], joined: bool = True) -> None:

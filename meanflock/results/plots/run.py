@@ -108,9 +108,9 @@ def _draw_paths(ax: Axes, run: RunPicture, position: Floats, up: int) -> None:
     else:
         for part in parts_of(flown):
             own = np.isin(shown, np.arange(uavs)[part.rows])
-            plotstyle.paths(ax, drawn[::step, own], part.colour)
+            plotstyle.paths(ax, drawn[::step, own], part.colour, dash=part.dash)
             if part.name:
-                ax.plot([], [], color=part.colour, label=part.name)
+                ax.plot([], [], color=part.colour, linestyle=part.dash, label=part.name)
     ax.plot(*drawn[0].T, linestyle="", marker="s", markersize=2.0, color=plotstyle.PALE, label="start", zorder=0.95)
     ax.plot(*drawn[-1].T, linestyle="", marker="o", markersize=1.8, color=plotstyle.INK, label="end")
     collisions = places_of(run.events, "collision", seen)

@@ -33,11 +33,12 @@ class RunPicture(NamedTuple):
 
 
 class UavPart(NamedTuple):
-    """UAVs of one colour. name: of their group; empty without groups."""
+    """UAVs of one colour and dash. name: of their group; empty without groups."""
 
     name: str
     rows: slice
     colour: str
+    dash: plotstyle.Dash = plotstyle.SOLID
 
 
 def parts_of(flown: FlownKeys | Scenario) -> list[UavPart]:
@@ -45,6 +46,6 @@ def parts_of(flown: FlownKeys | Scenario) -> list[UavPart]:
     if not flown.groups:
         return [UavPart("", slice(None), plotstyle.colour(flown.method))]
     return [
-        UavPart(group.name, rows, plotstyle.group_colour(number))
+        UavPart(group.name, rows, plotstyle.group_colour(number), plotstyle.group_dash(number))
         for number, (group, rows) in enumerate(mission.parts(flown))
     ]
