@@ -18,6 +18,7 @@ from meanflock.studies.each_round import LAST_ROUND
 from meanflock.studies.means import METRICS, ROUNDS, Means
 from meanflock.studies.rerun import FlightDifference
 from meanflock.studies.tradeoff import Tradeoff
+from meanflock.studies.verdicts import rivalry
 from meanflock.swarm.errors import printable
 
 WIDTH = 80  # of a terminal, at least
@@ -33,8 +34,9 @@ MEANS = (
     "Lower is better everywhere but in arrivals."
 )
 _MARKS = {"best": "*", "undecided": "?"}
-VERDICTS = " * is significantly best, ? is undecided (paired by seed, Holm's method)."
+VERDICTS = " * is significantly better than every {rival}, ? is undecided (paired by seed, Holm's method)."
 _EQUAL = " No number differs between the rows."
+_ONE_FLIGHT = " Which row is significantly best is unknown: each has one flight."
 
 
 def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table:
@@ -43,8 +45,7 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
     n = max(row["n"] for _, row in rows)
     time = f", {durations_s[0]:g} s" if len(set(durations_s)) == 1 else ""
     note = MEANS.format(n=n, s="s" * (n > 1), time=time)
-    found = {*means.verdicts.values()}
-    note += VERDICTS if found & {*_MARKS} else _EQUAL if found == {"equal"} else ""
+    note += _verdicts(means, n)
     constant = [f"{values}" for place, values in enumerate(next(iter(means.points))) if place not in means.varying]
     shown = _empty(means, ", ".join([title, *constant]), note)
     scale, prefix = _scale(rows)
@@ -57,6 +58,19 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
         marks = [_MARKS.get(str(row[f"{quantities.table_column(metric)}_verdict"]), "") for metric in METRICS]
         shown.add_row(*_named(means, values), *map("".join, zip(cells, marks, strict=True)))
     return shown
+
+
+def _verdicts(means: Means, n: int) -> str:
+    """What the marks of the table mean, or why it has none. n: flights of a point, at most."""
+    found = {*means.verdicts.values()}
+    if found & {*_MARKS}:
+        differing = rivalry(means.names, means.points)
+        is_one_family = not differing or {means.names[place] for place in means.varying} <= {*differing}
+        rival = f"row that differs in {' or '.join(name.rpartition('.')[2] for name in differing)} only"
+        return VERDICTS.format(rival="other row" if is_one_family else rival)
+    if n == 1 and len(means.points) > 1:
+        return _ONE_FLIGHT
+    return _EQUAL if found == {"equal"} else ""
 
 
 def payload_table(means: Means) -> Table:

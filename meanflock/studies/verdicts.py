@@ -4,7 +4,7 @@ The best mean of a column is compared with every other one, flight by flight, by
 comparisons of a study are one family: by Holm's method the chance that any of them is wrong is at most 5 %.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -53,13 +53,20 @@ def verdicts(
 
 def _groups(names: Sequence[str], points: Points) -> list[list[Point]]:
     """The points by what is equal among rivals."""
-    places = [place for place, name in enumerate(names) if name in _RIVALS]
-    if all(len({point[place] for point in points}) < 2 for place in places):
+    differing = rivalry(names, points)
+    if not differing:
         return [list(points)]
     groups: dict[Point, list[Point]] = {}
     for point in points:
-        groups.setdefault(tuple(each for place, each in enumerate(point) if place not in places), []).append(point)
+        same = tuple(each for name, each in zip(names, point, strict=True) if name not in differing)
+        groups.setdefault(same, []).append(point)
     return list(groups.values())
+
+
+def rivalry(names: Sequence[str], points: Iterable[Point]) -> list[str]:
+    """The names of the values in which rivals differ, all others being equal; empty if all points are rivals."""
+    values = zip(names, zip(*points, strict=True), strict=True)
+    return [name for name, found in values if name in _RIVALS and len({*found}) > 1]
 
 
 def _first_verdict(values: Mapping[Point, NDArray[np.float64]]) -> Verdict:

@@ -233,6 +233,29 @@ def test_a_table_of_means_fits_80_columns_and_cuts_no_number(key, values, column
         assert word in shown
 
 
+@pytest.mark.parametrize(
+    ("names", "points", "said"),
+    [
+        (("wind.sigma", "method"), [(0.1, "plan"), (0.2, "plan")], "every other row, ? is"),
+        (("method",), [("plan",), ("hjb",)], "every other row, ? is"),
+        (("uavs", "method"), [(3, "plan"), (3, "hjb"), (4, "plan")], "every row that differs in method only, ? is"),
+        (
+            ("uavs", "training.learner", "method"),
+            [(3, "a", "plan"), (3, "b", "hjb"), (4, "a", "plan")],
+            "every row that differs in learner or method only, ? is",
+        ),
+    ],
+)
+def test_the_note_of_a_table_names_the_rows_that_are_compared(names, points, said) -> None:
+    flights = [[LARGE | {"phi_A": place + seed} for seed in (0.0, 0.5)] for place in range(len(points))]
+    note = means_table(Means(names, dict(zip(points, flights, strict=True))), "", [300.0]).caption
+    assert f" * is significantly better than {said} undecided (paired by seed, Holm's method)." in note
+    one = means_table(Means(names, dict(zip(points, [[LARGE]] * len(points), strict=True))), "", [300.0]).caption
+    assert one.endswith(" Which row is significantly best is unknown: each has one flight.")
+    alone = means_table(Means(names, {points[0]: [LARGE]}), "", [300.0]).caption
+    assert alone.endswith("Lower is better everywhere but in arrivals.")
+
+
 def test_a_cell_breaks_no_table() -> None:
     assert table(("a", "b"), [("|x|", "two\nlines")]) == ["| a | b |", "|---|---|", "| \\|x\\| | two lines |"]
 
