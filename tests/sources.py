@@ -91,3 +91,9 @@ def dotted(node: ast.AST) -> str:
     if isinstance(node, ast.Attribute):
         return f"{dotted(node.value)}.{node.attr}"
     return node.id if isinstance(node, ast.Name) else ""
+
+
+@cache
+def used(path: Path) -> set[str]:
+    """Dotted names of everything that a module calls or reads."""
+    return {dotted(node) for node in nodes(path) if isinstance(node, ast.Attribute | ast.Name)}

@@ -18,7 +18,6 @@ from tests.sources import (
     NAMES,
     ROOMS,
     ROOT,
-    dotted,
     imported,
     module_of,
     name_of,
@@ -26,6 +25,7 @@ from tests.sources import (
     nodes,
     room_of,
     text,
+    used,
 )
 
 # From the lowest up; a room may import those below its row. `meanflock` is the Python API; programs are the launcher's.
@@ -178,8 +178,7 @@ ONLY = [
 @pytest.mark.parametrize(("pattern", "users"), ONLY)
 def test_a_name_is_used_only_where_it_belongs(pattern: str, users: tuple[str, ...]) -> None:
     for path in MODULES:
-        used = [node for node in nodes(path) if isinstance(node, ast.Attribute | ast.Name)]
-        found = {dotted(node) for node in used if re.fullmatch(pattern, dotted(node))}
+        found = {name for name in used(path) if re.fullmatch(pattern, name)}
         assert not found or name_of(path).startswith(users), f"{name_of(path)}: {found}"
 
 
