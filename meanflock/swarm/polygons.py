@@ -35,7 +35,9 @@ class Polygon:
         """`corners`: as given, without a `problem`."""
         self.corners = corners if _area(corners) > 0.0 else corners[::-1]
         self.highest = highest
-        self._sides = np.roll(self.corners, -1, axis=0) - self.corners
+        self._ends = np.roll(self.corners, -1, axis=0)  # of the sides
+        self._sides = self._ends - self.corners
+        self._squared = (self._sides**2).sum(axis=1)
         low, high = corners.min(axis=0), corners.max(axis=0)
         self.depth = float((high - low).min()) / 2.0
         centre = (low + high) / 2.0
@@ -54,8 +56,8 @@ class Polygon:
     def nearest(self, places: Vectors) -> Nearest:
         """The nearest points of the edge to places (…, 2), m."""
         x, y = (places[..., axis, None] - self.corners[:, axis] for axis in range(2))
-        (along, across), squared = self._sides.T, (self._sides**2).sum(axis=1)
-        share = (x * along + y * across) / squared
+        along, across = self._sides.T
+        share = (x * along + y * across) / self._squared
         share = np.clip(share, 0.0, 1.0)
         away_x, away_y = x - share * along, y - share * across
         distances = np.sqrt(away_x * away_x + away_y * away_y)
@@ -66,7 +68,7 @@ class Polygon:
 
         distance, at = of_side(distances), of_side(share)
         sign = np.where(self.contains(places), -1.0, 1.0)
-        length = np.sqrt(squared[side])
+        length = np.sqrt(self._squared[side])
         normal = np.stack([across[side] / length, -along[side] / length], axis=-1)
         scale = (sign / np.maximum(distance, _NOWHERE_M))[..., None]
         outward = np.stack([of_side(away_x), of_side(away_y)], axis=-1) * scale
@@ -77,7 +79,7 @@ class Polygon:
         """Mask (…) of the places (…, 2) inside: a ray along x crosses an odd number of sides."""
         x, y = (places[..., axis, None] for axis in range(2))
         (x0, y0), (along, across) = self.corners.T, self._sides.T
-        is_between = (y0 <= y) != (np.roll(y0, -1) <= y)  # of the corners themselves: a sum of y0 and side is rounded
+        is_between = (y0 <= y) != (self._ends[:, 1] <= y)  # of the corners themselves: a sum of y0 and side is rounded
         crossing = x0 + np.divide(y - y0, across, out=np.zeros(is_between.shape), where=is_between) * along
         return np.count_nonzero(is_between & (x < crossing), axis=-1) % 2 == 1
 
