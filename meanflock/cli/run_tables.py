@@ -196,8 +196,9 @@ def print_difference(found: Difference) -> None:
     shown = [figure for figure in found.figures if not figure.key.startswith(_MOST_TRAFFIC)]
     tables: dict[str, Table] = {"": _figures()}
     for figure in shown:
-        is_of_group = figure.key.startswith(_OF_GROUP)
-        group, _, key = figure.key.removeprefix(_OF_GROUP).partition(".") if is_of_group else ("", "", figure.key)
+        group, key = "", figure.key
+        if key.startswith(_OF_GROUP):
+            group, key = key.removeprefix(_OF_GROUP).split(".", 1)
         cells = map(number, (figure.first, figure.second, figure.change))
         tables.setdefault(group, _figures()).add_row(escape(printable(key)), figure.unit, *cells)
     number_of = len(found.figures) or "none"

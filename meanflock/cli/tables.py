@@ -61,7 +61,10 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
 
 
 def _verdicts(means: Means, n: int) -> str:
-    """What the marks of the table mean, or why it has none. n: flights of a point, at most."""
+    """A sentence that explains the marks `*` and `?`, or says why no row has one; empty if neither is needed.
+
+    `n`: largest number of flights of a row.
+    """
     found = {*means.verdicts.values()}
     if found & {*_MARKS}:
         differing = rivalry(means.names, means.points)
@@ -209,11 +212,9 @@ def print_table(table: Table) -> None:
     console = Console(width=width)
     if table.title:
         console.print(table.title, style="table.title", markup=False, highlight=False)
-    whole = _columns_of(table, table.columns)
-    tight = _columns_of(table, table.columns, is_tight=True)
-    folded = _with_folded_names(tight)
-    forms = (whole, tight, folded)
-    parts = next(([one] for one in forms if _least(one) <= width), None) or _parts(_with_folded_names(whole), width)
+    forms = [{}, {"is_tight": True}, {"is_tight": True, "has_folded_names": True}]
+    whole = (_columns_of(table, table.columns, **form) for form in forms)
+    parts = next(([one] for one in whole if _least(one) <= width), None) or _parts(table, width)
     for number, part in enumerate(parts):
         if number:
             console.print()
@@ -223,8 +224,8 @@ def print_table(table: Table) -> None:
 
 
 def _parts(table: Table, width: int) -> list[Table]:
-    """The table in the fewest parts that fit, about as wide as each other."""
-    widths = [_least(_columns_of(table, [column])) for column in table.columns]
+    """The table in the fewest parts that fit, about as wide as each other, with folded names."""
+    widths = [_least(_columns_of(table, [column], has_folded_names=True)) for column in table.columns]
     numbers = next((place for place, column in enumerate(table.columns) if column.justify == "right"), 0)
     first, others = [*range(max(1, numbers))], [*range(max(1, numbers), len(widths))]
 
@@ -239,31 +240,33 @@ def _parts(table: Table, width: int) -> list[Table]:
 
     fewest = divided(width)
     narrow = next(most for most in range(width + 1) if len(divided(most)) == len(fewest))
-    return [_columns_of(table, [table.columns[place] for place in part]) for part in divided(narrow)]
+    parts = [[table.columns[place] for place in part] for part in divided(narrow)]
+    return [_columns_of(table, part, has_folded_names=True) for part in parts]
 
 
-def _columns_of(table: Table, columns: Sequence[Column], *, is_tight: bool = False) -> Table:
-    """Some columns of a table as a table without title and caption."""
+def _columns_of(
+    table: Table, columns: Sequence[Column], *, is_tight: bool = False, has_folded_names: bool = False
+) -> Table:
+    """Some columns of a table as a table without title and caption.
+
+    Args:
+        has_folded_names: whether names, which are texts that do not wrap, stand in lines that end with `+`.
+    """
     found = copy(table)
-    found.title, found.caption, found.columns, found.rows = None, None, [], []
+    found.title = found.caption = None
+    found.columns, found.rows = [], []
+    texts: list[list[Any]] = []
     for column in columns:
         heading = re.sub(r"(?<=\w\w)_(?=\w\w)", "_\n", str(column.header)) if is_tight else column.header
         found.add_column(
             heading, style=column.style, justify=column.justify, overflow=column.overflow, no_wrap=column.no_wrap
         )
-    for cells in zip(*(column.cells for column in columns), strict=True):
+        is_folded = has_folded_names and column.no_wrap and column.justify == "left"
+        texts.append([_folded(str(cell)) if is_folded else cell for cell in column.cells])
+    for cells in zip(*texts, strict=True):
         found.add_row(*cells)
     if is_tight:
         found.padding = 0
-    return found
-
-
-def _with_folded_names(table: Table) -> Table:
-    """The table with its names, texts without spaces that do not wrap, in lines that end with `+`."""
-    found = _columns_of(table, table.columns)
-    for column in found.columns:
-        if column.no_wrap and column.justify == "left":
-            column._cells = [_folded(str(cell)) for cell in column.cells]
     return found
 
 

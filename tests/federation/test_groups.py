@@ -171,9 +171,9 @@ def test_uavs_that_share_their_states_send_them_when_a_group_that_hears_them_joi
     rows = rows_of(Scenario(uavs=4, duration=30.2, stop="duration", groups=[early, late]))
     *hovering, joined = rows[296:302]
     assert not any(len(row.links) for row in hovering)  # all predict them to hover, as they do
-    heard = {(link[LinkColumn.SOURCE], link[LinkColumn.TARGET]) for link in joined.links.tolist()}
-    assert ({(0, 2), (0, 3), (1, 2), (1, 3)} <= heard) is hears
-    assert bool(heard) is hears
+    pairs = set(map(tuple, joined.links[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].tolist()))
+    assert ({(0, 2), (0, 3), (1, 2), (1, 3)} <= pairs) is hears
+    assert bool(pairs) is hears
 
 
 @pytest.mark.parametrize("keys", [{"method": "vasarhelyi"}, {"method": "cruise", "filter": {"kind": "ecbf"}}])

@@ -155,7 +155,8 @@ def _dense_or_scattered(axes: int, spread: float, step: float, longest: float) -
     after[7, :axes] += 0.5 * spread
     before[11], after[13] = np.nan, np.nan
     by_axis = [np.asfortranarray(state.position(states)) for states in (before, after)]  # a third faster
-    nears, touching, distances = zip(*(_compared(*by_axis, uav, 0.5, 0.1) for uav in range(len(before))), strict=True)
+    compared = [_compared(*by_axis, uav, 0.5, 0.1) for uav in range(len(before))]
+    nears, touching, distances = zip(*compared, strict=True)
     return before, after, sum(nears), np.concatenate(touching), min(distances)
 
 

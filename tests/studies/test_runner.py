@@ -250,10 +250,12 @@ def test_the_note_of_a_table_names_the_rows_that_are_compared(names, points, sai
     flights = [[LARGE | {"phi_A": place + seed} for seed in (0.0, 0.5)] for place in range(len(points))]
     note = means_table(Means(names, dict(zip(points, flights, strict=True))), "", [300.0]).caption
     assert f" * is significantly better than {said} undecided (paired by seed, Holm's method)." in note
-    one = means_table(Means(names, dict(zip(points, [[LARGE]] * len(points), strict=True))), "", [300.0]).caption
-    assert one.endswith(" Which row is significantly best is unknown: each has one flight.")
-    alone = means_table(Means(names, {points[0]: [LARGE]}), "", [300.0]).caption
-    assert alone.endswith("Lower is better everywhere but in arrivals.")
+    single_flights = Means(names, {point: [LARGE] for point in points})
+    note = means_table(single_flights, "", [300.0]).caption
+    assert note.endswith(" Which row is significantly best is unknown: each has one flight.")
+    single_row = Means(names, {points[0]: [LARGE]})
+    note = means_table(single_row, "", [300.0]).caption
+    assert note.endswith("Lower is better everywhere but in arrivals.")
 
 
 def test_a_cell_breaks_no_table() -> None:

@@ -99,9 +99,9 @@ class NeighbourStates:
         rows, everyone = len(uavs), len(plan)
         remembered = np.repeat(self._predict.keep(plan, np.arange(everyone), 0).T[None], rows, axis=0)
         joins = mission.joins(self._scenario)
-        known = (joins == joins[uavs][:, None]) & ~self._silent
-        if not known.all():
-            remembered = np.where(known[:, None], remembered, self._nowhere[:, None])
+        in_plan = (joins == joins[uavs][:, None]) & ~self._silent  # (M, N): joining with the row, and sharing
+        if not in_plan.all():
+            remembered = np.where(in_plan[:, None], remembered, self._nowhere[:, None])
         return {
             "neighbour_uav": uavs.astype(np.int32),
             "neighbour_remembered": remembered,  # (M, 4, N)
@@ -158,7 +158,8 @@ class NeighbourStates:
         moved, turned = state.squared_halves(own - self._own(memory, tick))
         event = moved > self._delta_squared
         event |= turned > self._velocity_delta_squared
-        event |= tick in self._joins
+        if tick in self._joins:
+            event[:] = True
         left = np.where(event, self._repeats, left)
         due = left > 0
         rows = due.nonzero()[0]
@@ -178,8 +179,16 @@ class NeighbourStates:
 
     @cached_property
     def _silent(self) -> Mask:
-        """Mask (N,) of the UAVs that never send a state. No controller may ask while it is made."""
-        return np.zeros(self._scenario.uavs, dtype=bool) if self._all_share else _silent_uavs(self._scenario)
+        """Mask (N,) of the UAVs that never send a state: those of groups whose controllers share none.
+
+        It makes these controllers, because their options may decide it. So no controller may ask in its constructor.
+        """
+        silent = np.zeros(self._scenario.uavs, dtype=bool)
+        if not self._all_share:
+            for group, rows in mission.parts(self._scenario):
+                own = self._scenario.of_group(group)
+                silent[rows] = not plugins.create("controller", own.method, own.controller, own).shares
+        return silent
 
     @cached_property
     def _joins(self) -> frozenset[int]:
@@ -207,23 +216,6 @@ class NeighbourStates:
 
     def _decoded(self, numbers: NDArray[np.int16], uavs: NDArray[np.integer]) -> States:
         return numbers * UNIT + self._origin[uavs]
-
-
-def _silent_uavs(scenario: Scenario) -> Mask:
-    """Mask (N,) of the UAVs that never send a state: those of groups whose controllers share none.
-
-    It makes these controllers, because their options may decide it. So no controller may call it in its constructor.
-    """
-    silent = np.zeros(scenario.uavs, dtype=bool)
-    asked: list[tuple[str, dict[str, Any], bool]] = []  # methods, their options, and whether they share states
-    for group, rows in mission.parts(scenario):
-        own = scenario.of_group(group)
-        shares = next((shares for *one, shares in asked if one == [own.method, own.controller]), None)
-        if shares is None:
-            shares = bool(plugins.create("controller", own.method, own.controller, own).shares)
-            asked.append((own.method, own.controller, shares))
-        silent[rows] = not shares
-    return silent
 
 
 class SharingController(Controller):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.run_picture import RunPicture, UavPart, parts_of
+from meanflock.results.plots.run_picture import RunPicture, parts_of
 from meanflock.results.quantities import FIELDS, POSITION, RISK, VELOCITY, quantity
 from meanflock.results.series import diagnostics_in, dimensions_in, span_where
 from meanflock.swarm import mission, state
@@ -130,9 +130,10 @@ class _Panels:
         values[self._run.line("tick")[:, None] <= joins] = np.nan  # nor does one before its first tick
         label, varies = plotstyle.axis(name), bool(np.nan_to_num(values).any())
         if measured.logarithmic:
-            return _Panel(measured.name, "mean", label, partial(self._draw_size, np.abs(values)), varies)
+            draw = partial(self._draw_mean, np.abs(values), is_logarithmic=True)
+            return _Panel(measured.name, "mean", label, draw, varies)
         if measured.share:
-            return _Panel(measured.name, "", label, partial(self._draw_share, values), varies)
+            return _Panel(measured.name, "", label, partial(self._draw_mean, values), varies)
         draw = partial(self._draw_span, values, from_zero=False)
         return _Panel(measured.name, "mean, max, min", label, draw, varies)
 
@@ -146,22 +147,18 @@ class _Panels:
         if from_zero:
             ax.set_ylim(bottom=0.0)
 
-    def _draw_size(self, sizes: Floats, ax: Axes) -> None:
-        for part, mean in self._means(sizes):
-            positive = np.where(mean > 0, mean, np.nan)
-            ax.plot(self._times, positive, color=part.colour, linestyle=part.dash, linewidth=1.0)
-        plotstyle.log_axis(ax)
-
-    def _draw_share(self, values: Floats, ax: Axes) -> None:
-        for part, mean in self._means(values):
-            ax.plot(self._times, mean, color=part.colour, linestyle=part.dash, linewidth=1.0)
-        ax.set_ylim(bottom=0.0)
-
-    def _means(self, values: Floats) -> list[tuple[UavPart, Floats]]:
-        """Each group and its mean, (T,); NaN in ticks in which none of its UAVs has the number."""
+    def _draw_mean(self, values: Floats, ax: Axes, is_logarithmic: bool = False) -> None:
+        """Draws the mean of each group, with gaps where none of its UAVs has the number."""
         rows = values[:: self._step]
-        own = [(part, rows[:, part.rows]) for part in self._parts]
-        return [(part, span_where(each, np.isfinite(each))[:, 0]) for part, each in own]
+        for part in self._parts:
+            own = rows[:, part.rows]
+            mean = span_where(own, np.isfinite(own))[:, 0]
+            shown = np.where(mean > 0, mean, np.nan) if is_logarithmic else mean
+            ax.plot(self._times, shown, color=part.colour, linestyle=part.dash, linewidth=1.0)
+        if is_logarithmic:
+            plotstyle.log_axis(ax)
+        else:
+            ax.set_ylim(bottom=0.0)
 
     def _plot(self, ax: Axes, values: Floats, **look: Any) -> None:
         ax.plot(self._times, values[:: self._step], **{"color": self._tone, **look})
