@@ -2,16 +2,15 @@
 
 import json
 
-from tests.compose.containers import MARKS, Clone, docker
+from tests.compose.containers import FLIGHT_S, MARKS, Clone, docker
 from tests.faults.by_hand import ticks_of
-from tests.polling import DEADLINE_S
 
 pytestmark = MARKS
 
 
 def test_plain_compose_up_in_a_fresh_clone_flies_and_ends_well(clone: Clone) -> None:
     up = clone.up("seed=7 duration=20")
-    said, _ = up.communicate(timeout=DEADLINE_S)
+    said, _ = up.communicate(timeout=FLIGHT_S)
     assert up.returncode == 0, said
     assert json.loads((clone.folder / "summary.json").read_text())["ticks"] == 200
     assert clone.folder.stat().st_uid == 1000
@@ -20,7 +19,7 @@ def test_plain_compose_up_in_a_fresh_clone_flies_and_ends_well(clone: Clone) -> 
 def test_plain_compose_up_fails_where_the_ground_station_cannot_write(clone: Clone) -> None:
     clone.out.mkdir(mode=0o555)
     up = clone.up("seed=7 duration=20")
-    said, _ = up.communicate(timeout=DEADLINE_S)
+    said, _ = up.communicate(timeout=FLIGHT_S)
     assert up.returncode == 1, said
     assert "--out /runs: Permission denied" in said
     assert 'service "groundstation" didn\'t complete successfully: exit 2' in said
@@ -34,7 +33,7 @@ def test_plain_compose_up_fails_when_the_ground_station_dies_and_again_goes_on_i
             docker("kill", f"{clone.name}-groundstation-1")
         else:
             docker("stop", f"{clone.name}-worldsim-1")
-        said, _ = up.communicate(timeout=DEADLINE_S)
+        said, _ = up.communicate(timeout=FLIGHT_S)
         assert up.returncode == int(killed), said
         assert ("didn't complete successfully: exit 137" in said) == killed
     summary = json.loads((clone.folder / "summary.json").read_text())
