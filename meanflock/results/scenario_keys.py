@@ -52,8 +52,21 @@ def differing(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, 
 
 
 def changed_keys(keys: Mapping[str, Any], other: Mapping[str, Any] | None = None) -> dict[str, tuple[Any, Any]]:
-    """The keys of a flown scenario that differ from those of another one, by default from the defaults; both values."""
-    return differing(_without_own(keys), _defaults(PAPER) if other is None else _without_own(other))
+    """The keys of a flown scenario that differ from those of another one, by default from the defaults; both values.
+
+    Keys of groups are as `--set` addresses them. From the defaults, only what a group has unlike its flight differs.
+    """
+    own = _without_own(keys)
+    if other is not None:
+        return differing(own, _without_own(other))
+    defaults = _defaults(PAPER)
+    ours = {key: value for key, value in own.items() if value != own.get(_of_the_flight(key))}
+    return differing(ours, defaults | {key: defaults.get(_of_the_flight(key)) for key in ours if key not in defaults})
+
+
+def _of_the_flight(key: str) -> str:
+    """The key of the flight that `key` is for one group; where it is of no group, a key that no flight has."""
+    return key.split(".", 2)[2] if key.startswith("groups.") else ""
 
 
 def nearest(keys: Mapping[str, Any]) -> NearestMission:
@@ -62,7 +75,7 @@ def nearest(keys: Mapping[str, Any]) -> NearestMission:
     The changed keys are without options of the controller, and without method, number of UAVs and seed.
     """
     own = _without_own(keys)
-    found = {name: differing(own, _defaults(name)) for name in _shipped()}
+    found = {name: differing(own, _of_groups(_defaults(name))) for name in _shipped()}
     name = min(found, key=lambda name: (len(found[name]), name != PAPER))
     changed = {
         key: value
@@ -81,7 +94,16 @@ def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:
     groups: list[Any] = keys.get("groups") or []
     sharing = [group["name"] for group in groups if _shares(str(group.get("method", keys.get("method"))))]
     decided["federation.group"] = sharing[0] if len(sharing) == 1 else sharing
-    return {key: value for key, value in keys.items() if key not in decided or value != decided[key]}
+    return _of_groups({key: value for key, value in keys.items() if key not in decided or value != decided[key]})
+
+
+def _of_groups(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """All keys, those of groups as `--set` addresses them, `groups.NAME.KEY`; `groups` itself has the names in order."""
+    groups: list[Any] = keys.get("groups") or []
+    if not groups:
+        return dict(keys)
+    named = {f"groups.{group['name']}": {key: group[key] for key in group if key != "name"} for group in groups}
+    return {**keys, "groups": [group["name"] for group in groups]} | flat(named)
 
 
 @cache

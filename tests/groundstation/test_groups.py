@@ -2,6 +2,7 @@
 
 import csv
 import json
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ from meanflock.results.plots import plotstyle
 from meanflock.results.plots.curves import plot_curves
 from meanflock.results.plots.run import plot_paths, plot_run, stored
 from meanflock.results.plots.thumbnail import thumbnail
+from meanflock.results.run_folder import to_toml
+from meanflock.results.scenario_keys import changed_keys, flat, nearest
 from meanflock.results.series import block_of, per_uav, rows_of
 from meanflock.results.summary_file import read_summary
 from meanflock.swarm import mission
@@ -366,3 +369,19 @@ def test_a_key_of_one_group_is_set_by_its_name() -> None:
 def test_a_key_of_no_group_is_refused(setting: str, says: str) -> None:
     with pytest.raises(BadInput, match=says):
         load(Path("groups"), [setting])
+
+
+def test_keys_of_groups_differ_one_by_one_from_the_defaults_and_from_those_of_another_flight() -> None:
+    def keys(*settings: str) -> dict[str, Any]:
+        return flat(tomllib.loads(to_toml(load(Path("groups"), settings))))
+
+    flown = keys("groups.couriers.method=bvc")
+    changed = changed_keys(flown)
+    assert changed["groups"] == (["learners", "couriers", "reserve"], [])
+    assert changed["groups.couriers.method"] == ("bvc", "mfgfl-hf")  # of the flight
+    assert changed["groups.couriers.start.radius"] == (60.0, 25.0)
+    assert changed["groups.learners.count"] == (12, None)
+    assert "groups.couriers.destination.patrol" not in changed  # set, to what the flight has
+    later = keys("groups.couriers.method=bvc", "groups.reserve.joins_at_s=30")
+    assert changed_keys(flown, later) == {"groups.reserve.joins_at_s": (20.0, 30.0)}
+    assert nearest(later) == ("groups", {"groups.couriers.method": "bvc", "groups.reserve.joins_at_s": 30.0})
