@@ -27,6 +27,8 @@ FROM base AS builder
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 \
     PIP_NO_CACHE_DIR=1 \
     PIP_ROOT_USER_ACTION=ignore
+# Older versions of pip take twice the time.
+RUN python -m venv /venv && pip install -q --upgrade 'pip>=25'
 WORKDIR /build
 
 FROM builder AS wheel
@@ -34,11 +36,10 @@ COPY . .
 # With a compiler the wheel carries all kernels; without one NumPy does their work, with the same bits.
 RUN command -v cc >/dev/null || { apt-get -qq update && apt-get -qq install -y --no-install-recommends gcc libc6-dev; } \
     || echo "no C compiler to be had"
-RUN python -m venv /venv && pip wheel -q --no-deps --wheel-dir /wheel .
+RUN pip wheel -q --no-deps --wheel-dir /wheel .
 
 # With no package beside it, pyproject.toml installs as its dependencies alone.
 FROM builder AS agent-dependencies
-RUN python -m venv /venv
 COPY pyproject.toml LICENSE constraints.txt ./
 RUN pip install -q -c constraints.txt .
 
@@ -52,7 +53,6 @@ FROM builder AS extended-dependencies
 ARG EXTRAS
 ARG PACKAGES
 ARG PIP_EXTRA_INDEX_URL
-RUN python -m venv /venv
 COPY pyproject.toml LICENSE constraints-learners.txt ./
 RUN pip install -q -c constraints-learners.txt ".[ground${EXTRAS:+,$EXTRAS}]" ${PACKAGES}
 
