@@ -98,7 +98,7 @@ def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_groups(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """All keys, those of groups as `--set` addresses them, `groups.NAME.KEY`; `groups` itself has the names in order."""
+    """All keys; those of groups as `--set` addresses them, `groups.NAME.KEY`, and `groups` has the names in order."""
     groups: list[Any] = keys.get("groups") or []
     if not groups:
         return dict(keys)
