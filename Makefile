@@ -10,6 +10,7 @@ ARGS ?=
 WORKERS ?=
 COMPOSE ?= docker compose
 CERTS ?=
+AFTER ?=
 SECURE = $(if $(CERTS),-f docker-compose.yml -f $(CERTS)/compose.yaml --profile secure)
 # Bytecode is kept whatever the environment says: else each worker compiles all tests, and each process what changed.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/pytest
@@ -162,7 +163,8 @@ $(LEARNERS)/.libraries: constraints-learners.txt
 	$(LEARNERS)/bin/python -m pip install -qq --no-compile -r constraints-learners.txt
 	@touch $@
 
-$(LEARNERS)/.ready: $(LEARNERS)/.libraries pyproject.toml setup.py $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch])
+# Both environments build the kernels in place: where they are made at once, this one waits for AFTER=.venv/.dev.
+$(LEARNERS)/.ready: $(LEARNERS)/.libraries pyproject.toml setup.py $(wildcard meanflock/kernels/*.[ch] meanflock/kernels/*/*.[ch]) | $(AFTER)
 	@set -eu; $(LEARNERS)/bin/python -m pip install -qq --no-compile -c constraints-learners.txt -e '.[flower,torch]' $$($(LEARNERS)/bin/python -c \
 	'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["learners"])')
 	@touch $@

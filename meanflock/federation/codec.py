@@ -295,6 +295,7 @@ class Codec:
         behind = self._behind(fields)
         return Pieces(places, values, self._weights(fields, behind), behind, heads)
 
+    @np.errstate(invalid="ignore")  # to widen a NaN that signals is invalid; what has one is rejected
     def check(self, source: np.ndarray, rows: np.ndarray, least: int = 1, newest: int | None = None) -> None:
         """Validates fragments of the UAVs `source` (R,) that come by network.
 

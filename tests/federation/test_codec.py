@@ -1,5 +1,6 @@
 """Models as bytes and back, in every coding: fragments, heads and weights, hostile bytes, bounds and rounding."""
 
+import contextlib
 import struct
 from typing import Any
 
@@ -132,6 +133,19 @@ def test_hostile_bytes_are_rejected_or_are_a_model_within_all_bounds(name: str, 
     assert ((pieces.behind >= 1.0) & (pieces.behind <= (9 if more["most"] is not None else 1))).all()
     assert ((pieces.weights > 0.0) & (pieces.weights < COARSEST * 9)).all()
     assert all(len(note) <= max(0, codec.note) for note in notes_of(pieces.heads))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", CODINGS)
+def test_a_nan_that_signals_is_rejected_without_a_warning(name: str) -> None:
+    codec = codec_of(name, (9, 12), None, weighted=True)
+    rows, source = rows_of(codec, np.ones((1, 21))), np.arange(1)
+    signal = np.frombuffer(b"\x01\0\xa0\x7f", np.uint8)
+    for at in range(rows.nbytes - 3):
+        hostile = np.frombuffer(rows.tobytes(), np.uint8).copy()
+        hostile[at : at + 4] = signal
+        with contextlib.suppress(MessageRejected):
+            codec.check(source, hostile.view(codec.dtype).reshape(rows.shape))
 
 
 @pytest.mark.parametrize("name", CODINGS)
