@@ -17,6 +17,7 @@ from meanflock.swarm import scenario
 AT_S = 40.6  # just after the second round: models on the air, a collision, the flock half-way
 PICTURES = published.DOCS / "pictures"
 IN_SPACE_AT_S = 8.0  # just before all ways meet in the middle of the sphere
+OF_GROUPS_AT_S = 40.3  # the reserve is on its way, the couriers have met, states are on the air
 COMPARED = ("mfgfl-hf", "plan")  # the paper's method, and one without learning or radio
 
 
@@ -31,6 +32,8 @@ def main() -> None:
         screenshot(both, PICTURES / "compare.png", at_s=AT_S)
         run = fly(scenario.load(Path("sphere"), method="orca", seed=1), Options(out=Path(out), in_process=True))
         screenshot(run.folder / RECORDING, PICTURES / "space.png", IN_SPACE_AT_S, (1280, 720), view="space")
+        run = fly(scenario.load(Path("groups"), seed=1), Options(out=Path(out), in_process=True))
+        screenshot(run.folder / RECORDING, PICTURES / "groups.png", OF_GROUPS_AT_S, (1280, 640), view="map")
     print(PICTURES)
 
 
