@@ -27,8 +27,8 @@ FROM base AS builder
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 \
     PIP_NO_CACHE_DIR=1 \
     PIP_ROOT_USER_ACTION=ignore
-# Older versions of pip take twice the time.
-RUN python -m venv /venv && pip install -q --upgrade 'pip>=25'
+# Older versions of pip work, but take twice the time.
+RUN python -m venv /venv && { pip install -q 'pip>=25' || true; }
 WORKDIR /build
 
 FROM builder AS wheel

@@ -129,10 +129,12 @@ if [ -z "$$python" ]; then \
 fi
 endef
 
-# $(call make_venv,DIRECTORY), after find_python. Older versions of pip take twice the time for these installations.
+# $(call make_venv,DIRECTORY), after find_python. Older versions of pip work, but take twice the time.
 PIP := 'pip>=25'
 define make_venv
-if [ $$pip = own ]; then "$$python" -m venv --clear $(1); $(1)/bin/python -m pip install -qq --upgrade $(PIP); \
+if [ $$pip = own ]; then \
+	"$$python" -m venv --clear $(1); \
+	$(1)/bin/python -m pip install -qq $(PIP) || echo "Going on with the pip that this Python brings" >&2; \
 else "$$python" -m venv --clear --without-pip $(1); "$$python" -m pip --python $(1)/bin/python install -qq $(PIP); fi
 endef
 

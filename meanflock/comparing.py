@@ -1,7 +1,7 @@
 """`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -126,7 +126,9 @@ def _check_grid(
 
 def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:
     """The controllers as a list, also if only one was given."""
-    return [methods] if isinstance(methods, str | type) else list(methods or ())
+    if isinstance(methods, Iterable) and not isinstance(methods, str | type):
+        return list(methods)
+    return [] if methods is None else [methods]
 
 
 def _processes(jobs: Any) -> int:

@@ -108,6 +108,7 @@ OUT = {"out": "runs"}
         (lambda: mf.fly("paper", **OUT, **{"wind.sgima": 1}), "sgima"),
         (lambda: mf.fly("paper", method=int, **OUT), "derive a class from meanflock.Controller"),
         (lambda: mf.fly("paper", method=object(), **OUT), "is neither the name nor the class of a controller"),
+        (lambda: mf.compare(5, **FEW), "is neither the name nor the class of a controller"),
         (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
         (lambda: mf.fly("paper", plugin=5, **OUT), "5 is no path of a file"),
         (lambda: mf.fly("paper", learner=5, **OUT), "5 is no path of a file"),

@@ -28,6 +28,7 @@ WRONG_KEYS = [
     ('[[faults]]\nkind = "jam"\ntick = 1\nduration_s = 1.0\nuavs = [1]', "faults", "two or more"),
     ('dt = "fast"', "dt", "expected a number, got 'fast'"),
     ("uavs = 2.5", "uavs", "expected a whole number, got 2.5"),
+    ('[[groups]]\nname = "a.b"\ncount = 25', "groups[0].name", "expected a letter and at most 31", "got 'a.b'"),
     ("[wind]\nmean = [1.0]", "wind.mean", "expected a list of length >= 2"),
     ("[radio]\nbits_per_float = 31", "radio.bits_per_float", "31", "choose one of 16, 32, 64"),
     ("dt = inf", "dt", "<= 1000.0"),

@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
+from meanflock.swarm.explain import NAME
 from meanflock.swarm.scenario.tables.mission import Destination, Start
 from meanflock.swarm.scenario.tables.training import Training
 from meanflock.swarm.scenario.tables.vehicle import VehicleTable
@@ -20,7 +21,7 @@ class GroupTable(_Table, frozen=True, omit_defaults=True, kw_only=True):
 
     name: Annotated[
         str,
-        Meta(pattern="^[A-Za-z][A-Za-z0-9_-]{0,31}$", description="its name, by which columns and other keys call it"),
+        Meta(pattern=NAME, description="its name, by which columns and other keys call it"),
     ]
     count: Annotated[int, Meta(ge=1, description="number of its UAVs")]
     method: Annotated[str, Meta(description="name of their controller; unset: `method`")] | None = None
