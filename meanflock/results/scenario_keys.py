@@ -75,7 +75,7 @@ def nearest(keys: Mapping[str, Any]) -> NearestMission:
     The changed keys are without options of the controller, and without method, number of UAVs and seed.
     """
     own = _without_own(keys)
-    found = {name: differing(own, _of_groups(_defaults(name))) for name in _shipped()}
+    found = {name: differing(own, _defaults(name)) for name in _shipped()}
     name = min(found, key=lambda name: (len(found[name]), name != PAPER))
     changed = {
         key: value
@@ -99,9 +99,7 @@ def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 def _of_groups(keys: Mapping[str, Any]) -> dict[str, Any]:
     """All keys; those of groups as `--set` addresses them, `groups.NAME.KEY`, and `groups` has the names in order."""
-    groups: list[Any] = keys.get("groups") or []
-    if not groups:
-        return dict(keys)
+    groups = keys["groups"]
     named = {f"groups.{group['name']}": {key: group[key] for key in group if key != "name"} for group in groups}
     return {**keys, "groups": [group["name"] for group in groups]} | flat(named)
 
@@ -133,7 +131,7 @@ def _shipped() -> tuple[str, ...]:
 def _defaults(name: str) -> dict[str, Any]:
     """All keys of a shipped scenario that are set or left out with a default, and the scale of its features."""
     loaded = scenario.load(Path(name))
-    return flat(_values(loaded)) | {"learner.position_scale": loaded.position_scale_m}
+    return _of_groups(flat(_values(loaded)) | {"learner.position_scale": loaded.position_scale_m})
 
 
 def _values(table: msgspec.Struct) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from meanflock.swarm.errors import most_similar
 
 NAME = "^[A-Za-z][A-Za-z0-9_-]{0,31}$"
 REMEDY = "`meanflock scenario schema` lists every key with its unit and bounds"
-_PATTERNS = {f"`str` matching regex '{NAME}'": "a letter and at most 31 letters, digits, - and _ behind it"}
+_NAME_TYPE = f"`str` matching regex '{NAME}'"
+_NAME_IN_WORDS = "a letter and at most 31 letters, digits, - and _ behind it"
 _WORDS = {
     "int": "a whole number",
     "float": "a number",
@@ -21,7 +22,6 @@ _WORDS = {
     "object": "a table",
     "null": "nothing",
 }
-_TYPES = re.compile(r"`([\w |]+)`")
 
 
 def explain(message: str, root: type, table: dict[str, Any], where: str = "", remedy: str = REMEDY) -> str:
@@ -44,10 +44,10 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", re
         choices = _choices(root, place)
         return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {remedy}"
     if text.startswith("Expected "):
-        expected, _, got = text.removeprefix("Expected ").partition(", got ")
-        expected = _PATTERNS.get(expected) or _TYPES.sub(lambda found: _in_words(found[1]), expected)
-        got = _value_at(table, place) or _TYPES.sub(lambda found: _in_words(found[1]), got)
-        return f"{prefix}expected {expected}{f', got {got}' if got else ''}; {remedy}"
+        text = re.sub(r"`([\w |]+)`", lambda found: _in_words(found[1]), text.replace(_NAME_TYPE, _NAME_IN_WORDS))
+        expected, _, got = text.partition(", got ")
+        got = _value_at(table, place) or got
+        return f"{prefix}e{expected[1:]}{f', got {got}' if got else ''}; {remedy}"
     return prefix + (text if ";" in text else f"{text}; {remedy}")
 
 

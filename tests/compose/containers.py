@@ -92,15 +92,16 @@ class Compose(Recorded):
     def state(self, container: str) -> dict[str, Any]:
         return self.inspect(container, "State")
 
-    def ended(self, container: str) -> int:
+    def ended(self, container: str, code: int = 0) -> None:
+        """Waits for the end of a container, which must have that exit code. A test that failed prints all logs."""
         until(lambda: self.state(container)["Status"] == "exited", f"{container} to end", FLIGHT_S)
-        return int(self.state(container)["ExitCode"])
+        found = self.state(container)["ExitCode"]
+        assert found == code, f"{container} ended with {found} instead of {code}"
 
     def finished(self) -> dict[str, Any]:
         """Waits for all containers to end well; the summary."""
         for container in self.containers():
-            code = self.ended(container)
-            assert code == 0, f"{container} ended with {code}:\n{self('logs', '--tail', '30')}"
+            self.ended(container)
         return self.summary()
 
     def summary(self) -> dict[str, Any]:
