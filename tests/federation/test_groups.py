@@ -168,12 +168,13 @@ def test_a_uav_does_not_avoid_the_starts_of_uavs_that_never_say_where_they_are(m
 def test_uavs_that_share_their_states_send_them_when_a_group_that_hears_them_joins(joining: str, hears: bool) -> None:
     early = {"name": "early", "count": 2, "method": "orca", "start": {"positions": [[40.0, 2.0], [40.0, -2.0]]}}
     late = {"name": "late", "count": 2, "method": joining, "joins_at_s": 30.0, "start": {"centre": [-60.0, 0.0]}}
-    rows = rows_of(Scenario(uavs=4, duration=30.2, stop="duration", groups=[early, late]))
-    *hovering, joined = rows[296:302]
-    assert not any(len(row.links) for row in hovering)  # all predict them to hover, as they do
-    pairs = set(map(tuple, joined.links[:, [LinkColumn.SOURCE, LinkColumn.TARGET]].tolist()))
-    assert ({(0, 2), (0, 3), (1, 2), (1, 3)} <= pairs) is hears
-    assert bool(pairs) is hears
+    paused = [{"kind": "pause", "uavs": [1], "time_s": 29.9, "duration_s": 0.3}]
+    scenario = Scenario(uavs=4, duration=30.5, stop="duration", groups=[early, late], faults=paused)
+    links = np.concatenate([row.links for row in rows_of(scenario) if row.tick > 296])
+    sent = links[:, [LinkColumn.TICK, LinkColumn.SOURCE, LinkColumn.TARGET]]
+    of_early = sent[sent[:, 1] < 2]  # all predict them to hover, as they do
+    first = {(source, target): tick for tick, source, target in of_early[::-1].tolist() if target > 1}
+    assert first == ({(0, 2): 300, (0, 3): 300, (1, 2): 302, (1, 3): 302} if hears else {})
 
 
 @pytest.mark.parametrize("keys", [{"method": "vasarhelyi"}, {"method": "cruise", "filter": {"kind": "ecbf"}}])

@@ -1,10 +1,10 @@
 """Base classes of controllers whose UAVs broadcast their states, and the states of other UAVs known to each row.
 
 A UAV broadcasts its state every tick, or at events, according to `[sharing]`. An event is an error of the state that
-all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. That a group joins
-the flight is an event for all UAVs, because the group has heard nothing so far. The state is sent as (x, y, vx, vy) in
-1 cm and 1 cm/s, four int16; in space six, with z and vz. The current state is sent again in the next r − 1 ticks. The
-origin is halfway between the UAV's own start and goal, so the numbers reach 327 m; a state beyond that is not sent.
+all others predict from its last broadcast: more than δ in position, or more than δ_v in velocity. That a group has
+joined the flight since this broadcast is an event, too, because the group has not heard it. The state is sent as (x, y,
+vx, vy) in 1 cm and 1 cm/s, four int16; in space six, with z and vz. The current state is sent again in the next r − 1
+ticks. The origin is halfway between the UAV's own start and goal, so numbers reach 327 m; a state beyond is not sent.
 
 A received state counts as sent in the tick before. On a slow radio it may be older. With events, a silent UAV counts as
 flying as predicted, for any time. With a broadcast every tick, a silent UAV is lost or out of range, and is forgotten
@@ -13,6 +13,7 @@ flying as predicted, for any time. With a broadcast every tick, a silent UAV is 
 
 import math
 from abc import abstractmethod
+from bisect import bisect_right
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar
@@ -158,8 +159,8 @@ class NeighbourStates:
         moved, turned = state.squared_halves(own - self._own(memory, tick))
         event = moved > self._delta_squared
         event |= turned > self._velocity_delta_squared
-        if tick in self._joins:
-            event[:] = True
+        if joined := bisect_right(self._joins, tick):  # also for a UAV that was paused when the group joined
+            event |= memory["neighbour_tick"][np.arange(len(uav)), uav] < self._joins[joined - 1]
         left = np.where(event, self._repeats, left)
         due = left > 0
         rows = due.nonzero()[0]
@@ -191,10 +192,10 @@ class NeighbourStates:
         return silent
 
     @cached_property
-    def _joins(self) -> frozenset[int]:
-        """Ticks in which a group of UAVs that share their states joins a flight that has begun."""
+    def _joins(self) -> list[int]:
+        """Ticks in which groups of UAVs that share their states join a flight that has begun, ascending."""
         ticks = mission.joins(self._scenario)
-        return frozenset(ticks[~self._silent].tolist()) - {0}
+        return sorted(set(ticks[~self._silent].tolist()) - {0})
 
     def _own(self, memory: Memory, tick: int) -> States:
         """States of the rows that all others predict from the rows' last broadcasts, (M, 4)."""
