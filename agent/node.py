@@ -84,7 +84,7 @@ class Agent:
         received = self._receive(sense)
         if goals is not None:
             self._memory = self._controller.guided(self._memory, *goals)
-        if self._controller.asleep is not None:
+        if self._controller.asleep is not None and self._memory is not before:
             self._memory = choose(self._controller.asleep, before, self._memory)
         return received
 

@@ -54,19 +54,21 @@ def differing(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, 
 def changed_keys(keys: Mapping[str, Any], other: Mapping[str, Any] | None = None) -> dict[str, tuple[Any, Any]]:
     """The keys of a flown scenario that differ from those of another one, by default from the defaults; both values.
 
-    Keys of groups are as `--set` addresses them. From the defaults, only what a group has unlike its flight differs.
+    Keys of groups are as `--set` addresses them. The default of a group's key is what its flight has.
     """
     own = _without_own(keys)
-    if other is not None:
-        return differing(own, _without_own(other))
-    defaults = _defaults(PAPER)
-    ours = {key: value for key, value in own.items() if value != own.get(_of_the_flight(key))}
-    return differing(ours, defaults | {key: defaults.get(_of_the_flight(key)) for key in ours if key not in defaults})
+    return differing(own, _defaults(PAPER) | _of_the_flight(own) if other is None else _without_own(other))
 
 
-def _of_the_flight(key: str) -> str:
-    """The key of the flight that `key` is for one group; where it is of no group, a key that no flight has."""
-    return key.split(".", 2)[2] if key.startswith("groups.") else ""
+def _of_the_flight(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """What the groups have of their flight for each key that they set: no option of another controller."""
+    found: dict[str, Any] = {}
+    for key in keys:
+        if key.startswith("groups."):
+            _, group, own = key.split(".", 2)
+            is_alike = keys.get(f"groups.{group}.method", keys["method"]) == keys["method"]
+            found[key] = keys.get(own) if is_alike or not own.startswith("controller.") else None
+    return found
 
 
 def nearest(keys: Mapping[str, Any]) -> NearestMission:

@@ -382,6 +382,11 @@ def test_keys_of_groups_differ_one_by_one_from_the_defaults_and_from_those_of_an
     assert changed["groups.couriers.start.radius"] == (60.0, 25.0)
     assert changed["groups.learners.count"] == (12, None)
     assert "groups.couriers.destination.patrol" not in changed  # set, to what the flight has
+    slow = ["controller.speed_m_s=4", "groups.couriers.controller.speed_m_s=4", "groups.reserve.controller.speed_m_s=4"]
+    mixed = changed_keys(keys("method=bvc", "groups.learners.method=mfgfl-hf", *slow))
+    assert mixed["groups.learners.method"] == ("mfgfl-hf", "bvc")
+    assert mixed["groups.couriers.controller.speed_m_s"] == (4, None)  # of another controller than the flight's
+    assert "groups.reserve.controller.speed_m_s" not in mixed
     later = keys("groups.couriers.method=bvc", "groups.reserve.joins_at_s=30")
     assert changed_keys(flown, later) == {"groups.reserve.joins_at_s": (20.0, 30.0)}
     assert nearest(later) == ("groups", {"groups.couriers.method": "bvc", "groups.reserve.joins_at_s": 30.0})
