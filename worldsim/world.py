@@ -114,7 +114,7 @@ class World(Stateful):
         self._downwash = Downwash(scenario)
         self._merger = FrameMerger(self.ledger)
         self._checkpoint_every = checkpoint_every if plan.is_resumable else 0
-        self.over_duty: list[int] = []
+        self.over_duty: set[int] = set()
         self.batteries_empty = 0
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
@@ -410,9 +410,8 @@ class World(Stateful):
         limit = self.scenario.radio.duty_max
         if limit is None or self.flight.tick % REPORT_EVERY_TICKS:
             return
-        over = [node for node in np.flatnonzero(self.duty > limit).tolist() if node not in self.over_duty]
-        if over:
-            self.over_duty = sorted([*self.over_duty, *over])
+        if over := sorted(set(np.flatnonzero(self.duty > limit).tolist()) - self.over_duty):
+            self.over_duty.update(over)
             self.note(DutyExceeded(self.flight.tick, tuple(name_of(self.scenario, node) for node in over), limit))
 
     def _completed(self, ended: RoundEnded, replied: Mask) -> RoundEnded:

@@ -14,7 +14,10 @@ from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, load
+from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.faults.dying import LATER, dead, resumed
+from tests.golden.flights import steady
+from tests.telemetry import fly
 
 BUDGET = ("radio.model=link-budget", "radio.coherence_time_s=0.001", "uavs=4")
 JAMMER = {"kind": "noise", "tick": 0, "duration_s": 30.0, "power_dbm": 20.0, "bandwidth_hz": 2e6}
@@ -153,18 +156,14 @@ def test_a_round_that_sends_for_longer_than_a_radio_may_is_refused_with_the_leas
 
 
 @pytest.mark.parametrize("method", ["mfgfl-hf", "hjb"])
-def test_radios_send_as_long_as_is_foreseen_and_who_sends_more_is_named_once(method: str) -> None:
+def test_radios_send_as_long_as_is_foreseen_and_who_sends_more_is_named_once(method: str, monkeypatch) -> None:
+    monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
     limit = {"mfgfl-hf": 0.012, "hjb": 0.0005}[method]
     flown = scenario(
         *THIN, "federation.period=20", f"radio.duty_max={limit}", "stop=duration", duration=20, method=method
     )
-    told: list[Any] = []
-
-    class Sink:
-        def write(self, block: Any) -> None:
-            told.extend(event for event in block.events if event.kind == "duty")
-
-    summary = Engine(flown, "duty", sinks=[Sink()]).complete()
+    summary, record = fly(flown)
+    told = [event for event in record.events if event.kind == "duty"]
     plan = plan_of(flown)
     if method == "mfgfl-hf":
         assert not told
@@ -173,6 +172,9 @@ def test_radios_send_as_long_as_is_foreseen_and_who_sends_more_is_named_once(met
         named = [name for event in told for name in event.nodes]
         assert sorted(named) == [f"UAV {uav}" for uav in range(4)]
         assert "has sent for more than 0.05 % of the time" in told[0].text
+        again, rest = fly(flown, resume=record.checkpoints[-1])
+        assert "duty" not in [event.kind for event in rest.events]
+        assert steady(again) == steady(summary)
 
 
 def test_collisions_are_on_the_air_of_those_who_collide() -> None:
