@@ -346,8 +346,8 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
     Raises:
         BadInput: a plug-in is not installed here.
     """
-    wanted: list[tuple[PluginKind, str]] = [
-        ("controller", scenario.method),
+    wanted: list[tuple[PluginKind, str]] = [] if scenario.has_own_methods else [("controller", scenario.method)]
+    wanted += [
         ("aggregator", scenario.federation.aggregation),
         ("channel", scenario.radio.model),
         ("vehicle", scenario.vehicle.model),

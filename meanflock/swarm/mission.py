@@ -228,6 +228,13 @@ def destinations(mission: Mission) -> list[tuple[slice, Any]]:
     return [(rows, group.destination or mission.destination) for group, rows in parts(mission)]
 
 
+def vehicles(mission: FlownMission) -> list[tuple[Any, slice]]:
+    """The `[vehicle]` of all UAVs, with their rows."""
+    if not mission.groups:
+        return [(mission.vehicle, slice(0, mission.uavs))]
+    return [(group.vehicle or mission.vehicle, rows) for group, rows in parts(mission)]
+
+
 def all_goals(mission: Mission) -> state.Vectors:
     """The goals of all UAVs, and all waypoints, (K, d) in m."""
     places = [goals(mission)]
@@ -237,20 +244,20 @@ def all_goals(mission: Mission) -> state.Vectors:
     return np.concatenate(places) if len(places) > 1 else places[0]
 
 
-def farthest_from_landing(mission: Any) -> float:
-    """The longest way from a goal to the nearest landing place, or without any to the UAV's start, m.
+def farthest_from_landing(mission: Any) -> Floats:
+    """The longest way of each UAV from a goal to the nearest landing place, or without any to its start, (N,), m.
 
     `mission`: a scenario.
     """
     home, first, space = state.position(starts(mission)), goals(mission), mission.space
     landings = np.array(space.vectors(mission.energy.landings, mission.start.height))
-    ways = [0.0]
+    farthest = np.zeros(mission.uavs)
     for rows, destination in destinations(mission):
         for place in [first[rows], *space.vectors(destination.waypoints, mission.start.height)]:
             apart = place - home[rows] if not len(landings) else np.atleast_2d(place)[:, None] - landings
             length = state.length(apart)
-            ways.append(float(length.max() if not len(landings) else length.min(axis=1).max()))
-    return max(ways)
+            farthest[rows] = np.maximum(farthest[rows], length.min(axis=1) if len(landings) else length)
+    return farthest
 
 
 def radii(mission: Mission) -> Floats:

@@ -8,7 +8,7 @@ import pytest
 
 import meanflock as mf
 from meanflock.agent.controllers.cruise import Cruise
-from meanflock.federation.plan import plan_of
+from meanflock.federation.plan import plan_of, plugins_of
 from meanflock.federation.schedule import Schedule
 from meanflock.launch.engine import Engine
 from meanflock.results import quantities
@@ -21,6 +21,7 @@ from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.tick import Row
 from meanflock.worldsim.world import World
 from tests.golden.flights import steady
+from tests.telemetry import fly as fly_recorded
 
 SIDE_BY_SIDE: dict[str, Any] = {
     "uavs": 8,
@@ -51,6 +52,13 @@ def test_groups_of_one_controller_are_one_to_the_bit() -> None:
     assert named["a"]["arrived"] + named["b"]["arrived"] == first["arrived"]
     assert first.pop("scenario_sha256") != second.pop("scenario_sha256")
     assert first == second
+
+
+def test_the_method_of_the_flight_need_not_be_installed_where_every_group_has_its_own() -> None:
+    groups = [{"name": "a", "count": 1, "method": "cruise"}, {"name": "b", "count": 1, "method": "lqr"}]
+    flown = Scenario(uavs=2, duration=1.0, method="elsewhere", groups=groups)
+    assert [name for kind, name, _ in plugins_of(flown) if kind == "controller"] == ["cruise", "lqr"]
+    assert fly_recorded(flown)[1].checkpoints
 
 
 @pytest.mark.parametrize("kind", ["controller", "vehicle"])

@@ -149,6 +149,13 @@ def test_goals_that_do_not_fit_a_node_are_refused_and_change_nothing(record: dic
     assert agent._memory["travel_end"].tolist() == [before["travel_end"][0].tolist(), [30.0, 40.0]]
 
 
+TWO_VEHICLES: dict[str, Any] = {
+    "uavs": 2,
+    "energy": {"battery_J": 3.0},
+    "space": {"dimensions": 3},
+    "vehicle": {"model": "multirotor"},  # whose power is not foreseen
+    "groups": [{"name": "a", "count": 1}, {"name": "b", "count": 1, "vehicle": {}}],
+}
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"destination": {"patrol": True}}, "`destination.patrol` has no effect without `destination.waypoints`"),
     ({"destination": {"times_s": [0.0]}}, "`destination.times_s` has no effect without `destination.waypoints`"),
@@ -164,6 +171,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"energy": {"battery_J": 0.0}}, "battery_J"),
     ({"energy": {"battery_J": 9.0, "landings": [[0.0, 0.0, 1.0]]}}, "leave the third out"),
     ({"energy": {"battery_J": 3.0}}, "leaves a reserve of 0.6 J"),
+    (TWO_VEHICLES, "leaves a reserve of 0.6 J"),
     ({"groups": [{"name": "a", "count": 1, "destination": {"patrol": True}}]}, "`groups[0]`: `destination.patrol`"),
 ]
 
@@ -172,3 +180,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
 def test_missions_that_contradict_themselves_are_refused(keys: dict[str, Any], text: str) -> None:
     with pytest.raises(mf.BadInput, match=re.escape(text)):
         plan_of(Scenario(**CALM | keys))
+
+
+def test_a_battery_is_judged_by_the_vehicle_of_each_group_and_its_way() -> None:
+    near = {"name": "b", "count": 1, "vehicle": {}, "start": {"positions": [[1.0, 1.0]]}}
+    plan = plan_of(Scenario(**CALM | TWO_VEHICLES | {"groups": [TWO_VEHICLES["groups"][0], near]}))
+    assert [group.scenario.vehicle.model for group in plan.groups] == ["multirotor", "point-mass"]
+    assert [other.vehicle.model for other in plan.groups[1].scenario.groups] == ["multirotor", "point-mass"]

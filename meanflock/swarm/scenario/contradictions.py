@@ -143,17 +143,21 @@ def _check_batteries(scenario: Any) -> None:
         return
     if scenario.dimensions == state.PLANE and any(len(place) > state.PLANE for place in energy.landings):
         raise ValueError("`energy.landings` has three numbers, and the flight is in the plane; leave the third out")
-    if scenario.vehicle.model != tables.VehicleTable().model or not mission.has_starts(scenario):
-        return  # another vehicle has a power of its own
+    if not mission.has_starts(scenario):
+        return
+    ways, left = mission.farthest_from_landing(scenario), energy.reserve * energy.battery_J
     speeds = np.linspace(0.5, 50.0, 100)
-    least = float((scenario.vehicle.power(speeds * speeds, speeds) / speeds).min())  # J/m
-    farthest = mission.farthest_from_landing(scenario)
-    if (left := energy.reserve * energy.battery_J) < least * farthest:
-        raise ValueError(
-            f"`energy.battery_J` {energy.battery_J:g} J leaves a reserve of {left:g} J, and {farthest:.4g} m from "
-            f"a goal to the nearest landing place take {least * farthest:.4g} J at least; take a larger battery or "
-            "reserve, or add a place to `energy.landings`"
-        )
+    for vehicle, rows in mission.vehicles(scenario):
+        if vehicle.model != tables.VehicleTable().model:
+            continue  # another vehicle has a power of its own
+        least = float((vehicle.power(speeds * speeds, speeds) / speeds).min())  # J/m
+        farthest = float(ways[rows].max())
+        if left < least * farthest:
+            raise ValueError(
+                f"`energy.battery_J` {energy.battery_J:g} J leaves a reserve of {left:g} J, and {farthest:.4g} m from "
+                f"a goal to the nearest landing place take {least * farthest:.4g} J at least; take a larger battery or "
+                "reserve, or add a place to `energy.landings`"
+            )
 
 
 def _check_memory(scenario: Any) -> None:

@@ -249,9 +249,14 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
 
     def of_group(self, group: tables.GroupTable) -> "Scenario":
         """The scenario as the controller of a group gets it: method, learner, vehicle and radius of arrival of the
-        group, and the mission, the methods and their options of all."""
+        group, and the mission, the methods, their options and the vehicles of all."""
         named = tuple(
-            msgspec.structs.replace(other, method=other.method or self.method, controller=self._options_of(other))
+            msgspec.structs.replace(
+                other,
+                method=other.method or self.method,
+                controller=self._options_of(other),
+                vehicle=other.vehicle if group.vehicle is None else other.vehicle or self.vehicle,
+            )
             for other in self.groups
         )
         own: dict[str, Any] = {"groups": named, "controller": self._options_of(group)}
