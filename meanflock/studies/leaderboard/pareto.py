@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
 from meanflock.results.plots import plotstyle
+from meanflock.results.plots.comparison import explained
 from meanflock.studies.leaderboard import labels, rows
 from meanflock.studies.leaderboard.board import BoardCell, Course, Standing
 from meanflock.studies.leaderboard.labels import Block, Numbered
@@ -42,7 +43,7 @@ LOOKS = {
 }
 OTHERS, YOURS = "others", "yours"  # families of rows that rows.toml does not have
 LOOKS |= {OTHERS: FamilyLook("#222222", "p", 5.0), YOURS: FamilyLook("#CC2222", "*", 11.0)}
-_WIDTH_IN, _HEIGHT_IN = 9.6, 5.2
+_WIDTH_IN, _HEIGHT_IN, _CAPTION_IN = 9.6, 5.2, 0.2
 _LINE_IN, _NAME_PT, _LETTER_IN = 0.128, 6.8, 0.058  # of the legend: height of a line, size and width of a letter
 _LEADS = (
     (1, 2, 3, 5),
@@ -74,11 +75,12 @@ def draw(course: Course) -> Figure:
     points = shown(course)
     with plotstyle.style():
         width = _legend_in(points)
-        figure = plotstyle.figure(_WIDTH_IN, _HEIGHT_IN)
+        figure = plotstyle.figure(_WIDTH_IN, _HEIGHT_IN + _CAPTION_IN)
         left, right, names = figure.subplots(1, 3, width_ratios=[1.0, 1.0, width / (_WIDTH_IN - width) * 2.0])
         _time_energy(left, course, points)
         _bits_collisions(right, points)
         _legend(names, points, bool(course.front_s))
+        explained(figure, [max(cell.n for cell in point.row.cells.values()) for point in points])
         figure.draw_without_rendering()
         front = [np.column_stack([course.front_s, course.front_J])]
         _number(left, points, ("time_s", "energy_J"), front)
@@ -131,7 +133,7 @@ def _time_energy(ax: Axes, course: Course, points: Sequence[NumberedRow]) -> Non
         axis.set_major_formatter(FuncFormatter(partial(_plain, leads)))
         axis.set_minor_formatter(FuncFormatter(partial(_plain, leads)))
     ax.tick_params(which="minor", labelsize=6.5)
-    ax.set_xlabel("travel time T (s)")
+    ax.set_xlabel("travel time T, duration if never arrived (s)")
     ax.set_ylabel("energy until arrival (J)")
     plotstyle.titled(ax, "a", "time and energy; grey: infeasible")
 

@@ -147,6 +147,7 @@ def boxes(figure: Figure, texts: list[Any]) -> list[Bbox]:
 def test_every_row_has_its_number_once_and_no_number_hides_another(name: str) -> None:
     course = COURSES[name]
     figure = pareto.draw(course)
+    assert figure.get_supxlabel().startswith("mean and 95 % interval over ")
     numbers = {str(number): row.name for number, row in enumerate(course.standings, 1) if pareto.drawn(row)}
     *plots, names = figure.axes
     for ax in plots:
