@@ -98,9 +98,9 @@ class StudyResults:
         rounds = {at: [summary[EACH_ROUND] for summary in summaries] for at, summaries in flown.items()}
         if drawn := learning.plot_learning(self._names, rounds, over, columns):
             figures[f"learning-over-{over}"] = drawn
-        labels = comparison.labels(self._names, flown)
+        labels, looks = comparison.labels(self._names, flown), comparison.point_looks(self._names, flown)
         points = [
-            tradeoff_plot.TradeoffPoint(labels[at], one.x, one.y, one.place)
+            tradeoff_plot.TradeoffPoint(labels[at], looks[at], one.x, one.y, one.place)
             for at, one in (found.placed.items() if found else ())
             if one.place
         ]

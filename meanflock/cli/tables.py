@@ -1,6 +1,7 @@
 """Tables in a terminal, of at least 80 columns: no number is cut off, and no table is wider. The tables of a study."""
 
 import re
+import textwrap
 from collections.abc import Sequence
 from copy import copy
 from statistics import fmean
@@ -27,6 +28,7 @@ _GAP = 2  # columns between two cells, with that space
 _LONGEST = 12  # characters of a hash
 _WIDE = 1000  # columns: wider than any table
 _NARROWEST = 12  # columns of a text that folds
+_OBJECTIVE = 24  # characters of a line of the heading of an objective
 _NAME = 16  # characters of a line of a name that is joined by `+`
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 MEANS = (
@@ -139,7 +141,7 @@ def tradeoff_table(means: Means, found: Tradeoff) -> Table:
     shown = _empty(means, f"\nPareto front of {found.x.name} and {found.y.name}", note)
     shown.add_column("n", justify="right", no_wrap=True)
     for objective in (found.x, found.y):
-        heading = objective.label.replace(", ", ",\n")
+        heading = textwrap.fill(objective.label, _OBJECTIVE)
         shown.add_column(f"{heading}\n{objective.better} is better", justify="right", no_wrap=True)
     shown.add_column("Pareto", no_wrap=True)
     for values, placed in found.placed.items():

@@ -75,6 +75,9 @@ class Field(NamedTuple):
 
 TIME = Quantity("time", "s")
 TRAVEL_TIME = Quantity("travel time", "s", heading="travel\ntime")
+TRAVEL_TIME_OF_ALL = Quantity(
+    "travel time, duration if never arrived", "s", symbol="travel time", heading=TRAVEL_TIME.heading
+)
 ENERGY_TO_ARRIVAL = Quantity("energy until own arrival", "J", symbol="energy", heading="energy\nuntil\narrival")
 ENERGY = Quantity("energy, past arrival too", "J", symbol="energy")
 ALIGNMENT = Quantity("alignment φ_A", "m/s", "lower is better", symbol="φ_A", heading="align-\nment\nφ_A")
@@ -482,9 +485,8 @@ DERIVED = (  # numbers that studies make of summaries and time series
     Field("t_s", TIME, "simulated time since take-off"),
     Field(
         "t_avg_censored_s",
-        TRAVEL_TIME,
+        TRAVEL_TIME_OF_ALL,
         "travel time, mean of the UAVs; one that never arrived counts with the duration",
-        symbol="T_avg",
     ),
     Field("energy_trip_mean_J", ENERGY_TO_ARRIVAL, "energy of a UAV so far, at most until it arrives: mean"),
     Field("phi_A_tavg", ALIGNMENT, "alignment φ_A at T_avg", symbol="φ_A(T_avg)"),
@@ -545,6 +547,12 @@ def axis_label(key: str) -> str:
         return key
     named, field = FIELDS[key], _BY_KEY.get(key)
     return f"{(field and field.symbol) or named.symbol or named.name} ({named.unit or '1'})"
+
+
+def full_label(key: str) -> str:
+    """Name and unit of a registered field, for an axis or a column without a title: `alignment φ_A (m/s)`."""
+    named, field = FIELDS[key], _BY_KEY.get(key)
+    return f"{(field and field.symbol) or named.name} ({named.unit or '1'})"
 
 
 def table_column(key: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any, cast
 from meanflock.channel.meter import TRAFFIC
 from meanflock.federation.plan import plan_of
 from meanflock.results.better import Better, better
-from meanflock.results.quantities import COMPARED, DERIVED, FIELDS, SUMMARY, axis_label, number
+from meanflock.results.quantities import COMPARED, DERIVED, FIELDS, SUMMARY, full_label, number
 from meanflock.results.rounds_table import MEAN, METRIC
 from meanflock.results.stored_run import unit_of
 from meanflock.studies.each_round import LAST_ROUND
@@ -49,7 +49,7 @@ class Objective:
         """Name or symbol, with the unit in brackets."""
         key = self.keys[0]
         if key in FIELDS:
-            return axis_label(key)
+            return full_label(key)
         unit = unit_of(key)
         return self.name if unit in ("", "1") else f"{self.name.removesuffix(f'_{unit}')} ({unit})"
 

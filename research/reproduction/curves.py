@@ -41,7 +41,7 @@ def _four_panels(view: View, experiment: str, methods: Sequence[str]) -> Figure 
             floor = [1.0 / sizes.where(**{COORDINATE[experiment]: point})["uavs"][0] for point in points]
             ax.plot(points, floor, color=plotstyle.PALE, linestyle=":", linewidth=1.0, zorder=1)
         plotstyle.titled(ax, letter, title)
-        ax.set_ylabel(plotstyle.axis(metric))
+        ax.set_ylabel(plotstyle.tex("T_avg (s)") if metric == "t_avg_censored_s" else plotstyle.axis(metric))
         ax.set_xticks(points)
     for ax in axes[2:]:
         labels = ax.set_xticks(points, [f"{point:g}" for point in points])

@@ -10,7 +10,8 @@ from matplotlib.colors import same_color
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
-from meanflock.results.plots.comparison import plot_sweep
+from meanflock.results.plots import plotstyle
+from meanflock.results.plots.comparison import plot_sweep, point_looks
 from meanflock.results.plots.tradeoff import DOMINATED, FRONT, UNDECIDED, TradeoffPoint, plot_tradeoff
 from meanflock.results.statistics import exact, mean
 
@@ -53,10 +54,30 @@ def test_no_axis_of_a_sweep_reaches_below_zero_and_the_caption_says_of_how_many_
     assert figure.get_supxlabel() == "mean and 95 % interval over 2 flights"
 
 
+def test_swept_numbers_are_the_ticks_unless_they_are_close() -> None:
+    ticks = [text.get_text() for text in sweep((0.1, 0.2, 0.35)).axes[2].get_xticklabels()]
+    assert ticks == ["0.1", "0.2", "0.35"]
+    assert len(sweep((1, 2, 1000)).axes[2].get_xticks()) > 3
+
+
+def test_a_point_has_the_colour_of_its_line_and_a_mark_and_a_dash_for_its_value() -> None:
+    names, values = ["radio.access", "method"], ("fdma", "tdma", "csma")
+    looks = point_looks(names, product(values, ("hjb", "orca")))
+    lines = {str(handle.get_label()): handle for handle in sweep(values).legends[0].get_lines()}
+    for (_, method), look in looks.items():
+        assert look.colour == lines[method].get_color()
+    for own in ([look for (_, each), look in looks.items() if each == method] for method in ("hjb", "orca")):
+        assert len({look.marker for look in own}) == len({look.dash for look in own}) == len(values)
+    alone = point_looks(["method"], [("hjb",), ("orca",)])
+    assert alone == {(name,): look for name, look in plotstyle.looks(["hjb", "orca"]).items()}
+    swept = point_looks(names, product(values, ["hjb"]))
+    assert len({look.colour for look in swept.values()}) == len(values)
+
+
 PLACED = [
-    TradeoffPoint("method=orca", mean([1.0, 2.0]), mean([5.0, 6.0]), UNDECIDED),
-    TradeoffPoint("method=hjb", exact(2.0), exact(4.0), FRONT),
-    TradeoffPoint("method=mfg", exact(9.0), exact(9.0), DOMINATED),
+    TradeoffPoint("method=orca", plotstyle.look("orca"), mean([1.0, 2.0]), mean([5.0, 6.0]), UNDECIDED),
+    TradeoffPoint("method=hjb", plotstyle.look("hjb"), exact(2.0), exact(4.0), FRONT),
+    TradeoffPoint("method=mfg", plotstyle.look("mfg"), exact(9.0), exact(9.0), DOMINATED),
 ]
 
 
@@ -65,14 +86,15 @@ def test_a_front_has_the_same_marks_in_its_legend_which_says_what_they_mean(colu
     figure = plot_tradeoff(PLACED, "payload (bits)", "loss", columns)
     (legend,) = figure.legends
     shown = dict(zip([text.get_text() for text in legend.get_texts()], legend.get_lines(), strict=True))
-    meanings = ["filled: on the front", "hollow: undecided", "grey: dominated"]
-    assert list(shown) == ["method=hjb", "method=orca", *meanings]
+    meanings = ["filled: on the front", "hollow: undecided", "pale: dominated"]
+    assert list(shown) == ["method=hjb", "method=orca", "method=mfg", *meanings]
     assert {handle.get_linestyle() for handle in shown.values()} == {"None"}
     drawn = [line for line, _, _ in points(figure, 0)]
     for point, line in zip(PLACED, drawn, strict=True):
-        if point.place != DOMINATED:
-            assert line.get_marker() == shown[point.label].get_marker()
-            assert same_color(line.get_markerfacecolor(), shown[point.label].get_markerfacecolor())
+        assert line.get_marker() == shown[point.label].get_marker() == point.look.marker
+        assert same_color(line.get_markerfacecolor(), shown[point.label].get_markerfacecolor())
+        assert line.get_alpha() == shown[point.label].get_alpha()
+        assert (line.get_alpha() < 1.0) == (point.place == DOMINATED)
     assert same_color(drawn[0].get_markerfacecolor(), "white")
     only = plot_tradeoff(PLACED[1:2], "payload (bits)", "loss", columns)
     assert [text.get_text() for text in only.legends[0].get_texts()] == ["method=hjb", meanings[0]]

@@ -1,7 +1,7 @@
 """Plots of many flights: methods side by side, and a parameter swept."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +22,7 @@ _METHOD = "method"
 _PLUGINS = (_METHOD, "training.learner")
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _APART = 0.012  # points of one number, as a share of the axis; so their intervals do not cover each other
+_TICKS_APART = 0.12  # numbers nearer to each other, as a share of the axis, have no ticks of their own
 _APART_WITHIN = 0.4, 0.1  # the same of one category: of all points and of two neighbours, at most
 
 
@@ -118,6 +119,45 @@ def labels(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tupl
     }
 
 
+class _Line(NamedTuple):
+    """Points of a study that differ in the first swept key only. name: the values of the other keys."""
+
+    name: str
+    points: dict[Any, tuple[Any, ...]]  # by the value of that key
+
+
+def _lines(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> tuple[str, list[_Line]]:
+    """The first swept key, and the lines of a study along it."""
+    key = next((name for name in names if name != _METHOD), _METHOD)
+    along = list(names).index(key)
+    found: dict[tuple[Any, ...], dict[Any, tuple[Any, ...]]] = {}
+    for point in points:
+        found.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = point
+    named = labels([name for name in names if name != key], found)
+    return key, [_Line(named[line], at) for line, at in found.items()]
+
+
+def point_looks(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], plotstyle.MethodLook]:
+    """The look of each point, in every figure of a study that draws points.
+
+    A point has the colour of its line in the sweep; marker and dash tell its values of the swept key. Points of a
+    single line, and methods side by side, have a colour each.
+    """
+    points = list(dict.fromkeys(points))
+    _, lines = _lines(names, points)
+    if len(lines) == 1 or len(lines) == len(points):
+        named = labels(names, points)
+        looks = plotstyle.looks(named.values())
+        return {point: looks[named[point]] for point in points}
+    looks = plotstyle.looks(line.name for line in lines)
+    values = list(dict.fromkeys(value for line in lines for value in line.points))
+    return {
+        point: plotstyle.variant(looks[line.name], values.index(value))
+        for line in lines
+        for value, point in line.points.items()
+    }
+
+
 def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figure:
     """A study: methods side by side, or a sweep.
 
@@ -137,34 +177,28 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
     Numbers are joined by lines. Values that are not all numbers are put side by side, without lines. Arguments as for
     `plot_points`.
     """
-    key = next((name for name in names if name != _METHOD), _METHOD)
-    along = list(names).index(key)
-    values = list(dict.fromkeys(point[along] for point in points))
+    key, lines = _lines(names, points)
+    values = list(dict.fromkeys(point[list(names).index(key)] for point in points))
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     places = np.array(values if numeric else range(len(values)), dtype=np.float64)
-    others = [name for name in names if name != key]
-    lines: dict[tuple[Any, ...], dict[Any, Summaries]] = {}
-    for point, summaries in points.items():
-        lines.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = summaries
-    named = labels(others, lines)
-    looks = plotstyle.looks(named.values())
+    looks = plotstyle.looks(line.name for line in lines)
     most, least = _APART_WITHIN
     apart = _APART * np.ptp(places) if numeric else min(least, most / len(lines))
     with plotstyle.style():
         figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
-            for place, (line, flown) in enumerate(lines.items()):
+            for place, line in enumerate(lines):
                 offset = apart * (place - (len(lines) - 1) / 2)
-                estimates = [
-                    statistics.mean([number(summary, metric) for summary in flown.get(value, ())]) for value in values
-                ]
-                plotstyle.dots(ax, looks[named[line]], places + offset, estimates, joined=numeric)
+                flown = [points[line.points[value]] if value in line.points else () for value in values]
+                estimates = [statistics.mean([number(each, metric) for each in summaries]) for summaries in flown]
+                plotstyle.dots(ax, looks[line.name], places + offset, estimates, joined=numeric)
             _never_negative(ax.yaxis)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
-            if not numeric:
+            if not numeric or np.diff(np.sort(places)).min(initial=np.inf) >= _TICKS_APART * np.ptp(places):
                 ax.set_xticks(places, [str(value) for value in values])
+            if not numeric:
                 ax.set_xlim(-0.5, len(values) - 0.5)
                 ax.grid(visible=False, axis="x")
         for ax in axes[-columns:]:

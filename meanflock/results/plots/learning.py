@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.comparison import labels, panels
+from meanflock.results.plots.comparison import explained, labels, panels, point_looks
 from meanflock.results.plots.rounds import label_axes, title
 from meanflock.results.rounds_table import MEAN, METRIC, OVER
 
@@ -40,20 +40,17 @@ def plot_learning(
     ] or shown
     if not shown:
         return None
-    named = labels(names, points)
-    looks = plotstyle.looks(named.values())
+    named, looks = labels(names, points), point_looks(names, points)
     with plotstyle.style():
         figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.65)
         for name, ax in zip(shown, axes, strict=False):
             for point, one in curves.items():
                 if name in one:
-                    _curve(ax, looks[named[point]], one[OVER[over]].mean(axis=0), one[name])
+                    _curve(ax, looks[point], one[OVER[over]].mean(axis=0), one[name])
             label_axes(ax, name, over)
-        drawn = [named[point] for point, one in curves.items() if not one.keys().isdisjoint(shown)]
-        plotstyle.legend(figure, drawn, looks=looks)
-        counts = {len(flights) for flights in points.values()}
-        several = f"mean and 95 % interval over {min(counts)} flights" if max(counts) > 1 else "one flight each"
-        figure.supxlabel(several, fontsize=7, color=plotstyle.INK)
+        drawn = {named[point]: looks[point] for point, one in curves.items() if not one.keys().isdisjoint(shown)}
+        plotstyle.legend(figure, list(drawn), looks=drawn)
+        explained(figure, [len(flights) for flights in points.values()])
     return figure
 
 

@@ -204,6 +204,13 @@ def looks(methods: Iterable[str]) -> dict[str, MethodLook]:
     return {method: found[method] for method in named}
 
 
+def variant(own: MethodLook, number: int) -> MethodLook:
+    """A look in the same colour, with the marker and the dash of a number; they begin again after the last."""
+    markers = (*(each.marker for each in LOOKS.values()), *OTHER_MARKERS)
+    dashes = (SOLID, *OTHER_DASHES, *(each.dash for each in LOOKS.values() if each.dash != SOLID))
+    return own._replace(marker=markers[number % len(markers)], dash=dashes[number % len(dashes)])
+
+
 def _free(own: str, others: Sequence[str], part: str, taken: Iterable[MethodLook]) -> str:
     """The preferred value if it is free, else the next free one, else the preferred one."""
     first = others.index(own)
