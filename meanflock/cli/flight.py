@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout
@@ -26,6 +27,8 @@ from meanflock.worldsim.summary import every_uav_was_lost
 if TYPE_CHECKING:
     from meanflock.launch.resume import Back
 
+_LONGEST = 40  # characters of a mission in the name of a run
+
 
 def run(
     file: Path | None,
@@ -45,7 +48,13 @@ def run(
     script = scenario.read_faults(faults) if faults is not None else None
     with prints_apart(as_json):
         flown = load_scenario(file, settings, **keys, faults=script)
-    return run_loaded(flown, as_json=as_json, **given)
+    return run_loaded(flown, as_json=as_json, mission=_mission(file), **given)
+
+
+def _mission(file: Path | None) -> str:
+    """The mission of a file in the name of a run, which is also a part of keys of the bus."""
+    named = "" if file is None else re.sub(r"[^\w-]+", "-", file.stem)[:_LONGEST]
+    return named.strip("-") or "groups"
 
 
 def run_loaded(

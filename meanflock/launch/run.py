@@ -51,9 +51,9 @@ class EndedRun:
     summary: dict[str, Any]
 
 
-def new_run(scenario: Scenario, parent: Path) -> AbstractContextManager[Path]:
+def new_run(scenario: Scenario, parent: Path, mission: str = "groups") -> AbstractContextManager[Path]:
     """Context with the folder of a new run in `parent`, named by time and `run_name`; see `durable.new_folder`."""
-    return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario)}")
+    return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario, mission)}")
 
 
 def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> EndedRun:
@@ -64,7 +64,7 @@ def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> End
         RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown.
     """
     scenario = plan_of(scenario).given
-    folder = new_run(scenario, options.out) if back is None else nullcontext(back.folder)
+    folder = new_run(scenario, options.out, options.mission) if back is None else nullcontext(back.folder)
     with Interrupted() as interrupted, folder as path:
         return _fly(scenario, path.name, options, back, interrupted)
 

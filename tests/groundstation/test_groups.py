@@ -96,8 +96,8 @@ def test_the_summary_of_groups_is_read_and_so_is_one_without(folder: Path, tmp_p
 def test_names_are_those_of_the_groups(folder: Path) -> None:
     flown = flown_keys(folder)
     assert mission.method(flown) == "mfgfl-hf+orca"
-    assert run_name(flown) == "groups-s1"
-    assert run_name(load(None, uavs=3, groups=[ORCA])) == "orca-s1"
+    assert (run_name(flown), run_name(flown, "mine")) == ("groups-s1", "mine-s1")
+    assert run_name(load(None, uavs=3, groups=[ORCA]), "mine") == "orca-s1"
     assert uav_names(flown)[3:5] == ["UAV 3, learners", "UAV 4, couriers"]
     assert uav_names(Scenario(uavs=2)) == ["UAV 0", "UAV 1"]
 

@@ -108,7 +108,7 @@ def test_a_patrol_is_listed_and_shown_with_its_waypoints_and_batteries(run, monk
         assert part in words
     assert run(*flight, "--duration", "5")[0] == EXIT_DONE
     (first, *_), (second, *_) = (line.split() for line in run("list")[1].splitlines()[2:])
-    assert first.endswith("-groups-s1")
+    assert first.endswith("-patrol-s1")
     listed, differ = run("list")[1], run("diff", f"runs/{second}", f"runs/{first}")[1]
     assert max(map(len, (listed + differ).splitlines())) <= 80
     assert [line.split()[1:4] for line in listed.splitlines()[2:]] == [
@@ -118,6 +118,14 @@ def test_a_patrol_is_listed_and_shown_with_its_waypoints_and_batteries(run, monk
     titles = [line for line in differ.splitlines() if line.startswith("Group ")]
     assert titles == ["Group patrol", "Group followers"]
     assert sum(line.startswith("energy_mean_J ") for line in differ.splitlines()) == 3
+
+
+def test_a_run_of_several_controllers_is_called_as_its_file(run, tmp_path) -> None:
+    path = tmp_path / "two of mine.toml"
+    path.write_text(run("scenario", "show", "patrol")[1])
+    assert run("run", str(path), "--in-process", "--no-record", "--quiet", "--duration", "1")[0] == EXIT_DONE
+    (folder,) = Path("runs").iterdir()
+    assert folder.name.endswith("-two-of-mine-s1")
 
 
 def test_a_table_that_is_wider_than_the_terminal_is_divided_into_parts(monkeypatch, capsys) -> None:
