@@ -9,6 +9,7 @@ from matplotlib.patches import Polygon, Rectangle
 
 import meanflock as mf
 from meanflock.export import messages
+from meanflock.results.plots import plotstyle
 from meanflock.results.plots.thumbnail import thumbnail
 from meanflock.studies.leaderboard import maps
 from tests.groundstation.recordings import fixed
@@ -32,6 +33,14 @@ def test_the_paths_have_the_polygon_from_above_and_from_the_side(run: mf.Run) ->
     for ax in side:
         tall = [patch.get_bbox().bounds for patch in ax.patches if isinstance(patch, Rectangle)]
         assert (60.0, 0.0, 20.0, 25.0) in tall
+
+
+@pytest.mark.parametrize(("obstacles", "marker"), [(OBSTACLES, "o"), (OBSTACLES[1:], "s")])
+def test_the_legend_has_the_shape_of_the_obstacles(obstacles: list[dict[str, Any]], marker: str) -> None:
+    (legend,) = mf.fly(mf.Scenario(**KEYS | {"obstacles": obstacles})).plot("paths").legends
+    marks = dict(zip([text.get_text() for text in legend.get_texts()], legend.get_lines(), strict=True))
+    assert marks["obstacles"].get_marker() == marker
+    assert marks["obstacle hits: 0"].get_color() not in plotstyle.GROUPS
 
 
 def test_a_thumbnail_and_the_map_of_a_mission_have_it(run: mf.Run) -> None:

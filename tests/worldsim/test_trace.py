@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from pyarrow import csv, parquet
 
+import meanflock as mf
 from meanflock.federation.plan import plan_of
 from meanflock.launch.engine import Engine
 from meanflock.launch.resume import back
@@ -251,6 +252,13 @@ def test_starts_of_the_default_formation_are_not_checked(tmp_path: Path) -> None
     station = ({"place": (150.0, 100.0, 40.0)},)
     keys: dict[str, Any] = {"stations": station, "obstacles": ({"centre": (150.0, 100.0), "radius": 5.0},)}
     assert plan_of(scenario_of(path, uavs=2, **keys)).given.start.positions == ((0.0, 0.0), (9.0, 0.0))
+
+
+def test_the_title_of_the_paths_says_that_commands_had_no_effect(tmp_path: Path) -> None:
+    path = tmp_path / "way.csv"
+    path.write_text(GOOD)
+    title = mf.fly(scenario_of(path, uavs=2)).plot("paths").axes[0].get_title(loc="left")
+    assert title.splitlines()[1:] == ["the UAVs replay recorded movement: commands have no effect"]
 
 
 def test_a_scenario_that_names_the_wrong_starts_does_not_fly(tmp_path: Path) -> None:

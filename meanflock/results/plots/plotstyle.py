@@ -70,6 +70,7 @@ COLUMN_IN = 4.6  # drawn a little larger than a printed column (3.5 in); text is
 PAGE_IN = 7.6
 DPI = 200
 
+INK = "#222222"
 STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "linestyle": "",
     "marker": "*",
@@ -78,9 +79,8 @@ STAR: dict[str, Any] = {  # a collision, wherever paths are drawn
     "markeredgecolor": "white",
     "markeredgewidth": 0.4,
 }
-CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": "#E69F00"}  # an obstacle hit
+CROSS: dict[str, Any] = {**STAR, "marker": "X", "markersize": 5.0, "color": INK}  # an obstacle hit
 FALLEN: dict[str, Any] = {**STAR, "marker": "v", "markersize": 5.0, "color": "#8B5CF6"}  # a UAV that hit the ground
-INK = "#222222"
 PALE = "#9A9A9A"
 GOAL = "#2E8B57"
 TRIANGLE: dict[str, Any] = {**STAR, "marker": "^", "markersize": 6.0, "color": INK}  # a station
@@ -93,6 +93,13 @@ RING: dict[str, Any] = {  # the goal, in a legend
     "markeredgewidth": 1.6,
 }
 SQUARE: dict[str, Any] = {**RING, "marker": "s", "color": INK, "markeredgewidth": 1.2}  # a landing place
+OBSTACLE: dict[str, Any] = {  # obstacles, in a legend
+    "linestyle": "",
+    "markersize": 6,
+    "color": PALE,
+    "markeredgecolor": INK,
+    "markeredgewidth": 0.5,
+}
 PHI_G: dict[str, Any] = {"norm": LogNorm(1e-3, 1e0, clip=True), "cmap": "viridis"}  # its colours
 LETTERS_IN = 14.0  # letters of a title that an inch has room for
 _TEX = {  # longer names first

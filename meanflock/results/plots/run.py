@@ -70,6 +70,8 @@ def plot_paths(run: RunPicture) -> Figure:
     name, uavs = f"{mission.method(flown)}, seed {flown.seed}: " if flown.method else "", position.shape[1]
     others = f", {lost} lost" if lost else ""
     others += f", {_MAX_PATHS} drawn" if uavs > _MAX_PATHS else ""
+    if any(event["kind"] == "uncommanded" for event in run.events):
+        others += f"\n{'some' if flown.groups else 'the'} UAVs replay recorded movement: commands have no effect"
     plotstyle.titled(panels[0], "", f"{name}{arrived} of {uavs} arrived in {end:g} s{others}")
     named = [line for line in panels[0].get_lines() if not str(line.get_label()).startswith("_")]
     plotstyle.place_legend(figure, named, "outside lower center")
@@ -177,7 +179,8 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
     for obstacle in flown.obstacles:
         ax.add_patch(_outline(obstacle, up, highest, look))
     if len(flown.obstacles):
-        ax.plot([], [], linestyle="", marker="o", color=plotstyle.PALE, label="obstacles")
+        marker = "s" if all(obstacle.polygon for obstacle in flown.obstacles) else "o"
+        ax.plot([], [], **plotstyle.OBSTACLE, marker=marker, label="obstacles")
     if len(flown.stations):
         places = mission.stations(flown)[:, [0, up]]
         ax.plot(*places.T, **plotstyle.TRIANGLE, label=f"station{'s' * (len(places) > 1)}")
