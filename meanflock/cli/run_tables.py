@@ -14,7 +14,7 @@ from meanflock.cli.tables import empty, print_table
 from meanflock.launch.progress import groups_table, summary_table
 from meanflock.results.flown import flown_keys
 from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
-from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, rounds_table, stored_rounds
+from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, column_heading, rounds_table, stored_rounds
 from meanflock.results.run_difference import Difference
 from meanflock.results.run_folder import EVENTS
 from meanflock.results.scenario_keys import changed_keys, nearest
@@ -155,7 +155,7 @@ def print_rounds(folder: Path, as_json: bool) -> None:
             **{name: str(row[name]) for name in ("sent", "received", *counts)},
             "sent\nso far": bits(row["bits"], "bit"),
             "airtime\n(s)": f"{row['airtime_s']:.3g}",
-            **{_bare(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
+            **{column_heading(name): "–" if row[name] is None else f"{row[name]:.3g}" for name in means},
         }
         for row in table.to_pylist()
     ]
@@ -167,11 +167,6 @@ def print_rounds(folder: Path, as_json: bool) -> None:
     if any(name.startswith(MEAN) for name in means):
         shown.caption = "Diagnostics are means over the UAVs on the way when the round ended."
     print_table(shown)
-
-
-def _bare(column: str) -> str:
-    """The name of a mean or metric."""
-    return column.removeprefix(MEAN).removeprefix(METRIC)
 
 
 def _files(run: StoredFolder) -> dict[str, int]:

@@ -14,7 +14,7 @@ from rich.table import Column, Table
 
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results import quantities
-from meanflock.results.rounds_table import MEAN, METRIC
+from meanflock.results.rounds_table import MEAN, METRIC, column_heading
 from meanflock.studies.each_round import LAST_ROUND
 from meanflock.studies.means import METRICS, ROUNDS, Means
 from meanflock.studies.rerun import FlightDifference
@@ -100,7 +100,7 @@ def rounds_table(means: Means) -> Table | None:
     if f"{begin}n" not in rows[0][1]:
         return None
     shown = _empty(means, "\nrounds, and means of n flights at the end of the last averaged round", "")
-    for head in ("rounds", "void", "n", *(name.removeprefix(begin) for name in last)):
+    for head in ("rounds", "void", "n", *(column_heading(name.removeprefix(begin)) for name in last)):
         shown.add_column(head, justify="right", overflow="fold")
     for values, row in rows:
         cells = ["–" if row[name] is None else f"{row[name]:.4g}" for name in (*ROUNDS, f"{begin}n", *last)]
@@ -111,11 +111,12 @@ def rounds_table(means: Means) -> Table | None:
 def groups_table(means: Means) -> Table | None:
     """Table of the means of each group of UAVs; None if no flight has groups."""
     scale, prefix = _scale(list(means.rows()))
-    note = "A collision of UAVs of two groups counts in both."
+    note = "Airtime: how long the UAVs of a group sent. A collision of UAVs of two groups counts in both."
     shown = _empty(means, "\nmeans of each group of UAVs", note)
     shown.add_column("group", overflow="fold")
-    for heading in ("arrived\n(UAVs)", "energy\n(J)", f"payload\n({prefix}bit)", "collisions\n(pairs)", "airtime\n(s)"):
-        shown.add_column(heading, justify="right", no_wrap=True)
+    measured = (quantities.ARRIVED, quantities.ENERGY_TO_ARRIVAL, quantities.PAYLOAD, quantities.COLLISIONS)
+    for head in (*(_heading(one, prefix) for one in measured), "airtime\n(s)"):
+        shown.add_column(head, justify="right", no_wrap=True)
     for values, summaries in means.points.items():
         for name, group in (summaries[0]["groups"] or {}).items():
             flown = [summary["groups"][name] for summary in summaries]
@@ -220,7 +221,8 @@ def print_table(table: Table) -> None:
     for number, part in enumerate(parts):
         if number:
             console.print()
-        Console(width=max(width, _least(part))).print(part)
+        room = max(width, _least(part))
+        Console(width=room).print(_fit(part, room))
     if table.caption:
         console.print(table.caption, style="table.caption", markup=False, highlight=False)
 
@@ -284,14 +286,28 @@ def _folded(name: str) -> str:
 
 def _least(table: Table) -> int:
     """Width of a table whose columns of text are as narrow as their longest word, or narrower if that may fold."""
+    return Console(width=_WIDE).measure(table).maximum - sum(most - least for least, most in map(_range, table.columns))
+
+
+def _range(column: Column) -> tuple[int, int]:
+    """The least and the most width that a column needs; its heading never folds within a word."""
     wide = Console(width=_WIDE)
-    width = wide.measure(table).maximum
-    for column in table.columns:
-        if not column.no_wrap:
-            heading, *cells = (wide.measure(cell) for cell in (column.header, *column.cells))
-            most = max(cell.maximum for cell in (heading, *cells))
-            word = max((cell.minimum for cell in cells), default=0)
-            if column.overflow == "fold" and column.justify == "left":
-                word = min(word, _NARROWEST)
-            width -= most - max(heading.minimum, word)
-    return width
+    heading, *cells = (wide.measure(cell) for cell in (column.header, *column.cells))
+    most = max(cell.maximum for cell in (heading, *cells))
+    if column.no_wrap:
+        return most, most
+    word = max((cell.minimum for cell in cells), default=0)
+    if column.overflow == "fold" and column.justify == "left":
+        word = min(word, _NARROWEST)
+    return max(heading.minimum, word), most
+
+
+def _fit(table: Table, width: int) -> Table:
+    """Narrow the widest columns of a table until it fits; none below its least width."""
+    ranges = [_range(column) for column in table.columns]
+    widths = [most for _, most in ranges]
+    for _ in range(Console(width=_WIDE).measure(table).maximum - width):
+        place = max(range(len(widths)), key=lambda at: (widths[at] > ranges[at][0], widths[at]))
+        widths[place] -= 1
+        table.columns[place].width = widths[place]
+    return table

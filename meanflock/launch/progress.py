@@ -184,16 +184,21 @@ _OF_GROUP = {  # fields of a group: heading and digits
     "arrived": ("arrived", 0),
     "lost": ("lost", 0),
     "landed": ("landed", 0),
-    "t_avg_s": ("T mean\n(s)", 1),
-    "energy_mean_J": ("E mean\n(J)", 2),
+    "t_avg_s": ("travel\ntime\n(s)", 1),
+    "energy_mean_J": ("energy\nuntil\narrival\n(J)", 2),
     "collisions": ("colli-\nsions", 0),
     "airtime_s": ("airtime\n(s)", 2),
 }
+_GROUPS = (
+    "Travel time: mean of the UAVs that arrived. Energy: mean, until the end of the flight for a UAV that never "
+    "arrives. Airtime: how long its UAVs sent. A collision of UAVs of two groups counts in both."
+)
 
 
 def groups_table(groups: Mapping[str, Mapping[str, Any]]) -> Table:
     """Table of the groups of a summary in 80 columns; `lost` and `landed` only if any UAV is."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, caption=_GROUPS)
+    table.caption_justify = "left"
     table.add_column("group", overflow="fold")
     table.add_column("method", overflow="fold")
     fields = [name for name in _OF_GROUP if name not in ("lost", "landed") or any(g[name] for g in groups.values())]

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from meanflock.results.event_log import event_of_row, stored_lines
+from meanflock.results.quantities import quantity
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import RoundEnded
@@ -48,6 +49,13 @@ OVER = {  # what a learning curve is drawn over, and its column
     "bits": "bits",
     "airtime": "airtime_s",
 }
+
+
+def column_heading(column: str) -> str:
+    """The heading of a mean or a metric in a narrow column, line by line, with its unit."""
+    measured = quantity(column.removeprefix(METRIC).removeprefix(MEAN))
+    unit = "share" if measured.share else measured.unit
+    return (measured.heading or measured.name) + (f"\n({unit})" if unit else "")
 
 
 def rounds_table(rounds: Iterable[RoundEnded], dt: float) -> pa.Table:

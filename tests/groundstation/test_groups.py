@@ -323,8 +323,11 @@ def test_show_has_a_row_a_group_in_80_columns(shown: str) -> None:
     lines = shown.splitlines()
     assert max(map(len, lines)) <= 80
     groups = lines[lines.index("Groups") :]
-    assert groups[2].split()[:5] == ["group", "method", "UAVs", "arrived", "landed"]
-    assert [line.split()[:5] for line in groups[4:7]] == [
+    head = next(place for place, line in enumerate(groups) if line.startswith("group "))
+    assert groups[head].split()[:5] == ["group", "method", "UAVs", "arrived", "landed"]
+    assert "travel until" in " ".join(" ".join(groups[:head]).split())
+    assert "Travel time: mean of the UAVs that arrived." in " ".join(groups)
+    assert [line.split()[:5] for line in groups[head + 2 : head + 5]] == [
         ["learners", "mfgfl-hf", "4", "0", "0"],
         ["couriers", "orca", "3", "0", "0"],
         ["reserve", "mfgfl-hf", "2", "0", "2"],

@@ -77,6 +77,10 @@ def test_the_terminal_shows_a_line_a_round_in_80_columns(flown: tuple[mf.Run, mf
     assert main(["show", str(run.folder), "--rounds"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
+    heads = " ".join(" ".join(lines).split())
+    assert "residual residual action" in heads
+    assert "(m/s) (1/s) (1/s²)" in heads
+    assert "hjb_residual" not in heads
     assert sum(line.split()[:1] == [str(row["round"])] for line in lines for row in run.rounds().to_pylist()) == 4
     assert main(["show", str(run.folder), "--rounds", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == run.rounds().to_pylist()
@@ -140,5 +144,6 @@ def test_a_comparison_has_the_rounds_and_what_was_learned_at_the_end_of_the_last
     assert table["last_round.mean_phi_G"].to_pylist() == [*(row["mean_phi_G"] for row in averaged), None, None]
     text = StringIO()
     Console(file=text, width=80).print(rounds_table(compared.means))
-    assert "mean_phi_G" in text.getvalue()
+    assert "φ_G" in text.getvalue()
+    assert "mean_" not in text.getvalue()
     assert rounds_table(mf.compare("plan", seeds=1, jobs=1, uavs=2, duration=1.0).means) is None

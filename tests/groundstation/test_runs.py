@@ -151,6 +151,23 @@ def test_a_table_that_is_wider_than_the_terminal_is_divided_into_parts(monkeypat
     assert len(capsys.readouterr().out.splitlines()) == 6
 
 
+@pytest.mark.parametrize("name", ["logistic-regression-of-mine", "two words and some more of them"])
+def test_a_heading_is_never_broken_within_a_word(name, monkeypatch, capsys) -> None:
+    table = empty()
+    for heading in ("controller.\ninformativeness", "training.\nlearner"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("method", no_wrap=True)
+    for _ in range(5):
+        table.add_column("time", justify="right", no_wrap=True)
+    table.add_row("1", name, "MFGFL-HF", *["12.345"] * 5)
+    monkeypatch.setenv("COLUMNS", "80")
+    print_table(table)
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert {"informativeness", "learner"} <= {*printed.split()}
+    assert "".join(re.findall("[a-z-]", printed.split("─")[-1].replace("MFGFL-HF", ""))) == name.replace(" ", "")
+
+
 @pytest.mark.parametrize("numbers", [2, 8])
 def test_a_long_name_goes_on_after_a_plus_and_a_long_word_folds_so_that_the_table_fits(
     numbers, monkeypatch, capsys
