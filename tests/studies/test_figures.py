@@ -96,6 +96,9 @@ def test_a_front_has_the_same_marks_in_its_legend_which_says_what_they_mean(colu
         assert line.get_alpha() == shown[point.label].get_alpha()
         assert (line.get_alpha() < 1.0) == (point.place == DOMINATED)
     assert same_color(drawn[0].get_markerfacecolor(), "white")
+    crowd = [*PLACED, *[PLACED[2]._replace(label=f"method={number}") for number in range(10)]]
+    (legend,) = plot_tradeoff(crowd, "payload (bits)", "loss", columns).legends  # dominated points have no names there
+    assert [text.get_text() for text in legend.get_texts()] == ["method=hjb", "method=orca", *meanings]
     only = plot_tradeoff(PLACED[1:2], "payload (bits)", "loss", columns)
     assert [text.get_text() for text in only.legends[0].get_texts()] == ["method=hjb", meanings[0]]
 

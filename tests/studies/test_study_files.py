@@ -167,11 +167,18 @@ def test_a_learning_curve_is_the_mean_of_the_rounds_that_all_flights_have_with_i
     band = ax.collections[0].get_paths()[0].vertices
     assert {estimate.low, estimate.high} <= {*np.round(band[:, 1], 12)} | {estimate.low, estimate.high}
     assert band[:, 1].max() >= estimate.high
+    assert figure.get_supxlabel().splitlines() == [
+        "diagnostics: means over the UAVs on the way",
+        "mean and 95 % interval over 2 flights",
+    ]
     assert len(figure.legends[0].get_texts()) == len(points)
     drawn = plot_learning(KEYS, points | {first: [[], []]}, "bits")
     labels = [[text.get_text() for text in each.legends[0].get_texts()] for each in (figure, drawn)]
     assert labels[1] == labels[0][1:]  # a method without rounds has no line
     assert plot_learning(KEYS, {point: [[], []] for point in points}, "rounds") is None
+    begun = {point: [flight[:1] for flight in flights] for point, flights in points.items()}
+    (mark, *_), *_ = plot_learning(KEYS, begun, "rounds").axes[0].containers  # a line of one round would not be seen
+    assert mark.get_marker() not in ("None", "")
 
 
 def test_a_study_flies_again_and_is_the_same(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:

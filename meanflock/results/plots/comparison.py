@@ -97,8 +97,9 @@ def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> No
 def explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
     """Explain points and bars, below all panels."""
     least, most = min(flights), max(flights)
-    caption = f"{before}mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
-    figure.supxlabel(caption if most > 1 else "one flight each: no interval", fontsize=7, color=plotstyle.INK)
+    several = f"mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
+    caption = before + (several if most > 1 else "one flight each: no interval")
+    figure.supxlabel(caption, fontsize=7, color=plotstyle.INK)
 
 
 def labels(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:

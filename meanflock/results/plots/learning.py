@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
 from meanflock.results.plots.comparison import explained, labels, panels, point_looks
-from meanflock.results.plots.rounds import label_axes, title
+from meanflock.results.plots.rounds import label_axes, of_uavs, title
 from meanflock.results.rounds_table import MEAN, METRIC, OVER
 
 Rounds = Sequence[Mapping[str, Any]]  # rows of rounds.parquet
@@ -22,9 +22,9 @@ def plot_learning(
 ) -> Figure | None:
     """A panel for each metric and diagnostic at the end of the rounds, a line for each point.
 
-    A line has the rounds of which all flights of the point have the number, also void ones. Its place along the x axis
-    is the mean of the flights. Numbers that stay the same are left out, if others change. The legend names the points
-    that have a line. None if there is nothing to draw.
+    A line has the rounds of which all flights of the point have the number, also void ones; a single round is a mark.
+    Its place along the x axis is the mean of the flights. Numbers that stay the same are left out, if others change.
+    The legend names the points that have a line. None if there is nothing to draw.
 
     Args:
         names: names of the varied values. points: the values of a point → the rounds of each of its flights.
@@ -49,8 +49,10 @@ def plot_learning(
                     _curve(ax, looks[point], one[OVER[over]].mean(axis=0), one[name])
             label_axes(ax, name, over)
         drawn = {named[point]: looks[point] for point, one in curves.items() if not one.keys().isdisjoint(shown)}
-        plotstyle.legend(figure, list(drawn), looks=drawn)
-        explained(figure, [len(flights) for flights in points.values()])
+        has_points = any(len(one[OVER[over]][0]) == 1 for one in curves.values() if one)
+        plotstyle.legend(figure, list(drawn), markers=has_points, looks=drawn)
+        before = f"{of_uavs(shown)}\n".lstrip()
+        explained(figure, [len(flights) for flights in points.values()], before)
     return figure
 
 
@@ -74,6 +76,9 @@ def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.floa
 def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64]) -> None:
     known = ~np.isnan(values).any(axis=0)
     x, estimates = x[known], [statistics.mean(column) for column in values.T[known]]
+    if len(x) == 1:
+        plotstyle.dots(ax, seen, x, estimates)
+        return
     y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     if np.isfinite([low, high]).any():
         ax.fill_between(x, low, high, where=np.isfinite(low), color=seen.colour, alpha=0.16, linewidth=0)

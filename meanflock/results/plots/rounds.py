@@ -1,6 +1,7 @@
 """Learning curves of one run: diagnostics and metrics at the end of each round, over rounds, time, bits or airtime."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +53,9 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
             label_axes(ax, name, over)
         for ax in axes[len(names) :]:
             ax.set_visible(False)
-        if not averaged.all():
-            caption = "filled: rounds that were averaged; hollow: void rounds, and rounds that wait for more models"
-            drawing.supxlabel(caption, fontsize=7, color=plotstyle.INK)
+        hollow = "filled: rounds that were averaged; hollow: void rounds, and rounds that wait for more models"
+        caption = [of_uavs(names), "" if averaged.all() else hollow]
+        drawing.supxlabel("\n".join(filter(None, caption)), fontsize=7, color=plotstyle.INK)
     return {f"learning-over-{over}": drawing}
 
 
@@ -68,11 +69,16 @@ def title(column: str) -> str:
     return f"mean {name}" if column.startswith(MEAN) and not measured.share else name
 
 
+def of_uavs(columns: Iterable[str]) -> str:
+    """Says of which UAVs the means of a flight are; empty if none of the columns is a mean."""
+    return "diagnostics: means over the UAVs on the way" if any(name.startswith(MEAN) for name in columns) else ""
+
+
 def label_axes(ax: Axes, column: str, over: str) -> None:
     """Label both axes of a panel over a key of `OVER`, with their units."""
     ax.set_ylabel(plotstyle.tex(axis_label(column.removeprefix(METRIC).removeprefix(MEAN)).replace("|", "")))
     ax.set_xlabel(LABELS[over])
     if over == "rounds":
-        ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        ax.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
     elif over == "bits":
         plotstyle.bit_axis(ax.xaxis)

@@ -17,6 +17,7 @@ _HEIGHT_IN = 2.8  # with one line of the legend
 FRONT, UNDECIDED, DOMINATED = "front", "undecided", "dominated"
 _MEANINGS = {FRONT: "filled: on the front", UNDECIDED: "hollow: undecided", DOMINATED: "pale: dominated"}
 _PALE = 0.35  # opacity
+_MOST_NAMES = 12  # of more points those that are dominated have no name
 _ROOM = 0.65  # share of the width and height of the figure that a label may take
 
 
@@ -33,12 +34,15 @@ class TradeoffPoint(NamedTuple):
 def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int = 1) -> Figure:
     """Means and 95 % intervals: filled on the front, hollow where undecided, pale where dominated.
 
+    The legend names all points, or of more than 12 those that are not dominated.
+
     x, y: labels of the axes.
     """
     ink = plotstyle.MethodLook(plotstyle.INK, "o", plotstyle.SOLID)
-    named = sorted(points, key=lambda point: [*_MEANINGS].index(point.place))
+    ordered = sorted(points, key=lambda point: [*_MEANINGS].index(point.place))
+    named = [point for point in ordered if len(points) <= _MOST_NAMES or point.place != DOMINATED]
     marks = [(point.look, point.place, point.label) for point in named]
-    marks += [(ink, place, _MEANINGS[place]) for place in dict.fromkeys(point.place for point in named)]
+    marks += [(ink, place, _MEANINGS[place]) for place in dict.fromkeys(point.place for point in ordered)]
     handles = [plotstyle.mark(look, label, linestyle="", **_shade(look, place)) for look, place, label in marks]
     with plotstyle.style():
         figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], _HEIGHT_IN)
