@@ -45,7 +45,10 @@ def test_the_legend_has_the_shape_of_the_obstacles(obstacles: list[dict[str, Any
 
 def test_a_thumbnail_and_the_map_of_a_mission_have_it(run: mf.Run) -> None:
     assert thumbnail(run._shown()).count("<polygon") == 1
-    (ax,) = maps.draw(run.scenario).axes
+    figure = maps.draw(run.scenario.replace(obstacles=OBSTACLES[1:] if run.scenario.dimensions == 2 else OBSTACLES))
+    marks = {str(handle.get_label()): handle.get_marker() for handle in figure.legends[0].get_lines()}
+    assert marks["obstacle"] == ("s" if run.scenario.dimensions == 2 else "o")
+    (ax,) = figure.axes
     assert [patch.get_xy()[:-1].tolist() for patch in ax.patches if type(patch) is Polygon] == [
         [list(corner) for corner in CORNERS]
     ]

@@ -27,6 +27,7 @@ from meanflock.results.quantities import axis_label
 from meanflock.results.statistics import Estimate
 from meanflock.swarm import durable
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Obstacle
 
 Floats = NDArray[np.float64]
 Dash = tuple[float, tuple[float, ...]]
@@ -288,6 +289,11 @@ def write(figures: Mapping[str, Figure], out: Path, formats: Sequence[str] = ("p
 def axis(field: str) -> str:
     """The label of an axis: symbol and unit of a field, or a coordinate of a study."""
     return VARIED.get(field) or tex(axis_label(field))
+
+
+def obstacle_marker(obstacles: Iterable[Obstacle]) -> str:
+    """The marker of obstacles in a legend: a square if all are polygons, else a disc."""
+    return "s" if all(obstacle.polygon for obstacle in obstacles) else "o"
 
 
 def letter(number: int) -> str:

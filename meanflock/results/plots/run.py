@@ -179,7 +179,7 @@ def _draw_mission(ax: Axes, flown: FlownKeys | Scenario, up: int, highest: float
     for obstacle in flown.obstacles:
         ax.add_patch(_outline(obstacle, up, highest, look))
     if len(flown.obstacles):
-        marker = "s" if all(obstacle.polygon for obstacle in flown.obstacles) else "o"
+        marker = plotstyle.obstacle_marker(flown.obstacles)
         ax.plot([], [], **plotstyle.OBSTACLE, marker=marker, label="obstacles")
     if len(flown.stations):
         places = mission.stations(flown)[:, [0, up]]

@@ -34,13 +34,13 @@ _RING: dict[str, Any] = {**plotstyle.RING, "markersize": 3.6, "markeredgewidth":
 def draw(flown: Scenario) -> Figure:
     """The map of a scenario, in metres."""
     starts, goals = state.flat(mission.starts(flown)), state.flat(mission.goals(flown))
-    discs = mission.obstacles(flown)
+    discs, marks = mission.obstacles(flown), state.flat(mission.all_goals(flown))
     with plotstyle.style():
         figure = plotstyle.figure(_SIDE_IN, _SIDE_IN)
         ax = figure.subplots()
         edge = flown.destination.radius
         corners = np.concatenate(
-            [starts, goals - edge, goals + edge, discs[:, :2] - discs[:, 2:], discs[:, :2] + discs[:, 2:]]
+            [starts, marks - edge, marks + edge, discs[:, :2] - discs[:, 2:], discs[:, :2] + discs[:, 2:]]
         )
         low, high = corners.min(axis=0), corners.max(axis=0)
         side = float((high - low).max()) * (1.0 + 2.0 * _ROOM)
@@ -55,7 +55,7 @@ def draw(flown: Scenario) -> Figure:
         _circles(ax, round_[:, :2], round_[:, 2], _DISC, filled=True)
         for polygon in polygons.values():
             ax.add_patch(Polygon(polygon.corners, facecolor=_DISC, edgecolor="none"))
-        places = np.unique(goals, axis=0)
+        places = np.unique(marks, axis=0)
         if len(places) == 1:
             _circles(ax, places, np.full(1, edge), plotstyle.GOAL, filled=False)
         else:
@@ -134,10 +134,11 @@ def _legend(figure: Figure, flown: Scenario) -> None:
     uniform, speed = not flown.flown().wind.field_rms, _speed(flown)
     lines: list[tuple[str, dict[str, Any]]] = [
         ("start", {"linestyle": "", "marker": "o", "markersize": 2.5, "color": plotstyle.INK}),
-        ("goal", _RING),
+        ("waypoint" if any(each.waypoints for _, each in mission.destinations(flown)) else "goal", _RING),
     ]
     if flown.obstacles:
-        lines.append(("obstacle", {"linestyle": "", "marker": "o", "markersize": 4.5, "color": _DISC}))
+        marker = plotstyle.obstacle_marker(flown.obstacles)
+        lines.append(("obstacle", {"linestyle": "", "marker": marker, "markersize": 4.5, "color": _DISC}))
     if speed or not uniform:
         wind = f"wind {speed:.2g} m/s" if uniform else "wind of one seed"
         lines.append((wind, {"color": _WIND, "linewidth": 1.6}))

@@ -135,7 +135,7 @@ def _time_energy(ax: Axes, course: Course, points: Sequence[NumberedRow]) -> Non
     ax.tick_params(which="minor", labelsize=6.5)
     ax.set_xlabel("travel time T, duration if never arrived (s)")
     ax.set_ylabel("energy until arrival (J)")
-    plotstyle.titled(ax, "a", "time and energy; grey: infeasible")
+    plotstyle.titled(ax, "a", f"time and energy{'; grey: infeasible' if course.front_s else ''}")
 
 
 def _bits_collisions(ax: Axes, points: Sequence[NumberedRow]) -> None:

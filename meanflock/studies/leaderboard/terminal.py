@@ -8,7 +8,10 @@ from meanflock.studies.leaderboard import tables
 from meanflock.studies.leaderboard.board import Course
 from meanflock.studies.leaderboard.measures import BY_KEY
 
-CAPTION = "Means; bold: significantly best of all rows. Intervals and all columns: leaderboard.md and .html"
+CAPTION = (
+    "Means over n flights; bold: significantly best of all rows. T: travel time; a UAV that never arrived counts with "
+    "the duration. Intervals, all columns and what they mean: leaderboard.md and .html"
+)
 
 
 def empty(title: str) -> Table:
