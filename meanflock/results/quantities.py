@@ -100,8 +100,8 @@ INFEASIBLE = Quantity("no feasible command", heading="no\nfeasible\ncommand", **
 UNSENT = Quantity("own state not sent", heading="own\nstate\nnot sent", **_SHARE)
 FILTER_INFEASIBLE = Quantity("no feasible command of the filter", heading="filter:\nno feasible\ncommand", **_SHARE)
 FILTER_UNSENT = Quantity("own state not sent by the filter", heading="filter:\nown state\nnot sent", **_SHARE)
-TRAINING = Quantity("in training", **_SHARE)
-EXAMPLES = Quantity("examples of the last training", symbol="examples")
+TRAINING = Quantity("in training", heading="in\ntraining", **_SHARE)
+EXAMPLES = Quantity("examples of the last training", symbol="examples", heading="examples\nof the last\ntraining")
 
 PHI_G = "phi_G"  # the diagnostic that colours paths and the map
 DIAGNOSTICS = {"hjb_residual": HJB_RESIDUAL, "fpk_residual": FPK_RESIDUAL, PHI_G: INTERACTION}
