@@ -37,7 +37,7 @@ def measure(scenario: Scenario) -> dict[str, Any]:
     tables = learner.tables(scenario)
     weights = learner.fit(scenario.density, scenario.seed, tables, mission.starts(scenario))[:DENSITY_FEATURES]
     nodes = CENTRES[TIMES_S[0]] + learner.offsets(scenario.density, scenario.dimensions)
-    terms = features.terms(tables, features.pairs(tables, features.powers(tables, nodes)))
+    terms = features.density(tables, nodes)
     return {"phi_G_learned": interaction.quadrature(tables, np.tile(weights, (len(nodes), 1)), terms).tobytes()}
 
 

@@ -106,7 +106,7 @@ class Snapshots:
             )
         )
         weights = engine.models[:, DENSITY][:, :DENSITY_FEATURES].mean(axis=0)
-        terms = features.terms(self._tables, features.pairs(self._tables, features.powers(self._tables, nodes)))
+        terms = features.density(self._tables, nodes)
         self.learned.append(interaction.quadrature(self._tables, np.tile(weights, (len(nodes), 1)), terms))
 
 

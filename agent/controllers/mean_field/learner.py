@@ -209,6 +209,7 @@ _ONLY_IN_A_LIST = 2  # references to an object that only a list has, while `sys.
 _BLOCK = 2**17  # pairs of point and centre at a time; bounds the memory at 8 MiB
 _MANY = 4096  # centres of a mixture above which each point meets those near it, and as many centres show the peak
 _CENTRES, _CELLS = 1024, 64  # initial states of a fit, and cells of goals with a fit each, of as many UAVs
+_STRIP = 16  # rows of a symmetric matrix at a time
 _FAR = 9.0  # bandwidths: a Gaussian is less than a rounding error of its peak beyond
 
 
@@ -365,11 +366,22 @@ def fit(spread: mean_field.Density, seed: int, constants: Tables, initial_states
     near = initial_states[chosen] + 2.0 * bandwidth * draw.standard_normal((spread.near_samples, 2 * axes))
     box = constants.scale * draw.uniform(-1.0, 1.0, (spread.box_samples, 2 * axes))
     points = np.concatenate([near, box])
-    sigma = features.terms(constants, features.pairs(constants, features.powers(constants, points)))[:, 1:]
+    sigma = features.density(constants, points)[:, 1:]
     target = mixture(points, initial_states, bandwidth)
-    normal = np.einsum("sk,sl->kl", sigma, sigma) / len(points)
+    normal = _squared(sigma) / len(points)
     right = np.einsum("sk,s->k", sigma, target) / len(points)
     count = len(right)
     weights = np.zeros(2 * count)
     weights[:count] = np.linalg.solve(normal + spread.ridge * np.eye(count), right)
     return weights
+
+
+def _squared(sigma: Floats) -> Floats:
+    """σᵀσ of σ (S, K), (K, K), each sum in the order of the rows. It is symmetric, so half of it is computed."""
+    size = sigma.shape[1]
+    found = np.empty((size, size))
+    for first in range(0, size, _STRIP):
+        rows = slice(first, first + _STRIP)
+        strip = np.einsum("sk,sl->kl", sigma[:, rows], sigma[:, first:])
+        found[rows, first:], found[first:, rows] = strip, strip.T
+    return found

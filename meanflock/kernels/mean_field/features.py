@@ -33,16 +33,32 @@ def pairs(t: Tables, given: Floats) -> Floats:
     velocities. In space `(..., 11, 35)`.
     """
     each = layout_of(len(t.wind)).pairs
-    products = given.take(t.pair_first, axis=-1)
-    for other in (t.pair_second, t.pair_third):
-        if len(other):
-            products *= given.take(other, axis=-1)
-    products *= t.pair_factor
-    return products.reshape(*given.shape[:-1], len(t.pair_first) // each, each)
+    return _products(t, given, slice(None)).reshape(*given.shape[:-1], len(t.pair_first) // each, each)
 
 
 def terms(t: Tables, given: Floats) -> Floats:
     """Terms [1, σ_F] from pairs, `(..., 70)`: x̄^a ȳ^b v̄x^c v̄y^d is a product of a position pair and a velocity pair."""
-    result = given[..., 0, :].take(t.at_position, axis=-1) * given[..., 1 + len(t.wind), :].take(t.at_velocity, axis=-1)
+    return _joined(t, given[..., 0, :], given[..., 1 + len(t.wind), :])
+
+
+def density(t: Tables, states: Floats) -> Floats:
+    """Terms [1, σ_F] of states `(..., 4)`, `(..., 70)`, without the pairs that only their derivatives need."""
+    each, given = layout_of(len(t.wind)).pairs, powers(t, states)
+    place, pace = (_products(t, given, slice(row * each, (row + 1) * each)) for row in (0, 1 + len(t.wind)))
+    return _joined(t, place, pace)
+
+
+def _products(t: Tables, given: Floats, pairs: slice) -> Floats:
+    """Some of the pairs from powers, side by side."""
+    products = given.take(t.pair_first[pairs], axis=-1)
+    for other in (t.pair_second, t.pair_third):
+        if len(other):
+            products *= given.take(other[pairs], axis=-1)
+    products *= t.pair_factor[pairs]
+    return products
+
+
+def _joined(t: Tables, positions: Floats, velocities: Floats) -> Floats:
+    result = positions.take(t.at_position, axis=-1) * velocities.take(t.at_velocity, axis=-1)
     result *= t.coefficient
     return result

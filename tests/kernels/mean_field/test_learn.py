@@ -111,7 +111,8 @@ def test_a_level_state_has_the_features_and_the_interaction_of_the_plane() -> No
     spread[:, SPACE.density][:, np.flatnonzero(level * 2)] = weights[:, layout.DENSITY]
     powers = features.powers(IN_SPACE, states)
     terms = features.terms(IN_SPACE, features.pairs(IN_SPACE, powers))
-    there = features.terms(TABLES, features.pairs(TABLES, features.powers(TABLES, flat)))
+    np.testing.assert_array_equal(terms, features.density(IN_SPACE, states))
+    there = features.density(TABLES, flat)
     np.testing.assert_allclose(terms[:, [True, *level]], there, rtol=1e-13)
     value = hjb.step(IN_SPACE, spread[:, SPACE.value], states, powers, np.zeros(5))
     plane = hjb.step(TABLES, weights[:, layout.VALUE], flat, features.powers(TABLES, flat), np.zeros(5))
@@ -308,5 +309,6 @@ def test_the_value_s_features_of_an_axis_add_up_to_the_sixth_power() -> None:
 
 
 def test_the_density_s_terms_add_up_to_the_fourth_power() -> None:
-    values = features.terms(T, features.pairs(T, features.powers(T, STATES)))
+    values = features.density(T, STATES)
+    np.testing.assert_array_equal(values, features.terms(T, features.pairs(T, features.powers(T, STATES))))
     np.testing.assert_allclose(values.sum(axis=-1), (1.0 + SCALED.sum(axis=-1)) ** 4, rtol=1e-12)
