@@ -36,17 +36,19 @@ class Commands(Stateful):
         axes: int,
         diagnostics: int,
         busy: int | None = None,
+        measured: Sequence[int] = (),
         has: Mask | None = None,
         groups: Sequence[slice] = (),
     ) -> None:
         """
         Args:
             busy: column of the diagnostics that is 1 while a UAV trains; None: none does.
+            measured: columns of trainings: no UAV has them before the last of them is above 0.
             has: (N, K), the diagnostics that each UAV has; those that it has not are 0. None: every UAV has all.
             groups: the rows of each group.
         """
         self._has, self._groups = has, groups
-        self._busy = busy
+        self._busy, self._measured = busy, list(measured)
         self.busy: Mask = np.zeros(uavs, dtype=bool)
         self.busy_ticks = np.zeros(uavs, dtype=np.int64)
         self.accelerations: state.Vectors = np.zeros((uavs, axes))
@@ -92,10 +94,15 @@ class Commands(Stateful):
 
     def means(self, uavs: Mask) -> list[float | None]:
         """Means of the diagnostics of the last tick over some UAVs (N,), of those that have them; None for no UAV."""
-        if self._has is None:
+        trained = self.diagnostics[:, self._measured[-1:]] > 0.0  # (N, 1), or (N, 0) without trainings
+        if self._has is None and trained[uavs].all():
             counted = self.diagnostics[uavs]
             return list(counted.mean(axis=0).tolist()) if len(counted) else [None] * counted.shape[1]
-        columns = [numbers[has & uavs] for numbers, has in zip(self.diagnostics.T, self._has.T, strict=True)]
+        counts = np.tile(uavs[:, None], self.diagnostics.shape[1])
+        counts[:, self._measured] &= trained
+        if self._has is not None:
+            counts &= self._has
+        columns = [numbers[counted] for numbers, counted in zip(self.diagnostics.T, counts.T, strict=True)]
         return [float(column.mean()) if len(column) else None for column in columns]
 
     def ticks(self, ticks: NDArray[np.int64]) -> list[int]:

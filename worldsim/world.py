@@ -105,6 +105,7 @@ class World(Stateful):
             scenario.dimensions,
             len(declared.diagnostics),
             busy,
+            [declared.diagnostics.index(name) for name in declared.measured],
             plan.has_diagnostic,
             [rows for _, rows in mission.parts(scenario)],
         )

@@ -47,7 +47,7 @@ class Filter:
         self.weighted = inner.weighted
         self.note_bytes = inner.note_bytes
         self.dated = inner.dated
-        self.busy = inner.busy
+        self.busy, self.measured = inner.busy, inner.measured
         self.recorded = dict(inner.recorded)
         self.guided = inner.guided
         if isinstance(self.columns, str):

@@ -98,7 +98,7 @@ class Learning:
         own = (*self._metrics, "examples", "training")
         inner_names = tuple(inner.diagnostics)
         own = tuple(PREFIX + name if name in inner_names else name for name in own)
-        self.diagnostics, self.busy = (*inner_names, *own), own[-1]
+        self.diagnostics, self.measured, self.busy = (*inner_names, *own), own[:-1], own[-1]
         self.broadcast_numbers, self.pairwise, self.shares = inner.broadcast_numbers, inner.pairwise, inner.shares
         self.recorded, self.guided = dict(inner.recorded), inner.guided
         self._learners: dict[int, Learner] = {}
@@ -144,6 +144,7 @@ class Learning:
             "model": models.copy(),
             "ready": np.zeros(rows, dtype=bool),
             "based": np.zeros(rows, dtype=np.int64),
+            "trained": np.zeros(rows, dtype=bool),
             "examples": np.ones(rows),
             "note": _packed([b""] * rows, self.note_bytes),
             "kept": np.tile(kept, (rows, 1)),
@@ -166,7 +167,8 @@ class Learning:
                 mine["ready"] &= ~contains(participants, mine["uav"])
             self._finish(mine, tick, news)
             self._begin(mine, tick, own)
-        columns = [mine["metrics"], mine["examples"][:, None], mine["trains"][:, None]]
+        examples = np.where(mine["trained"], mine["examples"], 0.0)
+        columns = [mine["metrics"], examples[:, None], mine["trains"][:, None]]
         reported = [] if flown.diagnostics is None else [flown.diagnostics]
         return msgspec.structs.replace(
             flown,
@@ -298,6 +300,7 @@ class Learning:
             return
         mine["model"][row], mine["kept"][row], mine["ready"][row] = outcome.model, outcome.kept, True
         mine["based"][row], mine["examples"][row] = mine["base_round"][row], outcome.examples
+        mine["trained"][row] = True
         mine["note"][row] = _packed([outcome.note], self.note_bytes)[0]
         mine["state"][row] = _packed([outcome.state], self._state_bytes)[0]
         for column, name in enumerate(self._metrics):

@@ -165,7 +165,10 @@ def print_rounds(folder: Path, as_json: bool) -> None:
     for row in rows:
         shown.add_row(*row.values())
     if any(name.startswith(MEAN) for name in means):
-        shown.caption = "Diagnostics are means over the UAVs on the way when the round ended."
+        shown.caption = (
+            "Diagnostics are means over the UAVs on the way when the round ended, those of trainings over the UAVs "
+            "that have trained."
+        )
     print_table(shown)
 
 

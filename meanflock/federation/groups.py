@@ -142,8 +142,10 @@ def _joint(scenario: Scenario, each: Sequence[Declared], taking_part: Sequence[b
         raise BadInput(f"`federation.leader` is UAV {leader}, which takes no part in rounds; name one of UAVs {places}")
     weights = [declared.weights for declared in each if declared.weights]
     busy = list(dict.fromkeys(declared.busy for declared in each if declared.busy))
-    if len(busy) > 1:
-        raise BadInput(f"groups call the diagnostic of a UAV that trains {' and '.join(busy)}; give it one name")
+    counts = list(dict.fromkeys(name for declared in each for name in declared.measured[-1:]))
+    for found in (busy, counts):
+        if len(found) > 1:
+            raise BadInput(f"groups call the same diagnostic of trainings {' and '.join(found)}; give it one name")
     return msgspec.structs.replace(
         first,
         parameters=first.parameters if sharing else 0,
@@ -157,6 +159,7 @@ def _joint(scenario: Scenario, each: Sequence[Declared], taking_part: Sequence[b
         note_bytes=max((each[number].note_bytes for number in sharing), default=0),
         dated=any(each[number].dated for number in sharing),
         busy="".join(busy),
+        measured=(*dict.fromkeys(name for declared in each for name in declared.measured[:-1]), *counts),
         guided=all(declared.guided for declared in each),
         recorded={},
     )

@@ -330,3 +330,19 @@ def test_the_users_generators_are_untouched() -> None:
     before = np.random.get_state()[1].copy()  # type: ignore[index,union-attr]  # noqa: NPY002
     fly(duration=3)
     assert (np.random.get_state()[1] == before).all()  # type: ignore[index]  # noqa: NPY002
+
+
+def test_a_uav_that_has_not_trained_counts_in_no_mean() -> None:
+    """A round of which no UAV has finished a training reaches no bound; one of which some have has their mean."""
+    slow = {"training.fit_s": 3.0, "training.spread": 0.8, "method": "orca"}
+    run = fly(**slow)
+    rows, ticks = run.rounds().to_pylist(), run.frame().to_pylist()
+    assert any(0 < sum(count > 0 for count in ticks[row["tick"]]["examples"]) < 4 for row in rows)
+    for row in rows:
+        frame = ticks[row["tick"]]
+        losses = [loss for loss, count in zip(frame["loss"], frame["examples"], strict=True) if count]
+        assert row["mean_loss"] == (pytest.approx(np.mean(losses)) if losses else None)
+        assert row["mean_examples"] == (20.0 if losses else None)
+    bound = max(row["mean_loss"] or 0.0 for row in rows)
+    ended = fly(**slow, until=f"loss<={bound!r}")
+    assert ended.summary["until"]["round"] == next(row["round"] for row in rows if row["mean_loss"] is not None)
