@@ -18,7 +18,6 @@ begin with `learner_`.
 """
 
 import math
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -32,7 +31,7 @@ from meanflock.agent.controllers.base import Arrival, Controller, Memory, Predic
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
 from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
 from meanflock.agent.learning.trees import ModelForm
-from meanflock.agent.learning.worker import TRAININGS, Job, Owner
+from meanflock.agent.learning.worker import TRAININGS, Job, Owner, started_threads
 from meanflock.federation.codec import check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.federation.schedule import drawn
@@ -349,7 +348,7 @@ class Learning:
         self, uav: int, base: Floats, kept: NDArray[np.uint8], state: bytes, config: Fit
     ) -> TrainingResult | None:
         """Train one model; called in the thread of the trainings."""
-        learner, threads = self._learner(uav), threading.active_count()
+        learner, threads = self._learner(uav), started_threads()
         with seeded(config.seed, self._table.threads):
             learner.load(state)
             measured = dict(learner.evaluate(self._form.join(base, kept), config))
@@ -370,7 +369,7 @@ class Learning:
                 raise ValueError(f"its {label} is {given}; `{label}_bytes` declares {most} bytes")
         model, kept = self._form.split(trained.model)
         metrics = {name: float(value) for name, value in (measured | trained.metrics).items()}
-        left = max(0, threading.active_count() - threads)
+        left = max(0, started_threads() - threads)
         examples = float(trained.examples)
         return TrainingResult(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
 

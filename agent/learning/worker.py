@@ -143,6 +143,12 @@ _is_watched = False
 _owners: WeakKeyDictionary[threading.Thread, Owner] = WeakKeyDictionary()  # of the worker and the threads of learners
 
 
+def started_threads() -> int:
+    """Number of running threads that the owner of the job of this thread has started."""
+    owner = _owners.get(me := threading.current_thread())
+    return sum(_owners.get(thread) is owner for thread in threading.enumerate() if thread is not me)
+
+
 def _watch_learners() -> None:
     """Make starting a process an error in threads of learners; a fork would copy the connection of the agent."""
     global _is_watched

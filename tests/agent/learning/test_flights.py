@@ -332,6 +332,37 @@ def test_the_users_generators_are_untouched() -> None:
     assert (np.random.get_state()[1] == before).all()  # type: ignore[index]  # noqa: NPY002
 
 
+def test_a_thread_that_others_start_meanwhile_is_none_of_the_learner() -> None:
+    asked, begun, over = threading.Event(), threading.Event(), threading.Event()
+    other = threading.Thread(target=over.wait)
+
+    def start_another() -> None:
+        asked.wait()
+        other.start()
+        begun.set()
+        over.wait()
+
+    class Watched(Line):
+        name = "watched"
+
+        def fit(self, model: Any, config: mf.Fit) -> mf.Trained | None:
+            asked.set()
+            begun.wait()
+            return super().fit(model, config)
+
+    starter = threading.Thread(target=start_another)
+    starter.start()
+    try:
+        run = fly(Watched, duration=1.0)
+        assert other.is_alive()
+    finally:
+        asked.set()
+        over.set()
+        starter.join()
+        other.join()
+    assert not [event for event in run.events if "running" in event["text"]]
+
+
 def test_a_uav_that_has_not_trained_counts_in_no_mean() -> None:
     """A round of which no UAV has finished a training reaches no bound; one of which some have has their mean."""
     slow = {"training.fit_s": 3.0, "training.spread": 0.8, "method": "orca"}
