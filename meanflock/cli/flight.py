@@ -141,7 +141,7 @@ def _fly(
     from rich.console import Console
 
     from meanflock.launch.progress import groups_table, summary_table
-    from meanflock.results.run_folder import EVENTS, first_loss, lost_everyone
+    from meanflock.results.run_folder import EVENTS, first_failed_rule, first_loss, lost_everyone
 
     if as_json:
         click.echo(json.dumps(done.summary))
@@ -153,10 +153,9 @@ def _fly(
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
-            logs.show(
-                f"warning: nothing was federated: no model of another UAV arrived in {void} rounds, which were void",
-                logging.WARNING,
-            )
+            why = first_failed_rule(done.folder) or "no model of another UAV arrived"
+            rounds = "the only round was" if void == 1 else f"all {void} rounds were"
+            logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
         if done.summary["lost"] and (loss := first_loss(done.folder)):
             lost = done.summary["lost"]
             logs.show(

@@ -157,6 +157,9 @@ def summary_table(summary: dict[str, object]) -> Table:
             "slots" if theory is None else f"slots, closed form {theory:.2f}",
         )
     add("rounds", summary["rounds"], f"{void} more were void" if (void := summary["rounds_void"]) else "")
+    if isinstance(target := summary.get("until"), dict):
+        cost = f"in round {target['round']}, after {target['time_s']:g} s" if target["reached"] else ""
+        table.add_row(f"{target['metric']} {target['value']:g}", "reached" if cost else "not reached", cost)
     for field, name in _UPLOADS.items():
         if summary[field]:
             add(name, summary[field], "uploads")

@@ -83,7 +83,19 @@ def outcome(run: StoredFolder) -> str:
         rounds, void = run.figure("rounds"), run.figure("rounds_void")
         if rounds or void:
             sentences.append(f"Rounds averaged: {rounds}{f'; void: {void}' if void else ''}.")
+        sentences += _target(run)
     return " ".join(sentences)
+
+
+def _target(run: StoredFolder) -> list[str]:
+    """What became of the bound of `until`; nothing without one."""
+    if (metric := run.figure("until.metric")) is None:
+        return []
+    bound, when = f"{metric} {number(run.figure('until.value'))}", run.figure("until.time_s")
+    if when is None:
+        return [f"No round reached {bound}."]
+    cost = f"after {number(when)} s and {bits(run.figure('until.bits'))}"
+    return [f"Round {run.figure('until.round')} reached {bound}, {cost}."]
 
 
 def _arrived(run: StoredFolder, time: str) -> str:

@@ -23,6 +23,7 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
+from meanflock.swarm.events import LeaderFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
@@ -230,7 +231,7 @@ class RunFolder:
         return go_on(self.path) if has_sources else "begin another flight"
 
     def summarise(self, summary: dict[str, Any]) -> None:
-        """Write `summary.json` atomically, and delete the checkpoint. A failed run has no summary.
+        """Write `summary.json` atomically; delete the checkpoint if the flight is over. A failed run has no summary.
 
         Raises:
             RunFailed: there is no room for it.
@@ -243,7 +244,7 @@ class RunFolder:
         except OSError as error:
             raise self._failed(error) from error
         self.files.append(SUMMARY)
-        if self._over:
+        if self._over or (summary["until"] or {}).get("reached"):
             durable.remove(self.path / CHECKPOINT)
 
     def __enter__(self) -> "RunFolder":
@@ -332,8 +333,17 @@ def _sync(events: EventLog, spool: Spool) -> None:
 
 def first_loss(folder: Path) -> str:
     """Text of the first event about a lost UAV; empty if there is none."""
+    return _first(folder, lambda event: event["kind"] in LOSS)
+
+
+def first_failed_rule(folder: Path) -> str:
+    """Text of the first event about an aggregation rule that failed; empty if there is none."""
+    return _first(folder, lambda event: event["event"] == LeaderFailed.__struct_config__.tag)
+
+
+def _first(folder: Path, is_meant: Callable[[dict[str, Any]], bool]) -> str:
     events = map(json.loads, stored_lines(folder / EVENTS))
-    return next((str(event["text"]) for event in events if event["kind"] in LOSS), "")
+    return next((str(event["text"]) for event in events if is_meant(event)), "")
 
 
 def lost_everyone(folder: Path) -> str:

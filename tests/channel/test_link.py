@@ -292,5 +292,14 @@ def test_a_flight_that_federated_nothing_says_so(tmp_path, monkeypatch, capsys) 
     flags = ["--in-process", "--no-record", "--quiet", "--duration", "30"]
     assert main(["run", *flags, "--plugin", LARGE, "--method", "large"]) == 0
     assert "nothing was federated" in capsys.readouterr().err
-    assert main(["run", *flags, "--method", "mfgfl-h"]) == 0
+    rule = Path(tmp_path, "fails.py")
+    rule.write_text(
+        "import meanflock as mf\n\n\nclass Fails(mf.Aggregator):\n    name = 'fails'\n\n"
+        "    def step(self, state, uploads):\n        raise OSError('no table')\n"
+    )
+    flags += ["--plugin", str(rule), "--method", "mfgfl-h"]
+    assert main(["run", *flags, "--set", "federation.aggregation=fails"]) == 0
+    why = "nothing was federated: leader: aggregator 'fails' failed in round 1: OSError: no table (fails.py, line 8)"
+    assert why in capsys.readouterr().err
+    assert main(["run", *flags]) == 0
     assert "federated" not in capsys.readouterr().err
