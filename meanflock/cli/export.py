@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from meanflock.cli.arguments import PATH, quiet_option, report, run_argument
+from meanflock.cli.arguments import PATH, quiet_option, report, run_argument, scenario_arguments
 from meanflock.cli.study_arguments import progress_of
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, needed
@@ -21,6 +21,7 @@ from meanflock.swarm.errors import BadInput, needed
     metavar="TIME",
     help="When the UAVs took off, e.g. 2026-11-21T10:15:00Z, or `run`: when the run began.  [default: 0 s]",
 )
+@scenario_arguments("plugin")
 @quiet_option
 def export(
     folder: Path, mcap: Path | None, rosbag: Path | None, radio: Path | None, take_off: str | None, quiet: bool

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from meanflock.federation.plan import plan_of
+from meanflock.results import flown_plugins
 from meanflock.results.flown import FlightSoFar
 from meanflock.results.rounds_table import stored_rounds
 from meanflock.results.run_folder import EVENTS, SCENARIO
@@ -20,10 +21,11 @@ def write_radio(flight: FlightSoFar, path: Path, show: Callable[[int, int], obje
     averaged, `delay_s` from the opening of the round to its last part, null if nothing arrived, and bits of the model.
 
     Raises:
-        BadInput: the run has no rounds, or its files are damaged.
+        BadInput: the run has no rounds, its files are damaged, or a plug-in of it is not loaded.
     """
     folder = flight.folder
     flown = scenario.load(folder / SCENARIO)
+    flown_plugins.check(folder, flown, f"meanflock export {folder} --radio {path}")
     hops = plan_of(flown).hops
     rounds = stored_rounds(folder / EVENTS)
     if not hops or not rounds:

@@ -46,7 +46,7 @@ def back(folder: Path) -> Back:
             f"`meanflock run {folder / SCENARIO}`"
         )
     flown = flown_file.from_copies(folder, scenario.load(folder / SCENARIO))
-    flown_plugins.check(folder, flown)
+    flown_plugins.check(folder, flown, flown_plugins.resuming(folder))
     if not plan_of(flown).is_resumable:
         raise BadInput(
             f"{folder}: cannot be resumed: the state of the aggregation rule {flown.federation.aggregation} was in its "

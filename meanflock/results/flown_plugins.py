@@ -55,8 +55,8 @@ def keep(folder: Path, sources: dict[str, bytes]) -> None:
             durable.replace(folder / FOLDER / name, source)
 
 
-def check(folder: Path, flown: Scenario) -> None:
-    """Check that all plug-ins of a run are here.
+def check(folder: Path, flown: Scenario, command: str) -> None:
+    """Check that all plug-ins of a run are here. `command`: what is given again with the copies in the folder.
 
     Raises:
         BadInput: one is missing; the message names the copies in the folder.
@@ -64,7 +64,7 @@ def check(folder: Path, flown: Scenario) -> None:
     try:
         plugins_of(flown)
     except BadInput as error:
-        if not (copies := _copies(folder)):
+        if not (copies := _copies(folder, command)):
             raise
         raise BadInput(
             f"{folder}: {str(error).partition(';')[0]}; name the file of that plug-in again, or read the copy of what "
@@ -80,14 +80,19 @@ def check_unchanged(folder: Path, flown: Scenario, was: Sequence[Sequence[str]])
     """
     for before, now in zip(was, plugins_of(flown), strict=False):
         if tuple(before) != now:
-            copies = _copies(folder)
+            copies = _copies(folder, resuming(folder))
             remedy = f"read the copy of what flew and name that: {copies}" if copies else "install that version again"
             raise BadInput(
                 f"{folder}: it flew {before[0]} {before[1]!r} of {before[2]}; here it is of {now[2]}; {remedy}"
             )
 
 
-def _copies(folder: Path) -> str:
-    """The command that resumes with the copies of the plug-ins; empty if there are none."""
+def resuming(folder: Path) -> str:
+    """The command that resumes a run."""
+    return f"meanflock resume {folder}"
+
+
+def _copies(folder: Path, command: str) -> str:
+    """The command with the copies of the plug-ins; empty if there are none."""
     given = [f"--plugin {path}" for path in sorted((folder / FOLDER).glob("*.py"))]
-    return f"meanflock resume {folder} {' '.join(given)}" if given else ""
+    return f"{command} {' '.join(given)}" if given else ""

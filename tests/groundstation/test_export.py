@@ -23,6 +23,7 @@ from meanflock.results import flown as flown_flights
 from meanflock.results.flown import FlightSoFar
 from meanflock.results.stored_run import began
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, RunFailed
+from meanflock.swarm.plugins import registry
 
 STORE = get_typestore(Stores.ROS2_JAZZY)  # another distribution than that of the writer
 KILL = {"kind": "kill", "time_s": 3.0, "uavs": [2]}
@@ -254,3 +255,17 @@ def test_the_radio_of_a_flight_says_what_became_of_every_upload(run, tmp_path: P
     )
     assert code == EXIT_BAD_INPUT
     assert "no model was uploaded in this run" in error
+
+
+def test_the_radio_of_a_flight_with_a_plugin_in_a_file_is_written(run, tmp_path: Path) -> None:
+    trim = Path(__file__).parents[2] / "examples" / "trim.py"
+    settings = {"method": "trim", "federation.period": 50}
+    flight = mf.fly("lossy", uavs=6, duration=12, out=tmp_path, plugin=str(trim), **settings)
+    registry.registered.clear()  # a new process, that was not told of the file
+    command = ("export", str(flight.folder), "--radio", "radio.json")
+    code, _, error = run(*command)
+    assert code == EXIT_BAD_INPUT
+    copy = flight.folder / "plugins" / "trim.py"
+    assert error.endswith(f"name that: meanflock {' '.join(command)} --plugin {copy}\n")
+    assert run(*command, "--plugin", str(copy), "--quiet")[:2] == (EXIT_DONE, "radio.json\n")
+    assert len(json.loads(Path("radio.json").read_text())["uploads"]) == sum(flight.rounds()["sent"].to_pylist())
