@@ -51,14 +51,18 @@ class App(NamedTuple):
         try:
             project = msgspec.toml.decode(read(path))
             table = project["tool"]["flwr"]["app"]
-            components = table["components"]
-            client, server = components["clientapp"], components["serverapp"]
+            client, server = (table["components"][key] for key in ("clientapp", "serverapp"))
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}; name the folder of a Flower app") from error
         except (msgspec.DecodeError, KeyError, TypeError) as error:
             raise BadInput(
                 f"{path}: describes no Flower app; `clientapp` and `serverapp` stand in [tool.flwr.app.components]"
             ) from error
+        for key, component in (("clientapp", client), ("serverapp", server)):
+            if not (isinstance(component, str) and all(component.partition(":"))):
+                raise BadInput(
+                    f"{path}: `{key}` is {component!r}; expected a module and a name in it, as app.client:app"
+                )
         name = "".join(
             sign if sign.isalnum() else "-" for sign in str(project.get("project", {}).get("name", folder.name))
         )
@@ -141,6 +145,17 @@ def joined(arrays: dict[str, NDArray[Any]], note: bytes) -> RecordDict:
     name, rest = note[1 : 1 + note[0]].decode(), records_of(note[1 + note[0] :])
     record = ArrayRecord({key: Array(np.asarray(array, order="C")) for key, array in arrays.items()})
     return RecordDict({name: record, **rest})
+
+
+def cast(arrays: dict[str, NDArray[Any]], first: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays in the dtypes of those that were sent first: apps compute in wider floats, and make floats of whole
+    numbers."""
+    return {
+        name: (np.rint(array) if first[name].dtype.kind in "iu" else array).astype(first[name].dtype)
+        if name in first
+        else array
+        for name, array in arrays.items()
+    }
 
 
 def bytes_of(content: RecordDict) -> bytes:

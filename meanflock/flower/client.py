@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Options as NoOptions
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
-from meanflock.flower.app import FIRST_NODE, App, bytes_of, context, joined, numbers_in, records_of, split
-from meanflock.flower.grid import Asked, asked_first
+from meanflock.flower.app import FIRST_NODE, App, bytes_of, cast, context, joined, numbers_in, records_of, split
+from meanflock.flower.grid import WAIT_S, Asked, asked_first
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 
@@ -77,7 +77,8 @@ class FlowerClient(Learner):
     def first(cls, options: Any, scenario: Scenario) -> Asked:
         """The first message of the ServerApp."""
         config = msgspec.json.encode(cls.run_config(options))
-        return _first(*cls.app[:4], config, scenario.uavs, scenario.seed)
+        limit_s = float(scenario.federation.options.get("wait_s", WAIT_S))
+        return _first(*cls.app[:4], config, scenario.uavs, scenario.seed, limit_s)
 
     @classmethod
     def initial(cls, options: Any, scenario: Scenario) -> Tree:
@@ -111,15 +112,23 @@ class FlowerClient(Learner):
             arrays, rest = split(reply.content)
         except FAILURES as error:
             raise TrainingFailed(f"the ClientApp failed: {last_line(self.app.at_fault(error))}") from error
+        if (shapes := _shapes(arrays)) != (expected := _shapes(model)):
+            raise TrainingFailed(f"the ClientApp returned arrays {shapes}; the ServerApp sent {expected}")
         note = request.number.to_bytes(2, "little") + rest
         check_note("metrics", note, self.options.note_bytes)
         metrics = numbers_in(reply.content)
         examples = next((metrics[name] for name in _EXAMPLES if name in metrics), 1.0)
-        return Trained(arrays, examples, metrics, note)
+        return Trained(cast(arrays, model), examples or 1.0, metrics, note)  # the strategy gets the 0 in the note
 
     def state(self) -> bytes:
         """See `Learner.state`."""
-        return bytes_of(self._context.state)
+        state, most = bytes_of(self._context.state), self.options.state_bytes
+        if len(state) > most:
+            raise ValueError(
+                f"the ClientApp keeps {len(state)} bytes in `context.state`; set training.options.state_bytes="
+                f"{len(state)}, or more if it grows"
+            )
+        return state
 
     def load(self, raw: bytes) -> None:
         """See `Learner.load`."""
@@ -138,6 +147,12 @@ def check_note(content: str, note: bytes, most: int) -> None:
         )
 
 
+def _shapes(arrays: dict[str, NDArray[Any]]) -> dict[str, tuple[int, ...]]:
+    return {name: array.shape for name, array in arrays.items()}
+
+
 @cache
-def _first(folder: str, client: str, server: str, name: str, config: bytes, uavs: int, seed: int) -> Asked:
-    return asked_first(App(folder, client, server, name, {}), msgspec.json.decode(config), uavs, seed)
+def _first(
+    folder: str, client: str, server: str, name: str, config: bytes, uavs: int, seed: int, limit_s: float
+) -> Asked:
+    return asked_first(App(folder, client, server, name, {}), msgspec.json.decode(config), uavs, seed, limit_s)

@@ -4,6 +4,7 @@ The ServerApp runs in a thread of its own. Each time that it waits for replies o
 """
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -27,6 +28,7 @@ from meanflock.swarm.errors import FAILURES, last_line
 log = logging.getLogger("meanflock.flower")
 
 LOST = 900  # code of the error of a reply that the radio lost
+WAIT_S = 300.0  # wall time that a ServerApp may take until it sends something, by default
 ASKED_TOO_OFTEN = 5  # times that a ServerApp asks for the nodes without sending anything
 Answer = Callable[[Message], Message]
 
@@ -159,11 +161,12 @@ class RadioGrid(Grid):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Metrics of the newest round that the ServerApp has reported; those of its own evaluation come last."""
+        """Metrics of the newest round that the ServerApp has reported, of those that are finite; those of its own
+        evaluation come last."""
         found: dict[str, float] = {}
         for report in self.reports:
             found |= _newest(report)
-        return found
+        return {name: value for name, value in found.items() if math.isfinite(value)}
 
     def _fly(self) -> None:
         if self._queue:
@@ -218,7 +221,10 @@ class RunningServer:
             else:
                 self._continues.release()
             if not self._waits.acquire(timeout=limit_s):
-                raise TimeoutError(f"the ServerApp neither sent a model nor ended in {limit_s:g} s of wall time")
+                raise TimeoutError(
+                    f"the ServerApp neither sent a model nor ended in {limit_s:g} s of wall time; let it "
+                    "take longer with federation.options.wait_s"
+                )
         if self._error is not None:
             raise self._error
 
@@ -244,7 +250,7 @@ class RunningServer:
         self._waits.release()
 
 
-def asked_first(app: App, config: dict[str, Any], uavs: int, seed: int, limit_s: float = 120.0) -> Asked:
+def asked_first(app: App, config: dict[str, Any], uavs: int, seed: int, limit_s: float) -> Asked:
     """What a ServerApp sends first.
 
     Raises:
@@ -360,7 +366,8 @@ def _alike(one: RecordDict, other: RecordDict) -> bool:
 
 
 def _too_few(uavs: int) -> str:
+    flying = "one UAV that flies" if uavs == 1 else f"{uavs} UAVs that fly"
     return (
-        f"the ServerApp waits for more nodes than the {uavs} UAVs that fly; fly more with --uavs, or lower the number "
-        "of nodes that the strategy wants"
+        f"the ServerApp waits for more nodes than the {flying}; fly more with --uavs, or lower the number of nodes "
+        "that the strategy wants"
     )

@@ -8,16 +8,15 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from meanflock.agent.learning.trees import ModelForm
 from meanflock.agent.learning.worker import TRAININGS
 from meanflock.federation.plan import topology_of
 from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.federation.rules.base import Options as NoOptions
-from meanflock.flower.app import FIRST_NODE, joined
+from meanflock.flower.app import FIRST_NODE, cast, joined
 from meanflock.flower.client import FlowerClient, TrainingRequest, check_note
-from meanflock.flower.grid import RunningServer
+from meanflock.flower.grid import WAIT_S, RunningServer
 from meanflock.swarm.scenario import Scenario
 
 
@@ -40,7 +39,7 @@ class FlowerServer(Aggregator):
             ),
         ] = "mean"
         expires: Annotated[int, Meta(ge=1, description="rounds after which a message without a reply has failed")] = 1
-        wait_s: Annotated[float, Meta(gt=0, description="wall time that the ServerApp may take in a round, s")] = 300.0
+        wait_s: Annotated[float, Meta(gt=0, description="wall time that the ServerApp may take in a round, s")] = WAIT_S
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)
@@ -62,7 +61,7 @@ class FlowerServer(Aggregator):
             return Aggregate(None, done=True)
         asked = server.grid.asked  # the training that the replies answer
         assert asked is not None
-        global_model, kept_bytes = self._form.split(self._cast(asked.arrays))
+        global_model, kept_bytes = self._form.split(cast(asked.arrays, self._first))
         for place, uav in enumerate(uploads.uavs.tolist()):
             note, arrived = uploads.notes[place], uploads.arrived[place]
             if len(note) < 2 or (self.options.incomplete == "refuse" and not arrived.all()):
@@ -81,7 +80,7 @@ class FlowerServer(Aggregator):
         assert wanted is not None
         note = TrainingRequest.of_asked(server.grid.number, wanted, self.scenario.uavs).note
         check_note("configuration", note, self.note_bytes)
-        vector, _ = self._form.split(self._cast(wanted.arrays))
+        vector, _ = self._form.split(cast(wanted.arrays, self._first))
         return Aggregate(vector.astype(np.float64), note, metrics=metrics)
 
     def _begin(self) -> RunningServer:
@@ -94,12 +93,3 @@ class FlowerServer(Aggregator):
         self._form = ModelForm(dict(self._first), self.scenario.training.integers, self.scenario.training.keeps)
         self._server = server
         return server
-
-    def _cast(self, arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Arrays in the dtypes that they had first: strategies make floats of whole numbers."""
-        return {
-            name: (np.rint(array) if self._first[name].dtype.kind in "iu" else array).astype(self._first[name].dtype)
-            if name in self._first
-            else array
-            for name, array in arrays.items()
-        }

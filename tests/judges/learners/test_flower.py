@@ -171,6 +171,7 @@ BROKEN = [
         1,
         "neither sent a model nor ended",
     ),
+    ("    while True:\n        time.sleep(0.01)", 2, "nor ended in 2 s of wall time; let it take longer with"),
     ("    while True:\n        grid.send_and_receive(messages(grid))", 0, "while the ServerApp waited for replies"),
     ("    grid.send_and_receive(messages(grid))", 0, "the ServerApp ended after 1 rounds; num-server-rounds is 5"),
 ]
@@ -204,6 +205,48 @@ def test_a_client_app_that_raises_is_silent_in_that_round_and_a_failure_for_the_
     assert [one["sent"] for one in flown.result["rounds"]] == [3, 2, 3]
 
 
+def replying(folder: Path, before: str, metrics: str = "") -> Path:
+    """The app with more lines before its reply, and other metrics in it."""
+    app = build(folder)
+    client = app / "flower_digits" / "client_app.py"
+    source = client.read_text().replace("    metrics =", f"    {before}\n    metrics =", 1)
+    client.write_text(source.replace('"num-examples": len(data[1])', metrics or '"num-examples": len(data[1])', 1))
+    return app
+
+
+@pytest.mark.parametrize(
+    ("before", "metrics"),
+    [
+        ("model = {name: array.astype('f8') for name, array in model.items()}", ""),  # as of a loop with wider floats
+        ("loss = float('nan') if partition else loss", ""),
+        ("", '"num-examples": len(data[1]) * (partition > 0)'),  # a node without data
+    ],
+    ids=["wider floats", "no finite loss", "no examples"],
+)
+def test_replies_that_flower_takes_are_replies_here_too(tmp_path: Path, before: str, metrics: str) -> None:
+    app = replying(tmp_path, before, metrics)
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2)
+    assert flown.code == 0, flown.said
+    assert flown.result["summary"]["lost"] == 0
+    assert [(one["sent"], one["failures"]) for one in flown.result["rounds"]] == [(3, 0.0), (3, 0.0)]
+    assert ("train_loss" in flown.result["rounds"][0]) == ("nan" not in before)
+
+
+def test_a_reply_of_another_shape_is_a_failure_and_loses_no_uav(tmp_path: Path) -> None:
+    app = replying(tmp_path, "model['second'] = model['second'][:, :9] if partition == 1 else model['second']")
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2)
+    assert (flown.code, flown.result["summary"]["lost"]) == (0, 0), flown.said
+    assert [one["failures"] for one in flown.result["rounds"]] == [1.0, 1.0]
+    assert "'second': (32, 9)" in flown.said
+
+
+def test_state_that_is_not_declared_is_told_with_the_key_that_declares_it(tmp_path: Path) -> None:
+    app = replying(tmp_path, "context.state['rounds'] = MetricRecord({'trained': 1})")
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2)
+    assert flown.code == 1
+    assert "bytes in `context.state`; set training.options.state_bytes=" in flown.said
+
+
 def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
     flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2, learning_rate="a")
     assert flown.code == 1
@@ -217,6 +260,8 @@ def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
         ("server_app:app", "servr_app:app", "No module named 'flower_digits.servr_app'"),
         ("server_app:app", "client_app:app", "is a ClientApp; expected a ServerApp"),
         ("[tool.flwr.app.components]", "[tool.flwr.other]", "describes no Flower app"),
+        ("server_app:app", "server_app", "expected a module and a name in it, as app.client:app"),
+        ('"flower_digits.server_app:app"', "3", "`serverapp` is 3; expected a module"),
     ],
 )
 def test_a_description_with_a_mistake_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
