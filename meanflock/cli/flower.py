@@ -68,6 +68,7 @@ def flower(
     with available("the command `flower`", "flower"):
         from meanflock.flower import plugin
         from meanflock.flower.app import App
+    from meanflock.studies.swept import refuse_setting
     from meanflock.swarm import plugins
 
     described = App.read(app)
@@ -75,6 +76,8 @@ def flower(
         if key not in described.config:
             raise BadInput(f"--run-config {key}: the app has no such key{meant(key, described.config)}")
         described.config[key] = value
+    for key in ("training.learner", "federation.aggregation"):
+        refuse_setting(key, settings, "is the app")
     plugins.load_files([plugin.write(described, out / ".flower")])
     name = described.name
     fixed = (f"training.learner={name}", f"federation.aggregation={name}", "federation.fraction=1.0", "stop=rounds")
@@ -149,6 +152,8 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
     Raises:
         RunFailed: the ServerApp failed, or never got a reply.
     """
+    from meanflock.results.rounds_table import MEAN, METRIC
+
     events = [event_of_row(json.loads(line)) for line in stored_lines(done.folder / EVENTS)]
     failed = [event for event in events if isinstance(event, FitFailed)]
     of_server = [event for event in events if isinstance(event, LeaderFailed)]
@@ -159,6 +164,17 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
     if failed:
         logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0].text}", logging.WARNING)
+    if (target := done.summary["until"]) is not None:
+        names = {
+            name.removeprefix(METRIC).removeprefix(MEAN)
+            for one in ended
+            for name in one
+            if name.startswith((METRIC, MEAN))
+        }
+        if ended and (metric := target["metric"]) not in names:
+            logs.show(f"warning: no round has a metric {metric!r}{meant(metric, names)}", logging.WARNING)
+        if target["reached"]:
+            return
     if done.summary["ticks"] >= done.scenario.max_ticks:  # the ServerApp has not ended
         logs.show(
             f"warning: the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "

@@ -247,6 +247,23 @@ def test_state_that_is_not_declared_is_told_with_the_key_that_declares_it(tmp_pa
     assert "bytes in `context.state`; set training.options.state_bytes=" in flown.said
 
 
+def test_a_bound_that_ends_the_flight_is_no_fault_of_the_app_and_one_of_no_metric_is_told(app: Path) -> None:
+    short = {"uavs": 3, "settings": (IDEAL,), "num_server_rounds": 3}
+    reached = fly(app, "--in-process", "--until", "accuracy>=0.01", **short)
+    assert (reached.code, len(reached.result["rounds"]), "warning" in reached.said) == (0, 1, False), reached.said
+    unknown = fly(app, "--in-process", "--until", "acuracy>=0.01", **short)
+    assert (unknown.code, len(unknown.result["rounds"])) == (0, 3)
+    assert "no round has a metric 'acuracy'; did you mean 'accuracy'?" in unknown.said
+
+
+def test_the_keys_that_name_the_app_cannot_be_set(app: Path) -> None:
+    flown = fly(app, "--in-process", uavs=3, settings=("federation.aggregation=median",))
+    assert flown.code == 2
+    assert (
+        "--set federation.aggregation=median: `federation.aggregation` is the app; leave out this --set" in flown.said
+    )
+
+
 def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
     flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=2, learning_rate="a")
     assert flown.code == 1
