@@ -1,6 +1,6 @@
 """A mod for Flower that replays the radio of a flight: uploads that the radio lost fail, and late ones wait.
 
-    meanflock export latest --radio radio.json
+    meanflock export RUN --radio radio.json     # --plugin RUN/plugins/NAME.py if it flew a plug-in of a file
     app = ClientApp(mods=[radio_mod("radio.json")])
 
 For models that are too large to fly here: they train in your engine, and the radio is that of a flight.
