@@ -51,19 +51,22 @@ class TorchLearner(Learner):
         self._optimizer = self.optimizer(self._trained())
         self._fresh = self._optimizer.state_dict()
         self._data, self._tests = self.data(), self.tests()
+        if not isinstance(self._data, Sized):
+            raise TypeError(f"`data` returns a {type(self._data).__name__}; expected a data set with a length")
 
     def module(self) -> torch.nn.Module:
         """Returns the module, with its first weights; torch is seeded alike for all UAVs. Only `options` and
         `scenario` may be used."""
-        raise NotImplementedError
+        raise NotImplementedError("override `module`")
 
     def optimizer(self, parameters: Iterable[torch.nn.Parameter]) -> torch.optim.Optimizer:
         """Returns an optimiser of the parameters."""
-        raise NotImplementedError
+        raise NotImplementedError("override `optimizer`")
 
     def data(self) -> Any:
-        """Returns the training data of this UAV, a data set of pairs (input, target)."""
-        raise NotImplementedError
+        """Returns the training data of this UAV, a data set of pairs (input, target). A UAV without examples trains
+        nothing and sends nothing."""
+        raise NotImplementedError("override `data`")
 
     def tests(self) -> Any:
         """Returns the data set on which `accuracy` is measured; None: the training data."""
@@ -84,8 +87,10 @@ class TorchLearner(Learner):
             cls.state_bytes = int(_ROOM * len(blank.state())) + 1024
         return tree
 
-    def fit(self, model: Tree, config: Fit) -> Trained:
+    def fit(self, model: Tree, config: Fit) -> Trained | None:
         """See `Learner.fit`: so many epochs of the loss, over the data in random order."""
+        if not (examples := len(self._data)):
+            return None
         self._take(model)
         self.net.train()
         total = 0.0
@@ -97,16 +102,15 @@ class TorchLearner(Learner):
                 loss.backward()
                 self._optimizer.step()
                 total += loss.item() * len(targets)
-        examples = len(cast(Sized, self._data))
         return Trained(self._tree(), examples, {"loss": total / examples})
 
     def evaluate(self, model: Tree, config: Fit) -> dict[str, float]:
         """See `Learner.evaluate`: the share of the test data whose largest output is that of the target."""
-        if "accuracy" not in self.metrics:
+        data = self._data if self._tests is None else self._tests
+        if "accuracy" not in self.metrics or not len(data):
             return {}
         self._take(model)
         self.net.eval()
-        data = self._data if self._tests is None else self._tests
         with torch.no_grad():
             right = [(self.net(inputs).argmax(-1) == targets).sum() for inputs, targets in DataLoader(data, _TESTS)]
         return {"accuracy": int(sum(right)) / len(data)}

@@ -117,7 +117,10 @@ class Learning:
         self._check_draws(before)
         if taken := sorted(name for name in inner_memory if name.startswith(PREFIX)):
             raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the learner")
-        TRAININGS.call(lambda: [self._learner(uav) for uav in uavs.tolist()])
+        try:
+            TRAININGS.call(lambda: [self._learner(uav) for uav in uavs.tolist()])
+        except FAILURES as error:
+            raise RuntimeError(f"{self._name}: {last_line(error)}") from error
         rows, (vector, kept) = len(uavs), self._first
         models = np.tile(vector, (rows, 1))
         own = {

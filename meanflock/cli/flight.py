@@ -141,7 +141,7 @@ def _fly(
     from rich.console import Console
 
     from meanflock.launch.progress import groups_table, summary_table
-    from meanflock.results.run_folder import EVENTS, first_failed_rule, first_loss, lost_everyone
+    from meanflock.results.run_folder import EVENTS, failed_trainings, first_failed_rule, first_loss, lost_everyone
 
     if as_json:
         click.echo(json.dumps(done.summary))
@@ -156,6 +156,9 @@ def _fly(
             why = first_failed_rule(done.folder) or "no model of another UAV arrived"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
             logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
+        if failed := failed_trainings(done.folder):
+            trainings = f"{len(failed)} training{'s' * (len(failed) > 1)} failed"
+            logs.show(f"warning: {trainings}; the first: {failed[0]}", logging.WARNING)
         if done.summary["lost"] and (loss := first_loss(done.folder)):
             lost = done.summary["lost"]
             logs.show(

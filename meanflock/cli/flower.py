@@ -19,10 +19,10 @@ from meanflock.cli.arguments import (
 )
 from meanflock.cli.fly import _forker
 from meanflock.results.event_log import event_of_row, stored_lines
-from meanflock.results.run_folder import EVENTS
+from meanflock.results.run_folder import EVENTS, failed_trainings
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed, available, meant
-from meanflock.swarm.events import FitFailed, LeaderFailed
+from meanflock.swarm.events import LeaderFailed
 
 if TYPE_CHECKING:
     from meanflock.flower.app import App
@@ -155,15 +155,12 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
     from meanflock.results.rounds_table import MEAN, METRIC
 
     events = [event_of_row(json.loads(line)) for line in stored_lines(done.folder / EVENTS)]
-    failed = [event for event in events if isinstance(event, FitFailed)]
     of_server = [event for event in events if isinstance(event, LeaderFailed)]
     if of_server and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
         raise RunFailed(of_server[-1].text)
     if ended and not any(one["received"] for one in ended):
-        why = failed[0].text if failed else "the radio lost all of them"
+        why = next(iter(failed_trainings(done.folder)), "the radio lost all of them")
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
-    if failed:
-        logs.show(f"warning: {len(failed)} trainings failed; the first: {failed[0].text}", logging.WARNING)
     if (target := done.summary["until"]) is not None:
         names = {
             name.removeprefix(METRIC).removeprefix(MEAN)

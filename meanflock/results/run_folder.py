@@ -23,7 +23,7 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.events import LeaderFailed
+from meanflock.swarm.events import FitFailed, LeaderFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
@@ -333,17 +333,22 @@ def _sync(events: EventLog, spool: Spool) -> None:
 
 def first_loss(folder: Path) -> str:
     """Text of the first event about a lost UAV; empty if there is none."""
-    return _first(folder, lambda event: event["kind"] in LOSS)
+    return next(_texts(folder, lambda event: event["kind"] in LOSS), "")
 
 
 def first_failed_rule(folder: Path) -> str:
     """Text of the first event about an aggregation rule that failed; empty if there is none."""
-    return _first(folder, lambda event: event["event"] == LeaderFailed.__struct_config__.tag)
+    return next(_texts(folder, lambda event: event["event"] == LeaderFailed.__struct_config__.tag), "")
 
 
-def _first(folder: Path, is_meant: Callable[[dict[str, Any]], bool]) -> str:
+def failed_trainings(folder: Path) -> list[str]:
+    """Texts of the events about trainings that failed."""
+    return list(_texts(folder, lambda event: event["event"] == FitFailed.__struct_config__.tag))
+
+
+def _texts(folder: Path, is_meant: Callable[[dict[str, Any]], bool]) -> Iterator[str]:
     events = map(json.loads, stored_lines(folder / EVENTS))
-    return next((str(event["text"]) for event in events if is_meant(event)), "")
+    return (str(event["text"]) for event in events if is_meant(event))
 
 
 def lost_everyone(folder: Path) -> str:

@@ -49,3 +49,17 @@ def test_what_cannot_be_flown(run: Any, tmp_path: Path, flags: tuple[str, ...], 
     code, _, err = run("run", *FLOWN, *flags, "--out", str(tmp_path))
     assert code == EXIT_BAD_INPUT
     assert message in err
+
+
+def test_trainings_that_fail_are_told_at_the_end(run: Any, tmp_path: Path) -> None:
+    learner = tmp_path / "diverges.py"
+    learner.write_text(
+        "import meanflock as mf\n\n\nclass Diverges(mf.Learner):\n    name = 'diverges'\n    period_ticks = 20\n\n"
+        "    @classmethod\n    def initial(cls, options, scenario):\n        return {'a': 0.0}\n\n"
+        "    def fit(self, model, config):\n        return mf.Trained({'a': float('nan')}, 1)\n"
+    )
+    code, _, err = run("run", "--learner", str(learner), *FLOWN)
+    assert code == EXIT_DONE
+    first = "learner 'diverges' of UAV 0: its trained model is not finite; it uploads no model"
+    assert f"trainings failed; the first: agent-0: {first}\n" in err
+    assert err.startswith("warning: ")

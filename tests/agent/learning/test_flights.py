@@ -247,6 +247,16 @@ def test_a_learner_that_fails_loses_its_uav_and_no_other(change: Any, text: str)
     assert "UAV 1" in told(run)
 
 
+def test_a_learner_that_cannot_be_made_is_named() -> None:
+    def init(self: Any, options: Any, scenario: mf.Scenario, uav: int) -> None:
+        raise OSError("no such data")
+
+    with pytest.raises(
+        mf.BadInput, match=r"failed in `init` with UAV 0: RuntimeError: learner 'wrong': OSError: no such"
+    ):
+        fly(wrong(__init__=init))
+
+
 BEYOND = "has 1e+38, beyond what the radio's floats can say"
 
 

@@ -199,7 +199,7 @@ def test_a_client_app_that_raises_is_silent_in_that_round_and_a_failure_for_the_
     client.write_text(client.read_text().replace("    metrics =", f"{fails}    metrics =", 1))
     flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=3)
     assert flown.code == 0
-    assert "1 trainings failed" in flown.said
+    assert "1 training failed" in flown.said
     assert "RuntimeError: bad sensor (client_app.py, line" in flown.said
     assert [one["failures"] for one in flown.result["rounds"]] == [0.0, 1.0, 0.0]
     assert [one["sent"] for one in flown.result["rounds"]] == [3, 2, 3]

@@ -113,3 +113,27 @@ def test_bfloat16_travels_as_float32() -> None:
             return torch.utils.data.TensorDataset(inputs.to(torch.bfloat16), (inputs.sum(1) > 0).long())
 
     check_learner(Half)
+
+
+@pytest.mark.parametrize("missing", ["module", "optimizer", "data"])
+def test_a_method_that_is_not_overridden_is_named(missing: str) -> None:
+    left = {name: method for name, method in vars(Blobs).items() if name != missing}
+    left["keeps_optimizer"] = False
+    with pytest.raises(mf.BadInput, match=f"learner 'blobs': .*NotImplementedError: override `{missing}`"):
+        mf.fly(method="orca", learner=type("Lacking", (TorchLearner,), left), uavs=2, duration=1)
+
+
+def test_data_that_are_no_data_set_are_refused() -> None:
+    with pytest.raises(mf.BadInput, match="TypeError: `data` returns a NoneType; expected a data set"):
+        mf.fly(method="orca", learner=type("None", (Blobs,), {"data": lambda self: None}), uavs=2, duration=1)
+
+
+def test_a_uav_without_examples_sends_nothing_and_is_not_lost() -> None:
+    def data(self: Any) -> Any:
+        inputs = torch.randn(64 * (self.uav != 1), 4)
+        return torch.utils.data.TensorDataset(inputs, (inputs.sum(1) > 0).long())
+
+    settings = {"federation.fraction": 1.0, "federation.period": 20, "radio.model": "ideal"}
+    run = mf.fly(method="orca", learner=type("Unequal", (Blobs,), {"data": data}), uavs=4, duration=9, **settings)
+    assert run.summary["lost"] == 0
+    assert [(row["sent"], row["mean_examples"]) for row in run.rounds().to_pylist()] == [(3, 64.0)] * 4
