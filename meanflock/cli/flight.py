@@ -154,6 +154,8 @@ def _fly(
     if not only_logs:
         if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
             why = first_failed_rule(done.folder) or "no model of another UAV arrived"
+            if refused := done.summary["uploads_refused"]:
+                why = f"uploads that arrived and could not be averaged: {refused}"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
             logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
         if failed := failed_trainings(done.folder):
