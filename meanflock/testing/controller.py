@@ -19,6 +19,7 @@ from meanflock.testing.error import (
     alike,
     asked,
     check_class,
+    check_same_form,
     copies,
     fail,
     make,
@@ -29,8 +30,10 @@ from meanflock.testing.pace import SLOW_MS, check_pace
 from meanflock.testing.trial import PURE, PointSwarm, Trial
 
 UAVS = 6
+_BATTERY_J = 1e6  # so that goals may change in flight
 
 _ROWS = "compute every row from that row of `own` and `memory`, and from the frames linked to it in `received`, alone"
+_GUIDE = "return the memory in which the rows `rows` have the goals `goals`, a row each"
 _RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
 
 
@@ -44,7 +47,7 @@ def check_controller(
     """Flies a small swarm of points with a controller and checks everything that a flight relies on.
 
     The swarm flies two rounds of a controller that shares a model, and 40 ticks at least. It flies 205 ticks twice, to
-    find a controller that draws an unseeded number late.
+    find a controller that draws an unseeded number late. A controller that is `guided` gets other goals.
 
     Args:
         controller: the class. options: those of the table [controller]. scenario: default: the paper's with six UAVs,
@@ -61,15 +64,22 @@ def check_controller(
 def _check(controller: type[Controller], options: dict[str, Any], flown: Scenario, slow_ms: float) -> None:
     flown = msgspec.structs.replace(flown, method=controller.name, controller=dict(options))
 
-    def instance() -> Controller:
-        """Make the controller as a flight does, behind the scenario's filter."""
-        alone: Controller = make(controller, options, flown)
-        behind: Controller = declared.filtered(alone, flown)
-        return behind
+    def swarm_of(flown: Scenario) -> PointSwarm:
+        """A swarm of the controller, which is made as a flight does, behind the scenario's filter."""
 
-    swarm = PointSwarm(controller, flown, instance)
+        def instance() -> Controller:
+            alone: Controller = make(controller, options, flown)
+            behind: Controller = declared.filtered(alone, flown)
+            return behind
+
+        return PointSwarm(controller, flown, instance)
+
+    swarm = swarm_of(flown)
     flown = Plan(flown, swarm.declared).scenario  # the class need not be registered under its name
     check_swarm(swarm, slow_ms)
+    if swarm.declared.guided:
+        battery = msgspec.structs.replace(flown.energy, battery_J=_BATTERY_J)
+        _guided(swarm_of(msgspec.structs.replace(flown, energy=battery)))
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
         from meanflock.channel.outlook import warn_of_lost_models
 
@@ -84,6 +94,7 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     """
     _silence(swarm)
     _empty_rows(swarm)
+    _quick(swarm, slow_ms)
     together = swarm.trial()
     _pure(swarm)
     _models(swarm, together)
@@ -91,7 +102,6 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     _rows_alone(swarm, together)
     _side_by_side(swarm, together)
     _checkpointed(swarm, together)
-    _quick(swarm, slow_ms)
 
 
 def _empty_rows(swarm: PointSwarm) -> None:
@@ -193,12 +203,35 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
         fail(plugin, "`set` changes other rows than `rows`", "write to `rows` only")
 
 
+def _guided(swarm: PointSwarm) -> None:
+    """Check that `guide` gives other goals to the given rows, each by itself, and changes no other row."""
+    plugin, memory, rows = swarm.controller, swarm.trial(ticks=3).memory, np.array([0, len(swarm.uavs) - 1])
+    goals = swarm.plan[rows, : swarm.plan.shape[1] // 2] + 25.0
+    instance = swarm.make()
+    swarm.init(instance, swarm.uavs)
+    given = [rows, goals, *memory.values()]
+    before = copies(given)
+    after = asked(plugin, instance.guide, memory, rows, goals, remedy=_GUIDE)
+    if not all(same(one, other) for one, other in zip(before, given, strict=True)):
+        fail(plugin, "`guide` writes to an array it was given", PURE)
+    check_same_form(plugin, "`guide`: memory", after, memory)
+    single = {name: array[:1] for name, array in memory.items()}
+    alone = asked(plugin, instance.guide, single, rows[:1], goals[:1], remedy=_GUIDE)
+    for name, array in memory.items():
+        if not same(np.delete(after[name], rows, axis=0), np.delete(array, rows, axis=0)):
+            fail(plugin, f"`guide` changes other rows of memory[{name!r}] than `rows`", "write to `rows` only")
+        if not same(after[name][:1], alone[name]):
+            fail(plugin, f"`guide` gives a UAV another memory[{name!r}] with others than alone", _GUIDE)
+
+
 def _quick(swarm: PointSwarm, slow_ms: float) -> None:
     instance = swarm.make()
     memory = swarm.init(instance, swarm.uavs)
 
     def tick(number: int) -> None:
         nonlocal memory
-        memory = swarm.step(instance, memory, number, swarm.plan, ()).memory
+        step = swarm.step(instance, memory, number, swarm.plan, ())
+        swarm.checked(step, memory, len(swarm.uavs))
+        memory = step.memory
 
     check_pace(swarm.controller, f"a tick of {len(swarm.uavs)} UAVs", slow_ms, tick)

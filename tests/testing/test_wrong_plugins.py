@@ -42,6 +42,22 @@ def sets_every_row(_self: Any, _after: Any, memory: Any, _rows: Any, models: Any
     return memory | {"model": np.repeat(models[:1], len(memory["model"]), axis=0)}
 
 
+def placed(numbers: Any, rows: Any, others: Any) -> Any:
+    after = numbers.copy()
+    after[rows] = others
+    return after
+
+
+def guided(guide: Any) -> Any:
+    """A controller whose goals are in `heard`."""
+    return having(GoodController, guided=True, guide=guide)
+
+
+def writes_goals(_self: Any, memory: Any, rows: Any, goals: Any) -> Any:
+    memory["heard"][rows] = goals[:, 0]
+    return memory
+
+
 ERROR = KeyError("weights")
 COPY = "writes to an array it was given"
 CONTROLLERS: dict[str, tuple[Any, str]] = {
@@ -105,6 +121,21 @@ CONTROLLERS: dict[str, tuple[Any, str]] = {
         r"`set` returns what a flight cannot use: memory\['model'\] is \(4, 3\)",
     ),
     "set changes every row": (changed(GoodController, "set", sets_every_row), "other rows than `rows`"),
+    "guided without guide": (having(GoodController, guided=True), "`guide` failed: NotImplementedError: .* override"),
+    "guide returns nothing": (guided(lambda *_: None), "`guide`: memory is a NoneType; expected a dict of arrays"),
+    "guide returns some rows": (
+        guided(lambda _, memory, __, goals: memory | {"heard": goals[:, 0]}),
+        r"`guide`: memory\['heard'\] is \(2,\) float64; of `init` it was \(6,\) float64",
+    ),
+    "guide writes to the memory": (guided(writes_goals), f"`guide` {COPY}"),
+    "guide changes every row": (
+        guided(lambda _, memory, __, goals: memory | {"heard": memory["heard"] + goals[0, 0]}),
+        r"`guide` changes other rows of memory\['heard'\] than `rows`",
+    ),
+    "guide mixes rows": (
+        guided(lambda _, memory, rows, goals: memory | {"heard": placed(memory["heard"], rows, goals.mean())}),
+        r"`guide` gives a UAV another memory\['heard'\] with others than alone",
+    ),
 }
 
 # -- filters, rules, channels and vehicles: another part of the answer -----------------------------------------------
@@ -270,6 +301,14 @@ def test_a_wrong_plugin_is_rejected_with_its_mistake_and_what_to_do(kind: str, m
     text = str(caught.value)
     assert re.match(rf"{wrong.__name__}: .*; \S", text)
     assert re.search(expected, text)
+
+
+def test_a_slow_controller_is_rejected_before_it_flies_the_trials() -> None:
+    ticks = []
+    slow = changed(GoodController, "step", lambda _, step, __, tick, *___: ticks.append(tick) or step)
+    with pytest.raises(ConformanceError, match="make it quicker, or pass a larger `slow_ms` than 0"):
+        KINDS["controller"].check(slow, slow_ms=0.0)
+    assert len(ticks) < 20
 
 
 # -- in a flight, which channels and vehicles end if they are wrong ----------------------------------------------------
