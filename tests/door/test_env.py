@@ -206,7 +206,7 @@ def test_a_policy_of_the_plane_is_refused_in_space_and_the_other_way_round() -> 
         ({"weights_0": np.ones((28, 7), np.float32)}, "weights_0 is float32"),
         ({"biases_1": np.full(4, np.nan)}, "biases_1 is not finite"),
         ({"biases_1": np.zeros(6)}, "the last layer has outputs (6,); expected accelerations of 2 or 3 numbers"),
-        ({"biases_1": np.zeros(5)}, "scale is float64 (28,); expected float64 (36,)"),
+        ({"biases_1": np.zeros(5)}, "weights_0 is float64 (28, 7); expected float64 (36, 7)"),
         ({"extra": np.zeros(1), "more": np.zeros(1)}, "it has biases_0"),
         ({"weights_0": np.array([[{}]], dtype=object)}, "Object arrays cannot be loaded"),
         ({"neighbours": 1.0}, "must be integers"),

@@ -74,12 +74,13 @@ class Network(NamedTuple):
             numbers = f"accelerations of 2 or 3 numbers, then {self.message} of a message"
             raise ValueError(f"the last layer has outputs {np.shape(self.layers[-1][1])}; expected {numbers}")
         inputs = width(self.neighbours, self.message, self.axes)
-        arrays: list[tuple[str, Any, tuple[int, ...]]] = [("limit", self.limit, ()), ("scale", self.scale, (inputs,))]
+        arrays: list[tuple[str, Any, tuple[int, ...]]] = []
+        scale = ("scale", self.scale, (inputs,))
         for number, (weights, biases) in enumerate(self.layers):
             outputs = len(biases)
             arrays += [(f"weights_{number}", weights, (inputs, outputs)), (f"biases_{number}", biases, (outputs,))]
             inputs = outputs
-        for name, array, shape in arrays:
+        for name, array, shape in [*arrays, scale, ("limit", self.limit, ())]:
             found = np.asarray(array)
             if found.dtype != np.float64 or found.shape != shape:
                 raise ValueError(f"{name} is {found.dtype} {found.shape}; expected float64 {shape}")
