@@ -73,7 +73,7 @@ def read(path: Path, kind: str) -> dict[str, Any]:
     except OSError as error:
         named = path.parent == FOLDER or not path.suffix
         names = [file.stem for file in shipped()]
-        choices = f", or name one of {', '.join(names)}{meant(str(path), names)}" if named else ""
+        choices = f", or name one of {', '.join(names)}{meant(path.stem, names)}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {kind}{choices}") from error
     except ValueError as error:  # from the parser, or from bytes that are not UTF-8
         raise BadInput(f"{path}: not TOML: {error}") from error

@@ -149,6 +149,7 @@ WEIGHTS, BIASES = np.zeros((10, 2)), np.zeros(2)
     ("call", "says"),
     [
         (lambda make: make(5, **TINY), "scenario: 5; give the name"),
+        (lambda make: make("obstacle", **TINY), "windy; did you mean 'obstacles'?"),
         (lambda make: make("paper", reward=5, **TINY), "reward: 5; give a dict"),
         (lambda make: make("paper", reward="time", **TINY), "reward: 'time'; give a dict"),
         (lambda make: make("paper", reward={5: 1.0}, **TINY), "no term 5"),
@@ -184,6 +185,7 @@ def test_actions_of_another_kind_are_bad_input() -> None:
     [
         ({"file": 5}, "5 is no path of a file"),
         ({"file": "a\0.npz"}, "no path contains NUL"),
+        ({"layers": [(WEIGHTS[1:], BIASES)]}, "policy: weights_0 is float64"),
         ({"layers": 5}, "give pairs of arrays"),
         ({"layers": [(WEIGHTS * 1j, BIASES)]}, "give pairs of arrays"),
         ({"layers": [([[1], [1, 2]], BIASES)]}, "give pairs of arrays"),
