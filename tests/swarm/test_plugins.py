@@ -1,6 +1,7 @@
 """Plug-ins, of packages and of files: which are found, which are refused; and the network can name one, but no file."""
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -109,6 +110,13 @@ def test_a_file_that_is_no_plugin_is_bad_input_with_the_place(text: str, expecte
     assert str(path) in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     assert not registry.registered
+
+
+def test_a_file_without_a_plugin_is_told_the_base_classes_that_the_package_has(tmp_path: Path) -> None:
+    with pytest.raises(BadInput) as caught:
+        plugins.load_file(written(tmp_path, "x = 1"))
+    (listed,) = re.findall(r"derive a class from meanflock\.(.*) and give", str(caught.value))
+    assert all(isinstance(getattr(mf, name), type) for name in re.split(", | or ", listed))
 
 
 def test_a_file_that_cannot_be_read_or_has_another_ending_is_bad_input(tmp_path: Path) -> None:

@@ -33,8 +33,8 @@ GROUPS: dict[PluginKind, str] = {
 }
 HERE = "this process"  # source of a class that was registered by Python code
 NO_PLUGIN = (
-    "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle, Learner, Filter, Topology or Coding and "
-    "give it a `name`"
+    "derive a class from meanflock.Controller, Aggregator, Channel, Vehicle, Learner, Filter or Coding and give it a "
+    "`name`"
 )
 
 
