@@ -30,8 +30,7 @@ def checked_step(step: Step, before: Memory, blank: Floats, declared: Declared, 
             raise TypeError(f"`step` returns a {type(step).__name__}; expected mf.Step(memory, acceleration)") from None
         largest = kernels.columns(*_tables(step, (len(blank), axes), declared), commands, axes)
     check_same_form("memory", step.memory, before)
-    if step.broadcasts:
-        check_broadcasts(step.broadcasts, len(blank), declared)
+    check_broadcasts(step.broadcasts, len(blank), declared)
     if len(step.refused):
         _check_refused(step.refused, uavs)
     return commands, largest

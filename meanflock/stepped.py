@@ -227,8 +227,7 @@ class Stepped:
         uavs, declared = self.scenario.uavs, plan_of(self.scenario).declared
         try:
             commanded = as_floats("acceleration", acceleration, (uavs, self.scenario.dimensions))
-            if len(broadcasts):
-                check_broadcasts(broadcasts, uavs, declared)
+            check_broadcasts(broadcasts, uavs, declared)
             if models is not None:
                 models = as_floats("models", models, (uavs, declared.parameters))
                 check_finite("models", models)

@@ -148,6 +148,7 @@ GOES_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a broadcast of lists": (said(lambda rows: [[1.0]] * rows), "a broadcast of a list"),
     "too many broadcasts": (stepping(broadcasts=lambda good: good.broadcasts[:1] * 17), "17 broadcasts"),
     "no tuple of broadcasts": (stepping(broadcasts=lambda good: good.broadcasts[0]), "of mf.Broadcast"),
+    "an array of broadcasts": (stepping(broadcasts=lambda good: good.acceleration), "of mf.Broadcast"),
     "refuses a UAV beyond the last": (stepping(refused=lambda _: np.array([0, UAVS])), "`refused` names UAVs from 0"),
     "refuses a table": (stepping(refused=lambda _: np.zeros((1, 2), int)), "no array of numbers of UAVs"),
     "get raises": (returns("get", explodes), "OSError: no such table"),

@@ -70,8 +70,10 @@ def test_the_caller_of_interleaved_flights_flies_what_the_controller_flies() -> 
     ("arguments", "says"),
     [
         ((np.zeros((3, 2)),), r"acceleration has shape \(3, 2\); expected \(4, 2\)"),
-        ((np.zeros((4, 2), dtype=complex),), "complex"),
-        ((np.full((4, 2), "a"),), "U1"),
+        ((np.zeros((4, 2), dtype=complex),), r"acceleration is complex128 \(4, 2\); expected real numbers \(4, 2\)"),
+        ((np.full((4, 2), "a"),), r"acceleration is <U1 \(4, 2\); expected real numbers"),
+        ((None,), r"acceleration is a NoneType; expected real numbers"),
+        ((np.zeros((4, 2)), mf.Broadcast(np.zeros((4, 2)))), "`broadcasts` must be a tuple or list of mf.Broadcast"),
         ((np.zeros((4, 2)), [np.zeros((4, 2))]), "mf.Broadcast"),
         ((np.zeros((4, 2)), [mf.Broadcast(np.zeros((4, 9)))]), "9 numbers broadcast"),
         ((np.zeros((4, 2)), (), np.zeros((4, 3))), "models has shape"),

@@ -128,7 +128,7 @@ FAILURES: list[tuple[Any, str]] = [
     (lambda state, model: (state | {"change": model * np.inf}, model), "state['change'] is not finite"),
     (lambda state, model: (state, model[:-1]), "the model has shape (107,); expected (108,)"),
     (lambda state, model: (state, model * np.nan), "the model is not finite"),
-    (lambda state, model: (state, model * 1j), "Cannot cast array data from dtype('complex128')"),
+    (lambda state, model: (state, model * 1j), "the model is complex128 (108,); expected real numbers (108,)"),
 ]
 
 

@@ -43,10 +43,12 @@ def as_floats(label: str, table: Any, shape: tuple[int, ...]) -> Floats:
     Raises:
         TypeError, ValueError: it is something else.
     """
-    numbers: Floats = np.asarray(table).astype(np.float64, casting="same_kind", copy=False)
+    numbers = np.asarray(table)
+    if numbers.dtype.kind not in "biuf":
+        raise TypeError(f"{label} is {_form(table)}; expected real numbers {shape}")
     if numbers.shape != shape:
         raise ValueError(f"{label} has shape {numbers.shape}; expected {shape}")
-    return numbers
+    return numbers.astype(np.float64, copy=False)
 
 
 def check_finite(label: str, array: NDArray[Any]) -> None:
