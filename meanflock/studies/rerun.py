@@ -53,6 +53,9 @@ class Study:
                 )
         try:
             self.scenarios = self.record.scenarios()
+        except BadInput as error:
+            raise BadInput(f"{file}: {error}") from error
+        try:
             here = plugins_that_fly(self.scenarios)
         except BadInput as error:
             raise BadInput(f"{file}: {error}{_copies(file.parent)}") from error

@@ -83,7 +83,10 @@ class StudyRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             flights = [msgspec.structs.replace(first, seed=flight.seed) for flight in point.flights]
             for flight, flown in zip(point.flights, flights, strict=True):
                 if flown.sha256() != flight.scenario_sha256:
-                    raise BadInput(f"point {point.values}, seed {flight.seed}: its keys are not those of its hash")
+                    raise BadInput(
+                        f"point {point.values}, seed {flight.seed}: the keys give another hash of the scenario than "
+                        "the record has; restore the file"
+                    )
             found[_hashable(point.values)] = flights
         return found
 

@@ -240,6 +240,13 @@ def test_a_number_that_differs_is_named_by_its_field(copy: Path, capsys: pytest.
     assert re.search(r"energy_mean_J +99\.5 ", said)
 
 
+def edit_beside_plugins(out: Path, **changes: Any) -> None:
+    """Edit a record that has copies of plug-ins beside it, which are not at fault."""
+    (out / "plugins").mkdir()
+    (out / "plugins" / "mine.py").touch()
+    edit(out, **changes)
+
+
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
@@ -248,7 +255,7 @@ def test_a_number_that_differs_is_named_by_its_field(copy: Path, capsys: pytest.
         (lambda out: (out / "study.json").write_text("[]"), "damaged"),
         (lambda out: (out / "rounds.parquet").write_bytes(b"PAR1"), "rounds.parquet: not the table of the study"),
         (lambda out: edit(out, meanflock="1.9.0"), "flown with meanflock 1.9.0.*pip install meanflock==1.9.0"),
-        (lambda out: edit(out, keys={"uavs": 5}), "its keys are not those of its hash"),
+        (lambda out: edit_beside_plugins(out, keys={"uavs": 5}), "hash .* than the record has; restore the file$"),
         (lambda out: edit(out, keys={"uvas": 5}), "did you mean `uavs`"),
         (lambda out: edit(out, schema=99), "damaged: schema 99, expected 1"),
         (lambda out: edit(out, points=[]), "damaged: no points"),
