@@ -16,7 +16,7 @@ from meanflock.results.quantities import SUMMARY as FIELDS
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, go_on
 from meanflock.results.scenario_keys import flat
 from meanflock.results.summary_file import read_summary
-from meanflock.swarm import paths
+from meanflock.swarm import mission, paths
 from meanflock.swarm.errors import BadInput, printable
 
 Status: TypeAlias = Literal["finished", "interrupted", "unfinished", "flying", "damaged"]
@@ -33,6 +33,7 @@ class StoredFolder:
 
     when: UTC time at which the run began, see `began`. fault: why it is damaged. summary:
     empty if there is none, or it is damaged. keys: of its scenario, dotted; empty if the file cannot be read.
+    method: its controller by the scenario; of groups, those of all, joined by "+"; None if the file cannot be read.
     resumable: whether it did not finish and has a checkpoint.
     """
 
@@ -42,6 +43,7 @@ class StoredFolder:
     fault: str = ""
     summary: dict[str, Any] = field(default_factory=dict)
     keys: dict[str, Any] = field(default_factory=dict)
+    method: str | None = None
     resumable: bool = False
 
     @property
@@ -58,7 +60,7 @@ class StoredFolder:
 
     def named(self, key: str) -> Any:
         """`method`, `uavs` or `seed`, by the summary, else by the scenario; None if neither can be read."""
-        return self.summary.get(key, self.keys.get(key))
+        return self.summary.get(key, self.method if key == "method" else self.keys.get(key))
 
 
 def is_run(folder: Path) -> bool:
@@ -148,9 +150,11 @@ def _read(folder: Path) -> StoredFolder:
     fault = ""
     summary: dict[str, Any] = {}
     keys: dict[str, Any] = {}
+    method: str | None = None
     status: Status = "damaged"
     try:
-        keys = flat(read_keys(folder / SCENARIO)[0])
+        table, typed = read_keys(folder / SCENARIO)
+        keys, method = flat(table), mission.method(typed)
         if os.path.lexists(folder / SUMMARY):
             summary = read_summary(folder / SUMMARY)
         status = _status(folder)
@@ -159,7 +163,7 @@ def _read(folder: Path) -> StoredFolder:
     except RecursionError:
         fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
     resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
-    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, resumable)
+    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, method, resumable)
 
 
 def _status(folder: Path) -> Status:

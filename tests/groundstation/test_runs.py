@@ -118,6 +118,8 @@ def test_a_patrol_is_listed_and_shown_with_its_waypoints_and_batteries(run, monk
     titles = [line for line in differ.splitlines() if line.startswith("Group ")]
     assert titles == ["Group patrol", "Group followers"]
     assert sum(line.startswith("energy_mean_J ") for line in differ.splitlines()) == 3
+    Path("runs", first, "summary.json").unlink()  # as of a flight that did not finish
+    assert run("show", f"runs/{first}")[1].startswith(f"runs/{first}\n5 UAVs under cruise+orca in patrol +1, seed 1,")
 
 
 def test_a_run_of_several_controllers_is_called_as_its_file(run, tmp_path) -> None:
