@@ -83,6 +83,13 @@ def test_a_package_whose_entry_point_is_of_no_use_is_named(reference, text, tmp_
 
 # -- files ----------------------------------------------------------------------------------------------------------
 
+
+def with_option(option: str) -> str:
+    options = f"class Options(mf.Options, frozen=True):\n        {option}"
+    imports = "from typing import Annotated\nfrom msgspec import Meta\n"
+    return imports + GOOD.replace('name = "mine"', f'name = "mine"\n    {options}')
+
+
 NUMPY = "import numpy as np\n\nnp.linalg.inv(np.zeros((2, 2)))"
 FILES = [  # text of a file, and the error
     ("import nothing_of_the_kind", r"named 'nothing_of.*line 1\); install 'nothing_of_the_kind' in the Python"),
@@ -91,6 +98,12 @@ FILES = [  # text of a file, and the error
     (GOOD.replace('name = "mine"', ""), "no plug-in in it; derive a class"),
     (GOOD.replace("def step(self", "def stap(self"), r"controller 'mine' of .*mine.py lacks `step`$"),
     (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'), "`Options` must be a msgspec.Struct"),
+    (
+        with_option("gain: float = 'x'"),
+        r"mine\.py: the default of `gain` in `Options` does not fit its type: .*got `str`",
+    ),
+    (with_option("gain: Annotated[float, Meta(gt=0)] = 0.0"), "the default of `gain` .*> 0.0; change one of them"),
+    (with_option("gain: 'Nothing' = 0.0"), "the default in `Options` .*'Nothing' is not defined"),
     (f"{GOOD}\nclass Taken(Mine):\n    name = 'hjb'\n", "'hjb' is installed already.*another name"),
     (f"{GOOD}\nclass Better(Mine):\n    pass\n", "two controllers are named 'mine', Mine and Better"),
     ("from . import helper", "attempted relative import .*; a plug-in is one file, or a package: install"),

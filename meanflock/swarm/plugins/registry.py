@@ -250,4 +250,23 @@ def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:
     options = getattr(found, "Options", None)
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
         raise BadInput(f"{kind} {name!r} of {source}: `Options` must be a msgspec.Struct")
+    _check_defaults(f"{kind} {name!r} of {source}", options)
     return found
+
+
+def _check_defaults(title: str, options: type[msgspec.Struct]) -> None:
+    """Check the defaults of options, because msgspec checks given values only.
+
+    Raises:
+        BadInput: a default is no value that its option may have, or the types cannot be read.
+    """
+    option = ""
+    try:
+        for field in msgspec.structs.fields(options):
+            option = f" of `{field.encode_name}`"
+            if field.default is not msgspec.NODEFAULT:
+                msgspec.convert(msgspec.to_builtins(field.default), field.type)
+    except FAILURES as error:
+        raise BadInput(
+            f"{title}: the default{option} in `Options` does not fit its type: {last_line(error)}; change one of them"
+        ) from error
