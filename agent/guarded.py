@@ -70,6 +70,7 @@ class Guarded:
         self._problems = problems
         self.controller: Controller = controller(scenario)
         self._reported = np.zeros(len(uavs), dtype=bool)  # rows that had a complaint
+        self._warned = False
         self.asleep: Mask | None = None
         most = bound_of_models(scenario)
         self._models = TableCheck(partial(check_bounded, most=most), partial(bounded_rows, most=most))
@@ -115,7 +116,10 @@ class Guarded:
             return step, commands, largest
         except FAILURES as error:
             step, commands = self._step_rows(memory, tick, own, received)
-            self._break(np.flatnonzero(np.isnan(commands).any(axis=-1)), error)
+            failed = np.flatnonzero(np.isnan(commands).any(axis=-1))
+            self._break(failed, error)
+            if not len(failed):
+                self._warn_of_rows(error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
 
     def get(self, memory: Memory, rows: Rows) -> Floats:
@@ -281,6 +285,18 @@ class Guarded:
                 answer[row], failed[row] = single[0], False
             self._break([row for row in asked if failed[row]], error)
             return answer
+
+    def _warn_of_rows(self, error: BaseException) -> None:
+        """Log the first step that failed for all rows together, and for none alone."""
+        if not self._warned:
+            self._warned = True
+            log.warning(
+                "controller %r failed for %d UAVs together and for none alone; each is stepped alone then, which is "
+                "slow: %s",
+                self._method,
+                len(self._uavs),
+                last_line(error),
+            )
 
     def _break(self, rows: Rows | list[int], error: BaseException) -> None:
         """Mark rows as broken, and complain of those that had no complaint."""

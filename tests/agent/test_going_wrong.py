@@ -220,7 +220,9 @@ def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_ini
     assert hashes == {fly(flown(Honest, QUIET))[0]["trajectory_sha256"]}
 
 
-def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_no_uav() -> None:
+def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_no_uav_and_says_so_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     def in_company(self: Honest, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
         if len(own) > 1:
             raise RuntimeError("too many")
@@ -229,6 +231,9 @@ def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_
     strange, honest = fly(flown(wrong(step=in_company))), fly(flown(Honest))
     assert strange[0]["trajectory_sha256"] == honest[0]["trajectory_sha256"]
     assert strange[0]["lost"] == 0
+    (warned,) = [record.getMessage() for record in caplog.records if "stepped alone" in record.getMessage()]
+    assert "failed for 5 UAVs together and for none alone" in warned
+    assert "RuntimeError: too many (test_going_wrong.py, line" in warned
 
 
 @pytest.fixture(autouse=True)
