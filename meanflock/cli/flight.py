@@ -152,8 +152,11 @@ def _fly(
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
-        if (void := done.summary["rounds_void"]) and not done.summary["rounds"]:
-            why = first_failed_rule(done.folder) or "no model of another UAV arrived"
+        events, void = f"all events are in {done.folder / EVENTS}", done.summary["rounds_void"]
+        if void and (failure := first_failed_rule(done.folder)):
+            logs.show(f"warning: rounds void: {void}; the first failure: {failure}; {events}", logging.WARNING)
+        elif void and not done.summary["rounds"]:
+            why = "no model of another UAV arrived"
             if refused := done.summary["uploads_refused"]:
                 why = f"uploads that arrived and could not be averaged: {refused}"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
@@ -163,9 +166,7 @@ def _fly(
             logs.show(f"warning: {trainings}; the first: {failed[0]}", logging.WARNING)
         if done.summary["lost"] and (loss := first_loss(done.folder)):
             lost = done.summary["lost"]
-            logs.show(
-                f"UAVs lost: {lost}; the first event: {loss}; all events are in {done.folder / EVENTS}", logging.WARNING
-            )
+            logs.show(f"UAVs lost: {lost}; the first event: {loss}; {events}", logging.WARNING)
         logs.show(f"run folder {done.folder}")
     return done
 
