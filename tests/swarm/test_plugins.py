@@ -99,6 +99,14 @@ FILES = [  # text of a file, and the error
     (GOOD.replace("def step(self", "def stap(self"), r"controller 'mine' of .*mine.py lacks `step`$"),
     (GOOD.replace('name = "mine"', 'name = "mine"\n    Options = dict'), "`Options` must be a msgspec.Struct"),
     (
+        GOOD.replace("memory, tick, own", "memory, own"),
+        r"`step` takes \(self, memory, own, received\); write step\(self, memory, tick, own, received\)$",
+    ),
+    (
+        f"{GOOD}\nclass Next(Mine):\n    name = 'next'\n    def __init__(self): pass",
+        r"controller 'next' of .*: `__init__` takes \(self\); write __init__\(self, options, scenario\)$",
+    ),
+    (
         with_option("gain: float = 'x'"),
         r"mine\.py: the default of `gain` in `Options` does not fit its type: .*got `str`",
     ),

@@ -287,7 +287,10 @@ VEHICLES: dict[str, tuple[Any, str]] = {
         "at rest of a UAV depends on others",
     ),
     "rests otherwise": (having(GoodVehicle, rest=lambda *_: {}), r"hidden state at rest has \[\]"),
-    "takes no push": (having(GoodVehicle, push=True), "`step` failed: TypeError"),
+    "takes no push": (
+        having(GoodVehicle, push=True),
+        r"noise\); write step\(self, states, hidden, acceleration, noise, push\); no flight takes it",
+    ),
     "needs a UAV": (powered(lambda states: np.full(len(states), states[0, 0] ** 2)), "IndexError"),
 }
 TABLES = {"controller": CONTROLLERS, "filter": FILTERS, "aggregator": RULES, "channel": CHANNELS, "vehicle": VEHICLES}

@@ -1,6 +1,7 @@
 """Registry of plug-ins: classes found by kind and name, whose source is a package, a file or this process."""
 
 import importlib
+import inspect
 import re
 from contextlib import suppress
 from functools import cache
@@ -25,6 +26,21 @@ NEEDED: dict[PluginKind, tuple[str, ...]] = {
     "filter": ("init", "step"),
     "topology": ("hops",),
     "coding": ("encode", "decode"),
+}
+# Arguments of methods that are often written with others.
+TAKES: dict[PluginKind, dict[str, str]] = {
+    "controller": {
+        "__init__": "options, scenario",
+        "init": "uavs, plan",
+        "step": "memory, tick, own, received",
+    },
+    "channel": {"__init__": "options, scenario", "transmit": "distance_m, bits, rng"},
+    "vehicle": {
+        "__init__": "options, scenario",
+        "step": "states, hidden, acceleration, noise",
+        "power": "states, hidden, acceleration",
+    },
+    "filter": {"admit": "own, others, uavs, wanted"},
 }
 PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a name is part of file names and keys
 
@@ -251,7 +267,22 @@ def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
         raise BadInput(f"{kind} {name!r} of {source}: `Options` must be a msgspec.Struct")
     _check_defaults(f"{kind} {name!r} of {source}", options)
+    _check_arguments(f"{kind} {name!r} of {source}", kind, found)
     return found
+
+
+def _check_arguments(title: str, kind: PluginKind, found: Any) -> None:
+    """Raises BadInput if a method cannot be called with the arguments that it is given."""
+    for method, names in TAKES.get(kind, {}).items():
+        is_pushed = (kind, method) == ("vehicle", "step") and getattr(found, "push", False)
+        arguments = f"{names}, push" if is_pushed else names
+        if inspect.isfunction(written := getattr(found, method, None)):
+            takes = inspect.signature(written)
+            try:
+                takes.bind("self", *arguments.split(", "))
+            except TypeError:
+                given = ", ".join(takes.parameters)
+                raise BadInput(f"{title}: `{method}` takes ({given}); write {method}(self, {arguments})") from None
 
 
 def _check_defaults(title: str, options: type[msgspec.Struct]) -> None:
