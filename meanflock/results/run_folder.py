@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -353,7 +353,7 @@ def _texts(folder: Path, is_meant: Callable[[dict[str, Any]], bool]) -> Iterator
 
 def lost_everyone(folder: Path) -> str:
     """Error text of a finished run that lost every UAV, with the reason of the first loss."""
-    loss = first_event(folder, LOSS)
+    loss = first_loss(folder)
     return f"every UAV was lost: {loss}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
 
 
