@@ -346,15 +346,15 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
     Raises:
         BadInput: a plug-in is not installed here.
     """
-    wanted: list[tuple[PluginKind, str]] = [] if scenario.has_own_methods else [("controller", scenario.method)]
-    wanted += [
-        ("aggregator", scenario.federation.aggregation),
-        ("channel", scenario.radio.model),
-        ("vehicle", scenario.vehicle.model),
-        ("topology", topology_of(scenario)),
-        *(("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))),
-    ]
-    if scenario.training.learner != NO_LEARNER:
+    wanted: list[tuple[PluginKind, str]] = []
+    if not scenario.every_group_has("method"):
+        wanted.append(("controller", scenario.method))
+    wanted += [("aggregator", scenario.federation.aggregation), ("channel", scenario.radio.model)]
+    if not scenario.every_group_has("vehicle"):
+        wanted.append(("vehicle", scenario.vehicle.model))
+    wanted.append(("topology", topology_of(scenario)))
+    wanted += [("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))]
+    if scenario.training.learner != NO_LEARNER and not scenario.every_group_has("training"):
         wanted.append(("learner", scenario.training.learner))
     if scenario.filter.kind != NO_FILTER:
         wanted.append(("filter", scenario.filter.kind))

@@ -121,7 +121,7 @@ def refuse_setting(key: str, settings: Iterable[str], reason: str) -> None:
 
 def refuse_method(flown: Scenario) -> None:
     """Raise BadInput if every group of a scenario names its controller, so that the one asked for flies no UAV."""
-    if flown.has_own_methods:
+    if flown.every_group_has("method"):
         raise BadInput(
             f"`method` {flown.method} has no effect, because every group of the scenario names its controller; set "
             f"that of a group, as in groups.{flown.groups[0].name}.method={flown.method}, or remove `method` from one"

@@ -54,10 +54,13 @@ def test_groups_of_one_controller_are_one_to_the_bit() -> None:
     assert first == second
 
 
-def test_the_method_of_the_flight_need_not_be_installed_where_every_group_has_its_own() -> None:
-    groups = [{"name": "a", "count": 1, "method": "cruise"}, {"name": "b", "count": 1, "method": "lqr"}]
-    flown = Scenario(uavs=2, duration=1.0, method="elsewhere", groups=groups)
-    assert [name for kind, name, _ in plugins_of(flown) if kind == "controller"] == ["cruise", "lqr"]
+def test_what_every_group_has_of_its_own_need_not_be_installed_for_the_flight() -> None:
+    own: dict[str, Any] = {"count": 1, "vehicle": {}, "training": {}}
+    groups = [own | {"name": "a", "method": "cruise"}, own | {"name": "b", "method": "lqr"}]
+    keys = {"method": "elsewhere", "vehicle": {"model": "elsewhere"}, "training": {"learner": "elsewhere"}}
+    flown = Scenario(uavs=2, duration=1.0, groups=groups, **keys)
+    wanted = [(kind, name) for kind, name, _ in plugins_of(flown) if kind in ("controller", "vehicle", "learner")]
+    assert wanted == [("controller", "cruise"), ("vehicle", "point-mass"), ("controller", "lqr")]
     assert fly_recorded(flown)[1].checkpoints
 
 

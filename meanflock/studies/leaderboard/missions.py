@@ -44,7 +44,7 @@ class BoardMission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             BadInput: the file is damaged.
         """
         table, own = self._divided()
-        if not validated(table, Scenario, self.name).has_own_methods:
+        if not validated(table, Scenario, self.name).every_group_has("method"):
             return None
         settings = {key: value for key, value in flat(own).items() if key not in ("method", "seed")}
         return BoardRow(Path(self.name).stem, table["groups"][0]["method"], self.about, settings)

@@ -292,10 +292,9 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             faults=(),
         )
 
-    @property
-    def has_own_methods(self) -> bool:
-        """Returns whether every group names its controller, so that `method` has no effect."""
-        return len(self.groups) > 0 and all(group.method is not None for group in self.groups)
+    def every_group_has(self, key: str) -> bool:
+        """Returns whether there are groups, and each sets a key, such as "method", so that the flight's has no effect."""
+        return len(self.groups) > 0 and all(getattr(group, key) is not None for group in self.groups)
 
     @property
     def upload_payload(self) -> str:
