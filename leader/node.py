@@ -4,6 +4,7 @@ import numpy as np
 
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
+from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.scenario import decode
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
 
@@ -13,7 +14,7 @@ class Leader:
 
     def __init__(self, welcome: Welcome) -> None:
         """Raises BadInput if `init` of the aggregation rule fails."""
-        self.problems: list[str] = []  # texts for the world that were not sent yet
+        self.problems: list[Problem] = []  # texts for the world that were not sent yet
         plan = plan_of(decode(welcome.scenario))
         self._no_commands = np.zeros((0, plan.scenario.dimensions))
         self._rounds = Rounds(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)

@@ -296,7 +296,7 @@ class LocalCrew:
             acts.rule_record = reply.memory
         if leader.problems:
             acts.leader_failed = True
-            acts.news += [LeaderFailed(senses.tick, _name(self._led), text) for text in leader.problems]
+            acts.news += [LeaderFailed(senses.tick, _name(self._led), str(one)) for one in leader.problems]
             leader.problems.clear()
 
     def _lose_leader(self, tick: int, acts: Acts) -> None:

@@ -16,6 +16,7 @@ from meanflock.federation.seat import name_of, ticks_until_lost
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
+    AverageFailed,
     Diverged,
     DutyExceeded,
     FlightEvent,
@@ -268,6 +269,9 @@ class World(Stateful):
                     self.flight.lose(np.array(event.uavs, dtype=np.intp), Lost, event.reason)
                 case Rejoined():
                     self.flight.rejoin(np.array(event.uavs, dtype=np.intp), event.node)
+                case AverageFailed():
+                    self.ledger.fail_at(event.uavs)
+                    self.note(event)
                 case _:
                     self.note(event)
 

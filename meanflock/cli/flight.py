@@ -153,7 +153,7 @@ def _fly(
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         events, void = f"all events are in {done.folder / EVENTS}", done.summary["rounds_void"]
-        if void and (failure := first_failed_rule(done.folder)):
+        if failure := first_failed_rule(done.folder):
             logs.show(f"warning: rounds void: {void}; the first failure: {failure}; {events}", logging.WARNING)
         elif void and not done.summary["rounds"]:
             why = "no model of another UAV arrived"

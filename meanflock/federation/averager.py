@@ -38,7 +38,7 @@ class Averages(NamedTuple):
 
     rows: (R,) places of the UAVs that have one. models: (R, L). weights, behind: (R, F), sum of the weights of the
     models behind each fragment, and their number. notes: (R,) bytes beside them. refused: UAVs whose models cannot be
-    averaged, ascending. problems: texts about a rule that failed.
+    averaged, ascending. failed: UAVs at which the rule failed, by the text about it.
     """
 
     rows: Indices
@@ -47,7 +47,7 @@ class Averages(NamedTuple):
     behind: Floats
     notes: tuple[bytes, ...]
     refused: list[int]
-    problems: list[str]
+    failed: dict[str, list[int]]
 
 
 class Averager:
@@ -115,12 +115,12 @@ class Averager:
         round_ = self.mail.take(number, late=self._takes_late)
         round_.own = own
         rows = np.flatnonzero(speaking & self._due(round_))
-        problems: list[str] = []
+        failed: dict[str, list[int]] = {}
         found: list[tuple[int, Floats, bytes]] = []
         try:
             models = self._weighted(round_, rows) if len(rows) and not self._is_done else None
         except RuleFailed as error:
-            problems, rows, models = [str(error)], rows[:0], None
+            failed, rows, models = {str(error): self.uavs[rows].tolist()}, rows[:0], None
         if models is not None:
             found = [(row, model, b"") for row, model in zip(rows.tolist(), models, strict=True)]
         elif not self._is_done:
@@ -128,7 +128,7 @@ class Averager:
                 try:
                     aggregate = self._one(round_, row)
                 except RuleFailed as error:  # this row keeps its model, and its state of the rule
-                    problems.append(str(error))
+                    failed.setdefault(str(error), []).append(int(self.uavs[row]))
                     self._is_done = not self._rule.resumable if self._rule else False
                     continue
                 if aggregate.model is not None:
@@ -137,7 +137,7 @@ class Averager:
         tables = round_.stands_for(rows)
         stacked = np.array([model for _, model, _ in found]).reshape(-1, self._floats)
         notes = tuple(note for *_, note in found)
-        return Averages(rows, stacked, *tables, notes, round_.refused, list(dict.fromkeys(problems)))
+        return Averages(rows, stacked, *tables, notes, round_.refused, failed)
 
     def _due(self, round_: Round) -> Mask:
         """The UAVs (A,) that have something to average."""

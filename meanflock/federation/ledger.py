@@ -71,6 +71,7 @@ class Ledger(Stateful):
         self._reception = Reception(scenario.nodes)
         self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
+        self._failed: list[int] = []  # UAVs at which the aggregation rule failed in this tick
         self._members = scenario.members
         self._mailboxes = [Mailbox(hop, scenario.nodes) for hop in self._hops if hop.mail is not None]
         # Ticks from the opening of a round until its uploads are averaged, by their label
@@ -186,6 +187,10 @@ class Ledger(Stateful):
         """Takes notice that the leader could not average in this tick, and said why."""
         self._has_failed = True
 
+    def fail_at(self, uavs: Iterable[int]) -> None:
+        """Takes notice that the aggregation rule failed at some UAVs in this tick."""
+        self._failed += uavs
+
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
     def transmitted(self, tick: int, frames: list[Frames], awake: Mask, acknowledge: Acknowledge) -> list[Frames]:
@@ -252,6 +257,7 @@ class Ledger(Stateful):
                 leads.
         """
         is_busy = self._schedule.is_busy(tick)
+        failed, self._failed = self._failed, []
         if is_busy:
             self._open_accounts(tick, frames, awake)
         self._follow(tick, on_air, links)
@@ -269,9 +275,10 @@ class Ledger(Stateful):
             self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
             if hop.is_local:
-                received = (box.receivers(number) & awake)[hop.senders]
-                isolated = int(np.count_nonzero(awake[hop.senders] & ~received))
-                averaging = int(np.count_nonzero(received))
+                received = box.receivers(number) & awake
+                isolated = int(np.count_nonzero((awake & ~received)[hop.senders]))
+                received[failed] = False
+                averaging = int(np.count_nonzero(received[hop.senders]))
                 self.isolated += isolated
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
                 ended.append(self._end(hop, number, tick, awake, has_leader, averaging, **found))

@@ -13,7 +13,7 @@ from meanflock.federation.plan import Plan
 from meanflock.federation.schedule import Schedule
 from meanflock.federation.topology.base import Hop, Role
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events.nodes import Problem
+from meanflock.swarm.events.nodes import FailedAverage, Problem
 from meanflock.swarm.state import Mask, contains
 from meanflock.swarm.wire.control import expect
 from meanflock.swarm.wire.messages import NOBODY, Frames
@@ -35,7 +35,7 @@ class Rounds:
         plan: Plan,
         role: Role,
         uavs: NDArray[np.intp],
-        problems: list[str] | list[Problem],
+        problems: list[Problem],
         models: NodeModels | None = None,
     ) -> None:
         """`uavs`: (M,) ascending, the rows of an agent; of the leader none. `models`: those of the rows.
@@ -131,7 +131,8 @@ class Rounds:
                 own = self._copies if averager.hop.is_local else None
                 averages = averager.average(number, self._speaking(averager, number), own)
                 refused += averages.refused
-                self.problems += averages.problems
+                for text, uavs in averages.failed.items():
+                    self.problems.append(text if averager.hop.role == "leader" else FailedAverage(tuple(uavs), text))
                 outbox += self._sent_averages(averager, number, averages)
                 if averager.hop.role == "leader":
                     self.rule_record = averager.record

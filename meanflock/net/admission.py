@@ -26,9 +26,10 @@ from meanflock.swarm.events import (
     NodeLost,
     Rejoined,
 )
-from meanflock.swarm.events.nodes import FailedTraining, event_of_agent
+from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, event_of_agent
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    UNAVERAGED,
     UNTRAINED,
     Acknowledgement,
     Event,
@@ -363,16 +364,22 @@ def _event_of(tick: int, member: Member, message: Event) -> FlightEvent:
     """The event of a failure that a node reports.
 
     Raises:
-        MessageRejected: it reports a training of a UAV that it does not fly.
+        MessageRejected: it reports a training, or a failed average, of a UAV that it does not fly.
     """
     text = printable(message.text)
     if member.role == LEADER:
         return LeaderFailed(tick, member.name, text)
-    if message.kind != UNTRAINED:
-        return event_of_agent(tick, member.name, text)
-    if len(message.uavs) != 1 or message.uavs[0] not in member.uavs:
-        raise MessageRejected("wrong-shape", f"a training of UAVs {list(message.uavs)}; expected one of its own")
-    return event_of_agent(tick, member.name, FailedTraining(message.uavs[0], text))
+    named = set(message.uavs)
+    own = 0 < len(named) == len(message.uavs) and named <= set(member.uavs)
+    if message.kind == UNTRAINED:
+        if len(message.uavs) != 1 or not own:
+            raise MessageRejected("wrong-shape", f"a training of UAVs {list(message.uavs)}; expected one of its own")
+        return event_of_agent(tick, member.name, FailedTraining(message.uavs[0], text))
+    if message.kind == UNAVERAGED:
+        if not own:
+            raise MessageRejected("wrong-shape", f"a failed average of UAVs {list(message.uavs)}; expected its own")
+        return event_of_agent(tick, member.name, FailedAverage(message.uavs, text))
+    return event_of_agent(tick, member.name, text)
 
 
 def _peer(where: str) -> str:

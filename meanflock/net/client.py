@@ -16,9 +16,21 @@ from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
-from meanflock.swarm.events.nodes import FailedTraining, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, Problem
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import UNTRAINED, Act, Event, Join, Message, Ready, Refusal, Sense, Stop, Welcome
+from meanflock.swarm.wire.messages import (
+    UNAVERAGED,
+    UNTRAINED,
+    Act,
+    Event,
+    Join,
+    Message,
+    Ready,
+    Refusal,
+    Sense,
+    Stop,
+    Welcome,
+)
 
 log = logging.getLogger("meanflock.node")
 
@@ -36,7 +48,7 @@ class Node(Protocol):
     """Agent or leader."""
 
     @property
-    def problems(self) -> list[str] | list[Problem]:
+    def problems(self) -> list[Problem]:
         """Problems to report to the world; the client reports and clears them."""
 
     def act(self, sense: Sense) -> Act:
@@ -191,10 +203,13 @@ class NodeClient:
 
     def _report_problems(self) -> None:
         for problem in self._node.problems:
-            if isinstance(problem, FailedTraining):
-                event = Event(self._last_tick, UNTRAINED, problem.failure, (problem.uav,))
-            else:
-                event = Event(self._last_tick, "failed", problem)
+            match problem:
+                case FailedTraining():
+                    event = Event(self._last_tick, UNTRAINED, problem.failure, (problem.uav,))
+                case FailedAverage():
+                    event = Event(self._last_tick, UNAVERAGED, problem.failure, problem.uavs)
+                case _:
+                    event = Event(self._last_tick, "failed", problem)
             self._bus.put(self._act_key, control.encode(event))
         self._node.problems.clear()
 

@@ -23,7 +23,7 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.events import FitFailed, LeaderFailed
+from meanflock.swarm.events import AverageFailed, FitFailed, LeaderFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
@@ -338,7 +338,8 @@ def first_loss(folder: Path) -> str:
 
 def first_failed_rule(folder: Path) -> str:
     """Text of the first event about an aggregation rule that failed; empty if there is none."""
-    return next(_texts(folder, lambda event: event["event"] == LeaderFailed.__struct_config__.tag), "")
+    failures = [kind.__struct_config__.tag for kind in (LeaderFailed, AverageFailed)]
+    return next(_texts(folder, lambda event: event["event"] in failures), "")
 
 
 def failed_trainings(folder: Path) -> list[str]:

@@ -20,10 +20,11 @@ from meanflock.net import keys
 from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import FitFailed
+from meanflock.swarm.events import AverageFailed, FitFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    UNAVERAGED,
     UNTRAINED,
     Acknowledgement,
     Act,
@@ -286,19 +287,20 @@ def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged
     assert (events.count(kind), events.count("dropped")) == (logged, 100)
 
 
-@pytest.mark.parametrize(("uavs", "dropped"), [((0,), 0), ((1,), 1), ((), 1), ((0, 0), 1)])
-def test_a_node_may_report_trainings_of_its_own_uavs_only(uavs: tuple[int, ...], dropped: int) -> None:
+@pytest.mark.parametrize("report", [UNTRAINED, UNAVERAGED])
+@pytest.mark.parametrize(("uavs", "dropped"), [((0,), 0), ((1,), 1), ((), 1), ((0, 0), 1), ((0, 1), 1)])
+def test_a_node_may_report_what_failed_at_its_own_uavs_only(report: str, uavs: tuple[int, ...], dropped: int) -> None:
     kept = StoredTelemetry()
     engine = MemorySwarm(scenario("duration=1", method="mfg"), RUN, sinks=[kept], uavs_per_node=1)
     ticks = engine.fly()
     tick = next(ticks)
-    message = control.encode(Event(tick, UNTRAINED, "no data", uavs))
+    message = control.encode(Event(tick, report, "no data", uavs))
     engine.nodes.handle(Delivery("message", keys.act(RUN, "agent-0"), message))
     for _ in ticks:
         pass
     assert engine.finish()["dropped_messages"] == ({"wrong-shape": 1} if dropped else {})
-    events = [event for block in kept.blocks for event in block.events if isinstance(event, FitFailed)]
-    assert [(event.uav, event.failure) for event in events] == ([] if dropped else [(0, "no data")])
+    events = [event for block in kept.blocks for event in block.events if isinstance(event, FitFailed | AverageFailed)]
+    assert [(event.uavs, event.failure) for event in events] == ([] if dropped else [((0,), "no data")])
 
 
 JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Join("agent", 0), Join("agent", -5)]

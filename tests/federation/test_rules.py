@@ -19,13 +19,15 @@ from meanflock.launch.engine import Engine
 from meanflock.leader.node import Leader
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import AverageFailed, RoundEnded
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.agent import nodes
 from tests.faults.conftest import Lab, scenario
 from tests.federation.plugins import Momentum
+from tests.memory_swarm import MemorySwarm
 from tests.pages import script_of
-from tests.telemetry import fly
+from tests.telemetry import Record, fly
 
 
 def average(rule: str, models: np.ndarray, tolerance: float = 0.25, **options: Any) -> np.ndarray:
@@ -142,6 +144,35 @@ def test_a_rule_that_fails_makes_its_round_void_and_the_flight_goes_on(spoil: An
     (text,) = [text for text in sink.texts if "failed in round" in text]
     assert "aggregator 'momentum' failed in round 2" in text
     assert expected in text
+
+
+@pytest.mark.parametrize("rows", [4, 2, 1])
+@pytest.mark.parametrize("swarm", [Engine, MemorySwarm])
+def test_uavs_where_a_rule_fails_average_nothing(swarm: type[Engine | MemorySwarm], rows: int) -> None:
+    """It fails at all UAVs in round 2, and at two of four in round 3."""
+
+    def step(self: Momentum, state: State, uploads: Uploads) -> Any:
+        own = uploads.uavs[uploads.slots == 0]
+        if uploads.round == 2 or (uploads.round == 3 and own[0] < 2):
+            fails()
+        return Momentum.step(self, state, uploads)
+
+    record = Record()
+    near = flown(wrong(step=step), "federation.topology=neighbours", "federation.fraction=1", "radio.target_snr_db=60")
+    summary = swarm(near, "failing", uavs_per_node=rows, sinks=[record]).complete()
+    rounds = {event.number: event for event in record.events if isinstance(event, RoundEnded)}
+    assert [(one.outcome, one.averaging, one.isolated) for one in rounds.values()] == [
+        ("averaged", 4, 0),
+        ("void", 0, 0),
+        ("averaged", 2, 0),
+        ("averaged", 4, 0),
+        ("averaged", 4, 0),
+    ]
+    assert rounds[2].reason == "the aggregation rule failed"
+    assert (summary["rounds"], summary["rounds_void"], summary["lost"]) == (4, 1, 0)
+    failures = [event for event in record.events if isinstance(event, AverageFailed)]
+    assert sorted(uav for event in failures for uav in event.uavs) == [0, 0, 1, 1, 2, 3]
+    assert all("failed in round" in event.text and "OSError: no such table" in event.text for event in failures)
 
 
 def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -> None:

@@ -30,6 +30,7 @@ from meanflock.swarm.events.mission import (
 )
 from meanflock.swarm.events.nodes import (
     AgentFailed,
+    AverageFailed,
     Dropped,
     FitFailed,
     FlightFailed,
@@ -64,6 +65,7 @@ FlightEvent: TypeAlias = (
     | LeaderTookOver
     | LeaderFailed
     | AgentFailed
+    | AverageFailed
     | FitFailed
     | UploadsRefused
     | StatesRefused

@@ -154,6 +154,20 @@ class FitFailed(BaseEvent, frozen=True):
         return f"{self.node}: {self.failure}"
 
 
+class AverageFailed(BaseEvent, frozen=True):
+    """The aggregation rule failed at some UAVs."""
+
+    meanings = {"rule": "an aggregation rule failed at UAVs, which average nothing in the round"}
+    level = "WARN"
+    node: str
+    uavs: Uavs
+    failure: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.failure}"
+
+
 class FailedTraining(NamedTuple):
     """Report of an agent: a training of a UAV gave no model."""
 
@@ -161,14 +175,25 @@ class FailedTraining(NamedTuple):
     failure: str
 
 
-Problem: TypeAlias = str | FailedTraining  # what a node reports to the world
+class FailedAverage(NamedTuple):
+    """Report of an agent: the aggregation rule failed at some of its UAVs."""
+
+    uavs: tuple[int, ...]
+    failure: str
 
 
-def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitFailed:
+Problem: TypeAlias = str | FailedTraining | FailedAverage  # what a node reports to the world
+
+
+def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitFailed | AverageFailed:
     """The event of a problem that an agent reports."""
-    if isinstance(problem, FailedTraining):
-        return FitFailed(tick, node, *problem)
-    return AgentFailed(tick, node, problem)
+    match problem:
+        case FailedTraining():
+            return FitFailed(tick, node, *problem)
+        case FailedAverage():
+            return AverageFailed(tick, node, *problem)
+        case _:
+            return AgentFailed(tick, node, problem)
 
 
 class Dropped(BaseEvent, frozen=True):

@@ -293,7 +293,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
         )
 
     def every_group_has(self, key: str) -> bool:
-        """Returns whether there are groups, and each sets a key, such as "method", so that the flight's has no effect."""
+        """Returns whether there are groups, and each sets a key, such as "method", in place of the flight's."""
         return len(self.groups) > 0 and all(getattr(group, key) is not None for group in self.groups)
 
     @property

@@ -132,12 +132,14 @@ class Act(msgspec.Struct, frozen=True, eq=False):
 
 
 UNTRAINED = "untrained"  # kind of the report that a training gave no model
+UNAVERAGED = "unaveraged"  # kind of the report that the aggregation rule failed at UAVs
 
 
 class Event(_ControlMessage, frozen=True, tag="event"):
     """Message of a node: something failed. The world makes an event of it.
 
-    kind: `UNTRAINED` if a training of one of its UAVs, `uavs`, gave no model; of others the world reads the text only.
+    kind: `UNTRAINED` if a training of one of its UAVs, `uavs`, gave no model; `UNAVERAGED` if the aggregation rule
+    failed at some of them; of others the world reads the text only.
     """
 
     tick: int
