@@ -1,10 +1,14 @@
-"""`python -m tests.fuzz`, or `make fuzz`: a million mutated messages at one flight, and at flights with a mad node."""
+"""`python -m tests.fuzz`, or `make fuzz`: a million mutated messages at one flight, and at flights with a mad node.
+
+With `--scenarios 1000` so many random scenarios are flown instead.
+"""
 
 import argparse
 import json
 import logging
 import sys
 
+from tests.fuzz import scenarios
 from tests.fuzz.siege import Broken, Insider, Siege
 
 FLAT = 1.25  # times the memory after a fifth of the messages
@@ -15,9 +19,17 @@ def main() -> int:
     """Returns 1 if a promise was broken, else 0."""
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     options.add_argument("--count", type=int, default=1_000_000, help="messages (default 1000000)")
+    options.add_argument("--scenarios", type=int, help="fly so many random scenarios instead")
     options.add_argument("--seed", type=int, default=1)
     given = options.parse_args()
     logging.disable(logging.WARNING)  # every drop would be a line until they are too many
+    if given.scenarios is not None:
+        logging.disable(logging.CRITICAL)  # many flights lose UAVs
+        is_broken = False
+        for line in scenarios.broken(range(given.seed, given.seed + given.scenarios)):
+            print(line, flush=True)
+            is_broken = True
+        return int(is_broken)
     broken: list[str] = []
     siege = Siege(given.count, given.seed)
     insiders = {who: Insider(given.count // 20, given.seed, who) for who in MAD}

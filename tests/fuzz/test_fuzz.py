@@ -1,7 +1,11 @@
-"""Mutated messages, thrown at every receiver in mid-flight: only counted drops. `make fuzz` throws a million."""
+"""Mutated messages, thrown at every receiver in mid-flight: only counted drops. `make fuzz` throws a million.
+
+And random scenarios, which fly alike in every form.
+"""
 
 import pytest
 
+from tests.fuzz import scenarios
 from tests.fuzz.siege import Insider, Siege
 
 COUNT = 5000
@@ -28,3 +32,8 @@ def test_a_node_gone_mad_ends_neither_the_flight_nor_what_is_told_of_it(who: str
     assert summary["ticks"] == 125
     assert insider.let_in > 0
     assert summary["nodes_lost"] == 0
+
+
+@pytest.mark.parametrize("first", range(0, 90, 30))
+def test_random_scenarios_fly_alike_in_any_number_of_nodes_and_resumed(first: int) -> None:
+    assert list(scenarios.broken(range(first, first + 30))) == []
