@@ -86,7 +86,7 @@ def unlike(scenario: Scenario, draw: random.Random) -> list[str]:
     for past in pasts:
         forms[f"resumed at tick {past.tick}"] = _flown(scenario, resume=past)[0]
     return [
-        f"{form}: {name}" for form, one in forms.items() for name in whole.keys() | one if one.get(name) != whole[name]
+        f"{form}: {name}" for form, one in forms.items() for name in whole.keys() | one if one.get(name) != whole.get(name)
     ]
 
 
