@@ -1,24 +1,28 @@
-"""Random scenarios: any keys, with values that their types allow. Each flies alike in one node, in many, and resumed.
+"""Random scenarios, with values that the types of all keys allow: each flies alike in every form.
 
-Keys that contradict others are left out, one by one, until the rest flies. A new key is tried without a line here.
+The forms are one node, several nodes, nodes that send messages, and flights that are resumed. Keys that contradict
+others are left out, one by one, until the rest flies. A new key is tried without a line here.
 """
 
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 from unittest.mock import patch
 
 from msgspec import inspect
 
+from meanflock.federation.plan import plan_of
 from meanflock.launch import engine
 from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.threads import limited
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from tests.golden.flights import steady
-from tests.telemetry import fly
+from tests.memory_swarm import MemorySwarm
+from tests.telemetry import Record, fly
 
 _DURATION_S = 12.0
 _LARGE = ("uavs", "seed", "dt", "duration", "until", "density", "offline", "pace")  # size of a flight, and clocks
@@ -79,14 +83,19 @@ def _leave_out(draw: random.Random, keys: dict[str, Any], error: str) -> None:
 
 
 def unlike(scenario: Scenario, draw: random.Random) -> list[str]:
-    """Fly a scenario in one node, in several, and from each of its checkpoints; what differs from the first."""
+    """Fly a scenario in every form; what differs from the flight in one node."""
     whole, pasts = _flown(scenario)
     nodes = draw.randint(1, max(1, scenario.uavs - 1))
     forms = {f"{nodes} UAVs a node": _flown(scenario, rows=nodes)[0]}
+    with limited():
+        forms["with messages"] = _flown(scenario, flight=_with_messages)[0]
     for past in pasts:
         forms[f"resumed at tick {past.tick}"] = _flown(scenario, resume=past)[0]
     return [
-        f"{form}: {name}" for form, one in forms.items() for name in whole.keys() | one if one.get(name) != whole.get(name)
+        f"{form}: {name}"
+        for form, one in forms.items()
+        for name in whole.keys() | one
+        if one.get(name) != whole.get(name)
     ]
 
 
@@ -101,10 +110,19 @@ def broken(seeds: range) -> Iterator[str]:
         yield from (f"scenario {seed}: {text}" for text in found)
 
 
-def _flown(scenario: Scenario, **how: Any) -> tuple[dict[str, Any], list[Resumption]]:
+def _with_messages(scenario: Scenario) -> tuple[dict[str, Any], Record]:
+    """A flight whose nodes, one for each group, send bytes."""
+    record = Record()
+    sizes = [len(group.uavs) for group in plan_of(scenario).groups]
+    return MemorySwarm(scenario, "messages", uavs_per_node=sizes, sinks=[record]).complete(), record
+
+
+def _flown(
+    scenario: Scenario, flight: Callable[..., tuple[dict[str, Any], Record]] = fly, **how: Any
+) -> tuple[dict[str, Any], list[Resumption]]:
     """The steady part of a summary, or how the flight failed; and what the flight can be resumed from."""
     try:
-        summary, record = fly(scenario, **how)
+        summary, record = flight(scenario, **how)
     except RunFailed as error:
         return {"failed": type(error).__name__}, []
     return steady(summary), record.checkpoints[1:]

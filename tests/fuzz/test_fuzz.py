@@ -35,5 +35,5 @@ def test_a_node_gone_mad_ends_neither_the_flight_nor_what_is_told_of_it(who: str
 
 
 @pytest.mark.parametrize("first", range(0, 90, 30))
-def test_random_scenarios_fly_alike_in_any_number_of_nodes_and_resumed(first: int) -> None:
+def test_random_scenarios_fly_alike_in_every_form(first: int) -> None:
     assert list(scenarios.broken(range(first, first + 30))) == []
