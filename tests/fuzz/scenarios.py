@@ -25,7 +25,7 @@ from tests.memory_swarm import MemorySwarm
 from tests.telemetry import Record, fly
 
 _DURATION_S = 12.0
-_LARGE = ("uavs", "seed", "dt", "duration", "until", "density", "offline", "pace")  # size of a flight, and clocks
+_LARGE = ("uavs", "seed", "dt", "duration", "until", "density", "offline", "pace")  # they make flights long, or wait
 _SHARE = 0.12  # of all keys that are set
 _SHARE_OF_TABLE = 0.3  # likewise, in the tables of a list
 _OFTEN = {"method": 1.0, "filter.kind": 0.3, "space.dimensions": 0.3, "groups": 0.4, "faults": 0.5, "radio.model": 0.3}
@@ -49,7 +49,7 @@ def drawn(seed: int) -> Scenario:
     draw = random.Random(seed)
     uavs = draw.choice([1, 2, 5, 7, 9])
     keys = _table(draw, inspect.type_info(Scenario), "", uavs)
-    keys["federation.period"] = draw.choice([20, 30, 45])
+    keys |= {"federation.period": draw.choice([20, 30, 45]), "density.near_samples": 100, "density.box_samples": 100}
     while True:
         _count(keys, uavs)
         try:
