@@ -22,7 +22,7 @@ from meanflock.swarm.events import (
     NodeLost,
     NodesJoined,
 )
-from meanflock.swarm.events.nodes import event_of_agent
+from meanflock.swarm.events.nodes import FailedAverage, event_of_agent
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -239,6 +239,7 @@ class LocalCrew:
             acts.add(reply)
             if agent.problems:
                 acts.news += [event_of_agent(senses.tick, self._nodes[number], one) for one in agent.problems]
+                acts.unaveraged.update(*(one.uavs for one in agent.problems if isinstance(one, FailedAverage)))
                 agent.problems.clear()
         if len(replies) == len(self.agents) == 1:
             acts.commands, acts.models = replies[0][1].commands, replies[0][1].models

@@ -56,8 +56,8 @@ class Acts(msgspec.Struct, eq=False):
     refused_states: UAVs whose states are implausible. models: (N, W) learned weights, if they were asked for; NaN for
     UAVs without an answer. memories: of the controllers, if they were asked for and no node was just lost.
     rule_record: state of the aggregation rule after a round; None for no change. has_leader: whether a node leads.
-    leader_failed: whether the leader complained. steered: number of commands that clients gave. news: what became
-    of the nodes since the last tick, in order of time.
+    leader_failed: whether the leader complained. unaveraged: UAVs at which the aggregation rule failed. steered: number
+    of commands that clients gave. news: what became of the nodes since the last tick, in order of time.
     """
 
     commands: Floats
@@ -70,6 +70,7 @@ class Acts(msgspec.Struct, eq=False):
     rule_record: bytes | None = None
     has_leader: bool = True
     leader_failed: bool = False
+    unaveraged: set[int] = set()
     steered: int = 0
     news: list[FlightEvent] = []
 

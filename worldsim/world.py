@@ -16,7 +16,6 @@ from meanflock.federation.seat import name_of, ticks_until_lost
 from meanflock.swarm import mission, state
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
-    AverageFailed,
     Diverged,
     DutyExceeded,
     FlightEvent,
@@ -269,9 +268,6 @@ class World(Stateful):
                     self.flight.lose(np.array(event.uavs, dtype=np.intp), Lost, event.reason)
                 case Rejoined():
                     self.flight.rejoin(np.array(event.uavs, dtype=np.intp), event.node)
-                case AverageFailed():
-                    self.ledger.fail_at(event.uavs)
-                    self.note(event)
                 case _:
                     self.note(event)
 
@@ -394,6 +390,7 @@ class World(Stateful):
                 self._drop(error, "the record of the aggregation rule")
         if acts.leader_failed:
             ledger.fail()
+        ledger.fail_at(acts.unaveraged)
         counters.steered += acts.steered
         if len(acts.refused_uploads):
             counters.uploads_refused += len(acts.refused_uploads)

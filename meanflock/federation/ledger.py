@@ -188,8 +188,8 @@ class Ledger(Stateful):
         self._has_failed = True
 
     def fail_at(self, uavs: Iterable[int]) -> None:
-        """Takes notice that the aggregation rule failed at some UAVs in this tick."""
-        self._failed += uavs
+        """Takes notice of the UAVs at which the aggregation rule failed in this tick."""
+        self._failed = list(uavs)
 
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
@@ -257,7 +257,6 @@ class Ledger(Stateful):
                 leads.
         """
         is_busy = self._schedule.is_busy(tick)
-        failed, self._failed = self._failed, []
         if is_busy:
             self._open_accounts(tick, frames, awake)
         self._follow(tick, on_air, links)
@@ -277,7 +276,7 @@ class Ledger(Stateful):
             if hop.is_local:
                 received = box.receivers(number) & awake
                 isolated = int(np.count_nonzero((awake & ~received)[hop.senders]))
-                received[failed] = False
+                received[self._failed] = False
                 averaging = int(np.count_nonzero(received[hop.senders]))
                 self.isolated += isolated
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}

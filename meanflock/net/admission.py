@@ -18,6 +18,7 @@ from meanflock.net.tick import TYPES
 from meanflock.swarm import mission, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.events import (
+    AverageFailed,
     FlightEvent,
     LastReturn,
     LeaderFailed,
@@ -58,7 +59,8 @@ class Admission:
         listeners: names of the ground stations that listen.
         flying: true from the first tick on; a node lost before is merely missing.
         closed: true after the last tick; a node that leaves then is not lost.
-        leader_failed: whether a leader complained; the owner resets it.
+        leader_failed: whether a leader complained; unaveraged: UAVs at which the aggregation rule failed; the owner
+            resets both.
         unfit: reasons of admitted nodes that cannot take part.
         unattended: UAVs whose agent was lost and that have no other yet, and since when, on the world's clock.
     """
@@ -96,6 +98,7 @@ class Admission:
         self.flying = False
         self.closed = False
         self.leader_failed = False
+        self.unaveraged: set[int] = set()
         self.unfit: list[str] = []
         self.unattended: dict[int, float] = {}
         self._bus = bus
@@ -246,11 +249,14 @@ class Admission:
         if isinstance(message, Ready):
             self._welcome(member)
         elif isinstance(message, Event):
+            event = _event_of(self._world.tick, member, message)
+            self.leader_failed |= member.role == LEADER
+            if isinstance(event, AverageFailed):
+                self.unaveraged.update(event.uavs)
             member.events += 1
             if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
-            self._news.append(_event_of(self._world.tick, member, message))
-            self.leader_failed |= member.role == LEADER
+            self._news.append(event)
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:

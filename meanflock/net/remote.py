@@ -310,6 +310,7 @@ class RemoteCrew:
         barrier, admission = self._barrier, self._admission
         acts = Acts(barrier.commands, barrier.sent, has_leader=self.members.lead() is not None)
         acts.leader_failed, admission.leader_failed = admission.leader_failed, False
+        acts.unaveraged, admission.unaveraged = admission.unaveraged, set()
         found = [(member, reply) for name, member in barrier.asked.items() if (reply := barrier.acts.get(name))]
         for member, reply in found:
             acts.add(reply)

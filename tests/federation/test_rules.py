@@ -175,6 +175,15 @@ def test_uavs_where_a_rule_fails_average_nothing(swarm: type[Engine | MemorySwar
     assert all("failed in round" in event.text and "OSError: no such table" in event.text for event in failures)
 
 
+@pytest.mark.parametrize("topology", ["leader", "neighbours"])
+def test_a_rule_fails_in_every_round_also_where_a_node_may_tell_no_more(topology: str) -> None:
+    """A node may send 101 events here, and there are more rounds."""
+    case = flown(wrong(step=fails), f"federation.topology={topology}", "duration=110", "radio.target_snr_db=60")
+    forms = [swarm(case, "failing", uavs_per_node=1).complete() for swarm in (Engine, MemorySwarm)]
+    assert [(one["rounds"], one["rounds_void"]) for one in forms] == [(0, 109)] * 2
+    assert forms[1]["dropped_messages"]["oversized"] > 0
+
+
 def test_a_rule_that_waits_for_more_keeps_its_state_and_nothing_is_broadcast() -> None:
     """It averages in every second round: neither a complaint nor a model in the others."""
 
