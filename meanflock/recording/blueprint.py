@@ -190,7 +190,7 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
         *map(plots.diagnostic, reported.diagnostics),
         *spread,
     ):
-        log(plot.entity, rr.SeriesLines(names=plot.names, colors=_rgba(plot.colors), widths=plot.widths or 2.0))
+        log(plot.entity, rr.SeriesLines(names=plot.names, colors=drawing.rgba(plot.colors), widths=plot.widths or 2.0))
     log(plots.HITS, rr.SeriesPoints(names="collision", colors=drawing.COLLISION, markers="asterisk", marker_sizes=5.0))
     if reported.weights:
         names = [f"weight {number}" for number in reported.drawn]
@@ -198,7 +198,7 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
         log(plots.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
         texts, colors = _lanes(scenario)
-        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=_rgba(tuple(colors))))
+        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=drawing.rgba(tuple(colors))))
         names, places = graph(scenario)
         log(ROUND, rr.GraphNodes(node_ids=names, positions=places))
     _log_close_up(part, scenario)
@@ -299,11 +299,6 @@ def flight_view(
 def trail_seconds(scenario: Scenario) -> float:
     """Length of a trail, s."""
     return TRAIL_S if scenario.uavs <= LARGE_SWARM else TRAIL_S / 3
-
-
-def _rgba(colors: tuple[int, ...]) -> NDArray[np.uint32]:
-    """Colours in the type that Rerun does not take for channels."""
-    return np.array(colors, dtype=np.uint32)
 
 
 def _recent(scenario: Scenario, branch: Branch) -> dict[Any, rrb.VisibleTimeRanges]:

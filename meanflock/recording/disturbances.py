@@ -23,13 +23,18 @@ from meanflock.swarm.state import States
 from meanflock.worldsim.faults import Script, words
 
 Lasting = Pause | Partition | Jam | Interference | Gust
-Component = tuple[rr.ComponentDescriptor, Any]  # with the class of batch that takes a list of its values
+Component = tuple[rr.ComponentDescriptor, Any]  # with what makes a batch of a list of its values
+
+
+def _color_batch(colors: Sequence[int]) -> rr.components.ColorBatch:
+    return rr.components.ColorBatch(drawing.rgba(colors))
+
 
 _POINTS: Component = (rr.Points2D.descriptor_positions(), rr.components.Position2DBatch)
-_POINT_COLORS: Component = (rr.Points2D.descriptor_colors(), rr.components.ColorBatch)
+_POINT_COLORS: Component = (rr.Points2D.descriptor_colors(), _color_batch)
 _LABELS: Component = (rr.Points2D.descriptor_labels(), rr.components.TextBatch)
 _STRIPS: Component = (rr.LineStrips2D.descriptor_strips(), rr.components.LineStrip2DBatch)
-_STRIP_COLORS: Component = (rr.LineStrips2D.descriptor_colors(), rr.components.ColorBatch)
+_STRIP_COLORS: Component = (rr.LineStrips2D.descriptor_colors(), _color_batch)
 _ORIGINS: Component = (rr.Arrows2D.descriptor_origins(), rr.components.Position2DBatch)
 _VECTORS: Component = (rr.Arrows2D.descriptor_vectors(), rr.components.Vector2DBatch)
 

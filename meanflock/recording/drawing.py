@@ -4,7 +4,7 @@ Colours are 0xRRGGBBAA. A column holds one component of an entity, a row a tick,
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,6 +96,11 @@ def speed_colors(speed_m_s: NDArray[Any]) -> Colors:
 def group_color(number: int) -> int:
     """RGBA colour of a group by its number; the colours begin again after the last."""
     return GROUPS[number % len(GROUPS)]
+
+
+def rgba(colors: Sequence[int]) -> Colors:
+    """Colours in the type that Rerun does not take for channels, as it does with three or four whole numbers."""
+    return np.array(colors, dtype=np.uint32)
 
 
 def dimmed(colors: Colors) -> Colors:

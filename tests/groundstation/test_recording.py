@@ -309,6 +309,14 @@ def test_marks_of_faults_come_and_go(disturbed: tuple[Path, np.ndarray]) -> None
     assert areas[60] == lines[65] == vectors[50] == vectors[75] == words[75] == []
 
 
+@pytest.mark.parametrize("uavs", [(3, 4), (3, 4, 5), (3, 4, 5, 6), (3, 4, 5, 6, 7)])
+@pytest.mark.filterwarnings("error")  # Rerun warns that it does not know which of both is meant
+def test_three_or_four_colours_in_a_block_are_no_channels_of_one(uavs: tuple[int, ...], tmp_path: Path) -> None:
+    path = tmp_path / "frozen.rrd"
+    record(path, flight(ticks=40), faults=(Pause(tick=19, duration_s=0.1, uavs=uavs),))  # the last tick of a block
+    assert rows(path, look.HALOS, "Points2D:colors")[19] == [drawing.FROZEN] * len(uavs)
+
+
 def test_lanes_show_frozen_and_isolated_uavs_and_the_lost_stay_lost(tmp_path: Path) -> None:
     path, blocks = tmp_path / "lanes.rrd", flight(ticks=60)
     lost = np.concatenate([block.status for block in blocks])
