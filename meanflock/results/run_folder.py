@@ -23,7 +23,7 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.events import AverageFailed, FitFailed, LeaderFailed
+from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, FlightEvent, LeaderFailed, Lost
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
@@ -34,7 +34,7 @@ SUMMARY = "summary.json"
 EVENTS = "events.jsonl"
 RECORDING = "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
-LOSS = ("agent", "diverged", "lost")  # kinds of events that say why a UAV is lost
+LOSS = (AgentFailed, Diverged, Lost)  # events that say why UAVs are lost
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
 
 
@@ -333,23 +333,24 @@ def _sync(events: EventLog, spool: Spool) -> None:
 
 def first_loss(folder: Path) -> str:
     """Text of the first event about a lost UAV; empty if there is none."""
-    return next(_texts(folder, lambda event: event["kind"] in LOSS), "")
+    return next(_texts(folder, *LOSS), "")
 
 
 def first_failed_rule(folder: Path) -> str:
     """Text of the first event about an aggregation rule that failed; empty if there is none."""
-    failures = [kind.__struct_config__.tag for kind in (LeaderFailed, AverageFailed)]
-    return next(_texts(folder, lambda event: event["event"] in failures), "")
+    return next(_texts(folder, LeaderFailed, AverageFailed), "")
 
 
 def failed_trainings(folder: Path) -> list[str]:
     """Texts of the events about trainings that failed."""
-    return list(_texts(folder, lambda event: event["event"] == FitFailed.__struct_config__.tag))
+    return list(_texts(folder, FitFailed))
 
 
-def _texts(folder: Path, is_meant: Callable[[dict[str, Any]], bool]) -> Iterator[str]:
-    events = map(json.loads, stored_lines(folder / EVENTS))
-    return (str(event["text"]) for event in events if is_meant(event))
+def _texts(folder: Path, *events: type[FlightEvent]) -> Iterator[str]:
+    """Texts of the events of some types."""
+    tags = {event.__struct_config__.tag for event in events}
+    rows = map(json.loads, stored_lines(folder / EVENTS))
+    return (str(row["text"]) for row in rows if row["event"] in tags)
 
 
 def lost_everyone(folder: Path) -> str:

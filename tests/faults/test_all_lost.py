@@ -93,7 +93,8 @@ def test_a_run_has_failed_if_it_lost_every_uav_and_no_script_killed_them(
     method: str, killed: list[int], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plugin = controller_file(tmp_path, "breaks", "return mf.Step(memory, -own[:, :2] * (1 / (10 - tick)))")
-    script = f'faults=[{{kind="kill", tick=5, uavs={killed}}}]' if killed else "faults=[]"
+    kills = f', {{kind="kill", tick=5, uavs={killed}}}' if killed else ""
+    script = f'faults=[{{kind="leader-loss", tick=2}}{kills}]'  # the loss of a leader is not that of a UAV
     flags = ["--plugin", str(plugin), "--method", method, "--uavs", "3", "--duration", "2"]
     flags += ["--set", script, "--no-record", "--json", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["run", "--in-process", *flags]) == code

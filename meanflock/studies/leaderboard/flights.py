@@ -61,7 +61,7 @@ class _FirstWord:
 
     def write(self, block: Telemetry) -> None:
         """Search the events of a block."""
-        texts = (event.text for event in block.events if event.kind in LOSS)
+        texts = (event.text for event in block.events if isinstance(event, LOSS))
         self.text = self.text or next(texts, "")
 
 
