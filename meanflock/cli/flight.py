@@ -140,6 +140,7 @@ def _fly(
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
+    from meanflock.cli.tables import print_table
     from meanflock.launch.progress import groups_table, summary_table
     from meanflock.results.run_folder import EVENTS, failed_trainings, first_failed_rule, first_loss, lost_everyone
 
@@ -148,13 +149,14 @@ def _fly(
     else:
         Console().print(summary_table(done.summary))
         if groups := done.summary["groups"]:
-            Console().print(groups_table(groups))
+            print_table(groups_table(groups))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         events, void = f"all events are in {done.folder / EVENTS}", done.summary["rounds_void"]
         if failure := first_failed_rule(done.folder):
-            logs.show(f"warning: rounds void: {void}; the first failure: {failure}; {events}", logging.WARNING)
+            rounds = f"rounds void, for any reason: {void}"
+            logs.show(f"warning: the aggregation rule failed: {failure}; {rounds}; {events}", logging.WARNING)
         elif void and not done.summary["rounds"]:
             why = "no model of another UAV arrived"
             if refused := done.summary["uploads_refused"]:

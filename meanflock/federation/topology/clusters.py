@@ -73,7 +73,7 @@ class Clusters(Topology):
         if not getattr(plugins.load("aggregator", federation.aggregation), "bears_means", False):
             raise ValueError(
                 f"{asked} `federation.aggregation` {federation.aggregation} must see every upload, and heads send "
-                "means; take fedavg, or one cluster"
+                "means; take fedavg, or the topology `leader` without clusters"
             )
         exact = 2 ** (np.finfo(FLOAT_OF_BITS[bits]).nmant + 1)
         if (largest := -(-scenario.uavs // count)) > exact:
