@@ -43,7 +43,7 @@ class Commands(Stateful):
         """
         Args:
             busy: column of the diagnostics that is 1 while a UAV trains; None: none does.
-            measured: columns of trainings: no UAV has them before the last of them is above 0.
+            measured: columns of trainings, which a UAV has while the last of them is above 0.
             has: (N, K), the diagnostics that each UAV has; those that it has not are 0. None: every UAV has all.
             groups: the rows of each group.
         """

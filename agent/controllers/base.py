@@ -126,7 +126,7 @@ class Controller:
     note_bytes: int = 0  # most bytes of a note that is sent with a model, 48 bits more
     dated: bool = False  # whether each model is sent with the round that `based` returns, in the same 48 bits
     busy: str = ""  # diagnostic that is 1 while a row trains, else 0; empty if none does
-    measured: tuple[str, ...] = ()  # diagnostics of trainings: 0 before the first, after which the last is above 0
+    measured: tuple[str, ...] = ()  # diagnostics of trainings, which a row has while the last of them is above 0
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         """`options`: an instance of `Options`. Compute expensive tables in `init`."""

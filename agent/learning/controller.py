@@ -146,7 +146,7 @@ class Learning:
             "model": models.copy(),
             "ready": np.zeros(rows, dtype=bool),
             "based": np.zeros(rows, dtype=np.int64),
-            "trained": np.zeros(rows, dtype=bool),
+            "measured": np.zeros(rows, dtype=bool),  # whether the last training gave all metrics
             "examples": np.ones(rows),
             "note": _packed([b""] * rows, self.note_bytes),
             "kept": np.tile(kept, (rows, 1)),
@@ -169,7 +169,7 @@ class Learning:
                 mine["ready"] &= ~contains(participants, mine["uav"])
             self._finish(mine, tick, news)
             self._begin(mine, tick, own)
-        examples = np.where(mine["trained"], mine["examples"], 0.0)
+        examples = np.where(mine["measured"], mine["examples"], 0.0)
         columns = [mine["metrics"], examples[:, None], mine["trains"][:, None]]
         reported = [] if flown.diagnostics is None else [flown.diagnostics]
         return msgspec.structs.replace(
@@ -302,12 +302,12 @@ class Learning:
             return
         mine["model"][row], mine["kept"][row], mine["ready"][row] = outcome.model, outcome.kept, True
         mine["based"][row], mine["examples"][row] = mine["base_round"][row], outcome.examples
-        mine["trained"][row] = True
         mine["note"][row] = _packed([outcome.note], self.note_bytes)[0]
         mine["state"][row] = _packed([outcome.state], self._state_bytes)[0]
-        for column, name in enumerate(self._metrics):
-            if math.isfinite(value := outcome.metrics.get(name, math.nan)):
-                mine["metrics"][row, column] = value
+        metrics = np.array([outcome.metrics.get(name, math.nan) for name in self._metrics])
+        mine["measured"][row] = is_measured = bool(np.isfinite(metrics).all())
+        if is_measured:
+            mine["metrics"][row] = metrics
 
     def _ticks(self, slowness: Any, examples: float = 0.0) -> NDArray[np.int64]:
         """Ticks that a training takes."""

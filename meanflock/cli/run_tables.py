@@ -167,7 +167,7 @@ def print_rounds(folder: Path, as_json: bool) -> None:
     if any(name.startswith(MEAN) for name in means):
         shown.caption = (
             "Diagnostics are means over the UAVs on the way when the round ended, those of trainings over the UAVs "
-            "that have trained."
+            "whose last training gave all metrics."
         )
     print_table(shown)
 

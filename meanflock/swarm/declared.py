@@ -42,7 +42,7 @@ class Declared(msgspec.Struct, frozen=True):
     note_bytes: most bytes of a note that is sent with a model.
     dated: whether each model is sent with the round of the global model that its training began with.
     busy: name of the diagnostic that is 1 while a UAV trains, else 0; empty if none does.
-    measured: names of the diagnostics of trainings. Until a UAV has trained all are 0; then the last is above 0.
+    measured: names of the diagnostics of trainings, which a UAV has while the last of them is above 0.
     guided: whether goals can change in flight.
     recorded: options that the controller fills in, by name: hashes of the files that it flies.
     """

@@ -1,5 +1,6 @@
 """Flights with a learner: time and energy of training, stragglers, refusals, and what a learner may do wrong."""
 
+import math
 import multiprocessing
 import os
 import threading
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -371,6 +373,30 @@ def test_a_thread_that_others_start_meanwhile_is_none_of_the_learner() -> None:
         starter.join()
         other.join()
     assert not [event for event in run.events if "running" in event["text"]]
+
+
+@pytest.mark.parametrize("metrics", [{"loss": math.nan}, {}])
+def test_a_uav_whose_training_gave_not_all_metrics_counts_in_no_mean(metrics: dict[str, float]) -> None:
+    class Unmeasured(Line):
+        """UAV 1 measures nothing from its third training on."""
+
+        name = "unmeasured"
+
+        def fit(self, model: Any, config: mf.Fit) -> mf.Trained | None:
+            trained = super().fit(model, config)
+            assert trained is not None
+            return msgspec.structs.replace(
+                trained, metrics=metrics if self.uav == 1 and config.number > 2 else trained.metrics
+            )
+
+    run = fly(Unmeasured)
+    rows, ticks = run.rounds().to_pylist(), run.frame().to_pylist()
+    assert len(rows) > 3
+    for row in rows:
+        frame = ticks[row["tick"]]
+        counted = [uav for uav, count in enumerate(frame["examples"]) if count]
+        assert counted == ([0, 1, 2, 3] if row["round"] <= 2 else [0, 2, 3])
+        assert row["mean_loss"] == pytest.approx(np.mean([frame["loss"][uav] for uav in counted]))
 
 
 def test_a_uav_that_has_not_trained_counts_in_no_mean() -> None:
