@@ -71,7 +71,8 @@ def _verdicts(means: Means, n: int) -> str:
     if found & {*_MARKS}:
         differing = rivalry(means.names, means.points)
         is_one_family = not differing or {means.names[place] for place in means.varying} <= {*differing}
-        rival = f"row that differs in {' or '.join(name.rpartition('.')[2] for name in differing)} only"
+        keys = dict.fromkeys(name.rpartition(".")[2] for name in differing)
+        rival = f"row that differs in {' or '.join(keys)} only"
         return VERDICTS.format(rival="other row" if is_one_family else rival)
     if n == 1 and len(means.points) > 1:
         return _ONE_FLIGHT

@@ -16,7 +16,7 @@ from meanflock.studies.objectives import COMPARED_OBJECTIVES, ROUNDING, Objectiv
 Point = tuple[Any, ...]
 Points = Mapping[Point, Sequence[Mapping[str, Any]]]
 Verdict = Literal["best", "worse", "undecided", "equal"]
-_RIVALS = ("method", "training.learner")  # what is compared where other keys are equal
+_RIVALS = ("method", "training.learner")  # what is compared where other keys are equal; also those of one group
 
 
 def verdicts(
@@ -66,7 +66,12 @@ def _groups(names: Sequence[str], points: Points) -> list[list[Point]]:
 def rivalry(names: Sequence[str], points: Iterable[Point]) -> list[str]:
     """The names of the values in which rivals differ, all others being equal; empty if all points are rivals."""
     values = zip(names, zip(*points, strict=True), strict=True)
-    return [name for name, found in values if name in _RIVALS and len({*found}) > 1]
+    return [name for name, found in values if _key_of_all(name) in _RIVALS and len({*found}) > 1]
+
+
+def _key_of_all(name: str) -> str:
+    """The key that `groups.NAME.KEY` sets for one group; any other as it is."""
+    return name.split(".", 2)[2] if name.startswith("groups.") else name
 
 
 def _first_verdict(values: Mapping[Point, NDArray[np.float64]]) -> Verdict:

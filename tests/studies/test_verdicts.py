@@ -42,6 +42,18 @@ def test_rivals_differ_in_the_method_and_the_best_is_marked_only_if_it_is_signif
     assert [found[point, "cost"] for point in points] == ["best", "worse", *["undecided"] * 2, *["equal"] * 2]
 
 
+def test_the_method_of_a_group_has_rivals_and_the_methods_of_all_groups_differ_with_it() -> None:
+    names = ("groups.couriers.method", "radio.access", "method")
+    cost = {
+        ("orca", "fdma", "hjb+orca"): [1.0, 2.0, 3.0],
+        ("bvc", "fdma", "hjb+bvc"): [11.0, 12.1, 13.0],
+        ("orca", "tdma", "hjb+orca"): [11.0, 12.1, 13.0],
+        ("bvc", "tdma", "hjb+bvc"): [1.0, 2.0, 3.0],
+    }
+    found = verdicts(names, {point: flights(cost=values) for point, values in cost.items()}, [COST])
+    assert [found[point, "cost"] for point in cost] == ["best", "worse", "worse", "best"]
+
+
 def test_without_several_methods_all_points_are_rivals_and_one_flight_decides_nothing() -> None:
     points = {(1,): flights(cost=[1.0, 2.0, 3.0]), (2,): flights(cost=[11.0, 12.1, 13.0])}
     assert list(verdicts(("uavs",), points, [COST]).values()) == ["best", "worse"]
