@@ -140,7 +140,6 @@ def _fly(
         done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
-    from meanflock.cli.tables import print_table
     from meanflock.launch.progress import groups_table, summary_table
     from meanflock.results.run_folder import EVENTS, failed_trainings, first_failed_rule, first_loss, lost_everyone
 
@@ -149,6 +148,8 @@ def _fly(
     else:
         Console().print(summary_table(done.summary))
         if groups := done.summary["groups"]:
+            from meanflock.cli.tables import print_table  # only here: the module loads SciPy
+
             print_table(groups_table(groups))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))
