@@ -141,7 +141,7 @@ def _fly(
     from rich.console import Console
 
     from meanflock.launch.progress import groups_table, summary_table
-    from meanflock.results.run_folder import EVENTS, failed_trainings, first_failed_rule, first_loss, lost_everyone
+    from meanflock.results.run_folder import EVENTS, Failures, lost_everyone
 
     if as_json:
         click.echo(json.dumps(done.summary))
@@ -155,21 +155,21 @@ def _fly(
         raise RunFailed(lost_everyone(done.folder))
     if not only_logs:
         events, void = f"all events are in {done.folder / EVENTS}", done.summary["rounds_void"]
-        if failure := first_failed_rule(done.folder):
+        failures = Failures.of_run(done.folder)
+        if failures.rules:
             rounds = f"rounds void, for any reason: {void}"
-            logs.show(f"warning: the aggregation rule failed: {failure}; {rounds}; {events}", logging.WARNING)
+            logs.show(f"warning: the aggregation rule failed: {failures.rules[0]}; {rounds}; {events}", logging.WARNING)
         elif void and not done.summary["rounds"]:
             why = "no model of another UAV arrived"
             if refused := done.summary["uploads_refused"]:
                 why = f"uploads that arrived and could not be averaged: {refused}"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
             logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
-        if failed := failed_trainings(done.folder):
+        if failed := failures.trainings:
             trainings = f"{len(failed)} training{'s' * (len(failed) > 1)} failed"
             logs.show(f"warning: {trainings}; the first: {failed[0]}", logging.WARNING)
-        if done.summary["lost"] and (loss := first_loss(done.folder)):
-            lost = done.summary["lost"]
-            logs.show(f"UAVs lost: {lost}; the first event: {loss}; {events}", logging.WARNING)
+        if (lost := done.summary["lost"]) and failures.losses:
+            logs.show(f"UAVs lost: {lost}; the first event: {failures.losses[0]}; {events}", logging.WARNING)
         logs.show(f"run folder {done.folder}")
     return done
 

@@ -18,11 +18,9 @@ from meanflock.cli.arguments import (
     uavs_per_process_option,
 )
 from meanflock.cli.fly import _forker
-from meanflock.results.event_log import event_of_row, stored_lines
-from meanflock.results.run_folder import EVENTS, failed_trainings
+from meanflock.results.run_folder import Failures
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed, available, meant
-from meanflock.swarm.events import LeaderFailed
 
 if TYPE_CHECKING:
     from meanflock.flower.app import App
@@ -154,12 +152,11 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
     """
     from meanflock.results.rounds_table import MEAN, METRIC
 
-    events = [event_of_row(json.loads(line)) for line in stored_lines(done.folder / EVENTS)]
-    of_server = [event for event in events if isinstance(event, LeaderFailed)]
-    if of_server and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
-        raise RunFailed(of_server[-1].text)
+    failures = Failures.of_run(done.folder)
+    if failures.rules and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
+        raise RunFailed(failures.rules[-1])
     if ended and not any(one["received"] for one in ended):
-        why = next(iter(failed_trainings(done.folder)), "the radio lost all of them")
+        why = next(iter(failures.trainings), "the radio lost all of them")
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
     if (target := done.summary["until"]) is not None:
         names = {

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
@@ -23,7 +23,7 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, FlightEvent, LeaderFailed, Lost
+from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, LeaderFailed, Lost
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Status, Telemetry
@@ -331,31 +331,31 @@ def _sync(events: EventLog, spool: Spool) -> None:
         os.fsync(file.fileno())
 
 
-def first_loss(folder: Path) -> str:
-    """Text of the first event about a lost UAV; empty if there is none."""
-    return next(_texts(folder, *LOSS), "")
+class Failures(NamedTuple):
+    """Texts of the events of a flight, in order of time, about what failed.
 
+    losses: why UAVs are lost. rules: of the aggregation rule. trainings: those that gave no model.
+    """
 
-def first_failed_rule(folder: Path) -> str:
-    """Text of the first event about an aggregation rule that failed; empty if there is none."""
-    return next(_texts(folder, LeaderFailed, AverageFailed), "")
+    losses: list[str]
+    rules: list[str]
+    trainings: list[str]
 
-
-def failed_trainings(folder: Path) -> list[str]:
-    """Texts of the events about trainings that failed."""
-    return list(_texts(folder, FitFailed))
-
-
-def _texts(folder: Path, *events: type[FlightEvent]) -> Iterator[str]:
-    """Texts of the events of some types."""
-    tags = {event.__struct_config__.tag for event in events}
-    rows = map(json.loads, stored_lines(folder / EVENTS))
-    return (str(row["text"]) for row in rows if row["event"] in tags)
+    @classmethod
+    def of_run(cls, folder: Path) -> "Failures":
+        """Reads the events of a run once."""
+        found = cls([], [], [])
+        texts = dict(zip((LOSS, (LeaderFailed, AverageFailed), (FitFailed,)), found, strict=True))
+        by_tag = {kind.__struct_config__.tag: told for kinds, told in texts.items() for kind in kinds}
+        for row in map(json.loads, stored_lines(folder / EVENTS)):
+            if (told := by_tag.get(row["event"])) is not None:
+                told.append(str(row["text"]))
+        return found
 
 
 def lost_everyone(folder: Path) -> str:
     """Error text of a finished run that lost every UAV, with the reason of the first loss."""
-    loss = first_loss(folder)
+    loss = next(iter(Failures.of_run(folder).losses), "")
     return f"every UAV was lost: {loss}; all events are in {folder / EVENTS}, the summary in {SUMMARY}"
 
 
