@@ -97,7 +97,8 @@ class Learning:
         own = (*self._metrics, "examples", "training")
         inner_names = tuple(inner.diagnostics)
         own = tuple(PREFIX + name if name in inner_names else name for name in own)
-        self.diagnostics, self.measured, self.busy = (*inner_names, *own), own[:-1], own[-1]
+        self.diagnostics = (*inner_names, *own)
+        self.measured, self.busy = own[:-1], own[-1]
         self.broadcast_numbers, self.pairwise, self.shares = inner.broadcast_numbers, inner.pairwise, inner.shares
         self.recorded, self.guided = dict(inner.recorded), inner.guided
         self._learners: dict[int, Learner] = {}

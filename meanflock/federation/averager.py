@@ -120,7 +120,8 @@ class Averager:
         try:
             models = self._weighted(round_, rows) if len(rows) and not self._is_done else None
         except RuleFailed as error:
-            failed, rows, models = {str(error): self.uavs[rows].tolist()}, rows[:0], None
+            failed[str(error)] = self.uavs[rows].tolist()
+            rows, models = rows[:0], None
         if models is not None:
             found = [(row, model, b"") for row, model in zip(rows.tolist(), models, strict=True)]
         elif not self._is_done:

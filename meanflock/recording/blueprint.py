@@ -198,7 +198,7 @@ def log_static(part: Part, scenario: Scenario, reported: Reported) -> None:
         log(plots.WEIGHTS, rr.SeriesLines(names=names, colors=shades, widths=1.0))
     if scenario.uavs <= LARGE_SWARM:
         texts, colors = _lanes(scenario)
-        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=drawing.rgba(tuple(colors))))
+        log(LANES, rr.StateConfiguration(values=texts, labels=texts, colors=drawing.rgba(colors)))
         names, places = graph(scenario)
         log(ROUND, rr.GraphNodes(node_ids=names, positions=places))
     _log_close_up(part, scenario)

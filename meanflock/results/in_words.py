@@ -88,7 +88,7 @@ def outcome(run: StoredFolder) -> str:
 
 
 def _target(run: StoredFolder) -> list[str]:
-    """What became of the bound of `until`; nothing without one."""
+    """A sentence that says whether a round reached the bound of `until`; none for a flight without a bound."""
     if (metric := run.figure("until.metric")) is None:
         return []
     bound, when = f"{metric} {number(run.figure('until.value'))}", run.figure("until.time_s")

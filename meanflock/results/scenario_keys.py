@@ -61,14 +61,22 @@ def changed_keys(keys: Mapping[str, Any], other: Mapping[str, Any] | None = None
 
 
 def _of_the_flight(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """What the groups have of their flight for each key that they set: no option of another controller."""
+    """For each key that a group sets, the value of its flight; None for an option of another controller."""
     found: dict[str, Any] = {}
     for key in keys:
-        if key.startswith("groups."):
-            _, group, own = key.split(".", 2)
+        group, own = group_and_key(key)
+        if group:
             is_alike = keys.get(f"groups.{group}.method", keys["method"]) == keys["method"]
             found[key] = keys.get(own) if is_alike or not own.startswith("controller.") else None
     return found
+
+
+def group_and_key(key: str) -> tuple[str, str]:
+    """The group that a key `groups.NAME.KEY` is of, and `KEY`; for a key of the flight no group, and the key."""
+    if not key.startswith("groups."):
+        return "", key
+    _, group, own = key.split(".", 2)
+    return group, own
 
 
 def nearest(keys: Mapping[str, Any]) -> NearestMission:

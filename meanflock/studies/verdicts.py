@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.results.scenario_keys import group_and_key
 from meanflock.studies.leaderboard.marks import holm, paired
 from meanflock.studies.objectives import COMPARED_OBJECTIVES, ROUNDING, Objective
 
@@ -66,12 +67,7 @@ def _groups(names: Sequence[str], points: Points) -> list[list[Point]]:
 def rivalry(names: Sequence[str], points: Iterable[Point]) -> list[str]:
     """The names of the values in which rivals differ, all others being equal; empty if all points are rivals."""
     values = zip(names, zip(*points, strict=True), strict=True)
-    return [name for name, found in values if _key_of_all(name) in _RIVALS and len({*found}) > 1]
-
-
-def _key_of_all(name: str) -> str:
-    """The key that `groups.NAME.KEY` sets for one group; any other as it is."""
-    return name.split(".", 2)[2] if name.startswith("groups.") else name
+    return [name for name, found in values if group_and_key(name)[1] in _RIVALS and len({*found}) > 1]
 
 
 def _first_verdict(values: Mapping[Point, NDArray[np.float64]]) -> Verdict:

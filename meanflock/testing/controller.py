@@ -205,7 +205,8 @@ def _models(swarm: PointSwarm, together: Trial) -> None:
 
 def _guided(swarm: PointSwarm) -> None:
     """Check that `guide` gives other goals to the given rows, each by itself, and changes no other row."""
-    plugin, memory, rows = swarm.controller, swarm.trial(ticks=3).memory, np.array([0, len(swarm.uavs) - 1])
+    plugin, memory = swarm.controller, swarm.trial(ticks=3).memory
+    rows = np.array([0, len(swarm.uavs) - 1])
     goals = swarm.plan[rows, : swarm.plan.shape[1] // 2] + 25.0
     instance = swarm.make()
     swarm.init(instance, swarm.uavs)
@@ -216,11 +217,11 @@ def _guided(swarm: PointSwarm) -> None:
         fail(plugin, "`guide` writes to an array it was given", PURE)
     check_same_form(plugin, "`guide`: memory", after, memory)
     single = {name: array[:1] for name, array in memory.items()}
-    alone = asked(plugin, instance.guide, single, rows[:1], goals[:1], remedy=_GUIDE)
+    after_alone = asked(plugin, instance.guide, single, rows[:1], goals[:1], remedy=_GUIDE)
     for name, array in memory.items():
         if not same(np.delete(after[name], rows, axis=0), np.delete(array, rows, axis=0)):
             fail(plugin, f"`guide` changes other rows of memory[{name!r}] than `rows`", "write to `rows` only")
-        if not same(after[name][:1], alone[name]):
+        if not same(after[name][:1], after_alone[name]):
             fail(plugin, f"`guide` gives a UAV another memory[{name!r}] with others than alone", _GUIDE)
 
 

@@ -100,7 +100,7 @@ def unlike(scenario: Scenario, draw: random.Random) -> list[str]:
 
 
 def broken(seeds: range) -> Iterator[str]:
-    """What is wrong with the scenarios of some seeds: a flight that is unlike another, or an error that is ours."""
+    """A line for each scenario of some seeds whose flights differ, or that raises an error."""
     for seed in seeds:
         try:
             with patch.object(engine, "_CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS):

@@ -112,60 +112,47 @@ class LeaderTookOver(BaseEvent, frozen=True):
         return f"{self.node} takes over from {self.before}"
 
 
-class LeaderFailed(BaseEvent, frozen=True):
+class _Failure(BaseEvent, frozen=True):
+    """Base class of failures that nodes report."""
+
+    node: str
+    failure: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.node}: {self.failure}"
+
+
+class LeaderFailed(_Failure, frozen=True):
     """A leader reports a failure."""
 
     meanings = {"leader": "a leader reports a failure"}
-    node: str
-    failure: str
-
-    @property
-    def text(self) -> str:
-        return f"{self.node}: {self.failure}"
 
 
-class AgentFailed(BaseEvent, frozen=True):
+class AgentFailed(_Failure, frozen=True):
     """An agent reports a failure."""
 
     meanings = {"agent": "an agent reports a failure"}
-    node: str
-    failure: str
-
-    @property
-    def text(self) -> str:
-        return f"{self.node}: {self.failure}"
 
 
-class FitFailed(BaseEvent, frozen=True):
+class FitFailed(_Failure, frozen=True):
     """A training of a learner gave no model."""
 
     meanings = {"training": "a training gave no model, so its UAV is silent in the round"}
     level = "WARN"
-    node: str
     uav: Count
-    failure: str
 
     @property
     def uavs(self) -> Uavs:
         return (self.uav,)
 
-    @property
-    def text(self) -> str:
-        return f"{self.node}: {self.failure}"
 
-
-class AverageFailed(BaseEvent, frozen=True):
+class AverageFailed(_Failure, frozen=True):
     """The aggregation rule failed at some UAVs."""
 
     meanings = {"rule": "an aggregation rule failed at UAVs, which average nothing in the round"}
     level = "WARN"
-    node: str
     uavs: Uavs
-    failure: str
-
-    @property
-    def text(self) -> str:
-        return f"{self.node}: {self.failure}"
 
 
 class FailedTraining(NamedTuple):
@@ -189,9 +176,9 @@ def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitF
     """The event of a problem that an agent reports."""
     match problem:
         case FailedTraining():
-            return FitFailed(tick, node, *problem)
+            return FitFailed(tick, node, problem.failure, problem.uav)
         case FailedAverage():
-            return AverageFailed(tick, node, *problem)
+            return AverageFailed(tick, node, problem.failure, problem.uavs)
         case _:
             return AgentFailed(tick, node, problem)
 
