@@ -116,7 +116,7 @@ def prepared(
     telemetry = StoredTelemetry()
     sinks: list[BlockSink] = [telemetry]
     if out is not None:
-        from meanflock.launch.options import Options, records
+        from meanflock.launch.options import FlightOptions, records
         from meanflock.launch.outputs import Outputs
         from meanflock.launch.run import new_run
         from meanflock.results import disk
@@ -125,7 +125,7 @@ def prepared(
         out = paths.given(out)
         disk.check(flown, out, record, disk.OF_PYTHON)
         run_id = stack.enter_context(new_run(flown, out)).name
-        outputs = stack.enter_context(Outputs(flown, run_id, Options(out, record=record, quiet=True)))
+        outputs = stack.enter_context(Outputs(flown, run_id, FlightOptions(out, record=record, quiet=True)))
         sinks += outputs.sinks
     engine = Engine(flown, run_id, sinks=sinks, threads=1 if is_stepped else None, is_resumable=not is_stepped)
     return Prepared(flown, engine, telemetry, outputs)

@@ -6,7 +6,7 @@ Needs a Vulkan driver; without a graphics card: apt-get install mesa-vulkan-driv
 import tempfile
 from pathlib import Path
 
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.run import fly
 from meanflock.net import process
 from meanflock.recording.viewer import screenshot
@@ -25,14 +25,14 @@ def main() -> None:
     """Draws all pictures."""
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as out:
-        run = fly(scenario.load(None, seed=1), Options(out=Path(out), in_process=True))
+        run = fly(scenario.load(None, seed=1), FlightOptions(out=Path(out), in_process=True))
         screenshot(run.folder / RECORDING, PICTURES / "swarm.png", at_s=AT_S)
         both = Path(out) / "compare.rrd"
         side_by_side.record({name: scenario.load(None, method=name, seed=1) for name in COMPARED}, both)
         screenshot(both, PICTURES / "compare.png", at_s=AT_S)
-        run = fly(scenario.load(Path("sphere"), method="orca", seed=1), Options(out=Path(out), in_process=True))
+        run = fly(scenario.load(Path("sphere"), method="orca", seed=1), FlightOptions(out=Path(out), in_process=True))
         screenshot(run.folder / RECORDING, PICTURES / "space.png", IN_SPACE_AT_S, (1280, 720), view="space")
-        run = fly(scenario.load(Path("groups"), seed=1), Options(out=Path(out), in_process=True))
+        run = fly(scenario.load(Path("groups"), seed=1), FlightOptions(out=Path(out), in_process=True))
         screenshot(run.folder / RECORDING, PICTURES / "groups.png", OF_GROUPS_AT_S, (1280, 640), view="map")
     print(PICTURES)
 

@@ -15,7 +15,7 @@ from meanflock.cli import display
 from meanflock.cli.arguments import load_scenario, warn_before_take_off
 from meanflock.launch import doctor as checks
 from meanflock.launch.memory import learner_memory, pair_bytes
-from meanflock.launch.options import Options, records
+from meanflock.launch.options import FlightOptions, records
 from meanflock.launch.run import EndedRun, fly
 from meanflock.net.access import Address
 from meanflock.results import disk
@@ -67,7 +67,7 @@ def run_loaded(
     as_json: bool,
     **given: Any,
 ) -> EndedRun:
-    """Fly a scenario. `given`: fields of `Options`, with `metrics` as text."""
+    """Fly a scenario. `given`: fields of `FlightOptions`, with `metrics` as text."""
     if view and record is False:
         raise BadInput("--view: shows what is recorded; leave out --no-record")
     if web and not view:
@@ -137,7 +137,7 @@ def _fly(
     where = None if metrics is None else Address.parse("--metrics", metrics)
     only_logs = log_format == logs.JSON  # its lines name the run
     with prints_apart(as_json):
-        done = fly(flown, Options(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
+        done = fly(flown, FlightOptions(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
     from meanflock.launch.progress import groups_table, summary_table

@@ -13,7 +13,7 @@ import meanflock.swarm.one_thread  # noqa: F401  # first: NumPy reads the variab
 from meanflock.swarm.errors import needed
 
 with needed("the ground station", "ground"):
-    from meanflock.launch.options import Options, records
+    from meanflock.launch.options import FlightOptions, records
     from meanflock.launch.outputs import Outputs
     from meanflock.launch.station import RecordingStation
     from meanflock.net import keys
@@ -61,7 +61,7 @@ def _run() -> None:
                 stack.enter_context(durable.new_folder(out, f"{given.run}-{datetime.now():%Y%m%d-%H%M%S}")),
                 None,
             )
-            flight = Options(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
+            flight = FlightOptions(out=folder.parent, record=record, serve=serve if record else None, quiet=True)
             outputs = stack.enter_context(Outputs(flown, folder.name, flight, so_far))
             first_block = so_far.next_block if so_far is not None else None
             station = RecordingStation(

@@ -1,4 +1,4 @@
-"""Options of a flight."""
+"""FlightOptions of a flight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options of a flight; they do not change the trajectory."""
+class FlightOptions:
+    """FlightOptions of a flight; they do not change the trajectory."""
 
     out: Path
     in_process: bool = False

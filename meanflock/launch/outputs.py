@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.progress import FlightProgress
 from meanflock.results.disk import coarseness
 from meanflock.results.run_folder import RECORDING, RunFolder, fly_again, go_on
@@ -20,7 +20,7 @@ class Outputs:
     `summary` is written with the folder if it is set before the end.
     """
 
-    def __init__(self, scenario: Scenario, run_id: str, options: Options, past: Past | None = None) -> None:
+    def __init__(self, scenario: Scenario, run_id: str, options: FlightOptions, past: Past | None = None) -> None:
         """`past`: rows and events that the folder has already. Raises BadInput, with nothing written, if a file or port
         cannot be used.
         """

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from meanflock.federation.plan import plan_of
 from meanflock.launch import doctor
 from meanflock.launch.memory import learner_memory
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.net.access import STATION, Address, Identity, free, secured
 from meanflock.net.process import Interrupted
 from meanflock.results.groups import run_name
@@ -56,7 +56,7 @@ def new_run(scenario: Scenario, parent: Path, mission: str = "groups") -> Abstra
     return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario, mission)}")
 
 
-def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> EndedRun:
+def fly(scenario: Scenario, options: FlightOptions, back: "Back | None" = None) -> EndedRun:
     """Fly a scenario and write its run folder; with `back`, continue in the folder of an unfinished run.
 
     Raises:
@@ -69,7 +69,9 @@ def fly(scenario: Scenario, options: Options, back: "Back | None" = None) -> End
         return _fly(scenario, path.name, options, back, interrupted)
 
 
-def _fly(scenario: Scenario, run_id: str, options: Options, back: "Back | None", interrupted: Interrupted) -> EndedRun:
+def _fly(
+    scenario: Scenario, run_id: str, options: FlightOptions, back: "Back | None", interrupted: Interrupted
+) -> EndedRun:
     if options.log_format is not None:
         logs.start(options.log_format, run=run_id, node="in-process" if options.in_process else STATION)
     for name, given in (("--tls", options.tls), ("--endpoint", options.endpoint)):
@@ -128,7 +130,7 @@ def _told(asked: str, endpoint: str) -> str:
     return endpoint
 
 
-def _steered(options: Options) -> Address:
+def _steered(options: FlightOptions) -> Address:
     """The free port at which a flight is steered.
 
     Raises:
@@ -148,7 +150,7 @@ def _steered(options: Options) -> Address:
 def _in_process(
     scenario: Scenario,
     run_id: str,
-    options: Options,
+    options: FlightOptions,
     sinks: "list[BlockSink]",
     interrupted: Interrupted,
     start: Resumption | None,
@@ -186,7 +188,7 @@ def _lease_s(scenario: Scenario, rows: int) -> float | None:
     return None if reply_s < LEASE_S.default else min(LEASE_S.default + reply_s, LEASE_S.most)
 
 
-def _begun(scenario: Scenario, run_id: str, options: Options, start: Resumption | None) -> "Swarm":
+def _begun(scenario: Scenario, run_id: str, options: FlightOptions, start: Resumption | None) -> "Swarm":
     """A swarm whose world is starting."""
     from meanflock.launch.processes import Swarm  # it loads Zenoh
 
@@ -213,7 +215,7 @@ def _processes(
     swarm: "Swarm",
     scenario: Scenario,
     run_id: str,
-    options: Options,
+    options: FlightOptions,
     outputs: "Outputs",
     interrupted: Interrupted,
     start: Resumption | None,

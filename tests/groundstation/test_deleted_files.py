@@ -13,7 +13,7 @@ import pytest
 import meanflock as mf
 from meanflock.cli.command import main
 from meanflock.launch.engine import Engine
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.outputs import Outputs
 from meanflock.results.run_folder import CHECKPOINT, RunFolder, completed, go_on
 from meanflock.swarm import durable
@@ -28,7 +28,7 @@ STAYS = ["events.jsonl", "recording.rrd", "scenario.toml", "summary.json", "time
 def flown(out: Path, at_tick_200: Callable[[Path], object], record: bool = False) -> Path:
     """The folder of a flight, changed in tick 200."""
     scenario = mf.Scenario(**FLIGHT)
-    with Outputs(scenario, "run", Options(out, record=record, quiet=True)) as outputs:
+    with Outputs(scenario, "run", FlightOptions(out, record=record, quiet=True)) as outputs:
         engine = Engine(scenario, "run", sinks=outputs.sinks)
         for tick in engine.fly():
             if tick == 200:

@@ -13,7 +13,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from meanflock.launch import engine
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.outputs import Outputs
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
@@ -238,7 +238,7 @@ def test_a_recorder_that_continues_begins_with_rows_not_recorded(sent, blocks, w
     folder = kept(tmp_path, blocks[:9])
     if sent is not None:  # else there was no recorder before
         killed(folder / "recording.rrd", blocks[:9], sent, monkeypatch)
-    with Outputs(FLOWN, "run", Options(out=tmp_path, quiet=True), past(folder)) as outputs:
+    with Outputs(FLOWN, "run", FlightOptions(out=tmp_path, quiet=True), past(folder)) as outputs:
         for block in blocks[9:]:
             for sink in outputs.sinks:
                 sink.write(block)

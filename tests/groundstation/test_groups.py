@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from meanflock.cli.command import main
 from meanflock.launch.engine import Engine
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.run import fly
 from meanflock.net.exporter import Exporter
 from meanflock.recording import drawing, plots
@@ -56,7 +56,7 @@ DIMMED = int(drawing.dimmed(np.array([drawing.group_color(2)], dtype=np.uint32))
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     flown = load(None, uavs=9, duration=14.0, groups=GROUPS, stop="duration")
-    options = Options(out=tmp_path_factory.mktemp("runs"), in_process=True, record=True, quiet=True)
+    options = FlightOptions(out=tmp_path_factory.mktemp("runs"), in_process=True, record=True, quiet=True)
     return fly(flown, options).folder
 
 
@@ -225,7 +225,7 @@ def test_curves_have_a_line_a_group_and_leave_out_what_is_zero_throughout(folder
 
 def test_groups_beyond_the_colours_have_other_dashes_in_plots_and_their_legends(tmp_path: Path) -> None:
     groups = [{"name": f"g{number}", "count": 1, "method": "cruise"} for number in range(14)]
-    options = Options(out=tmp_path, in_process=True, record=False, quiet=True)
+    options = FlightOptions(out=tmp_path, in_process=True, record=False, quiet=True)
     run = stored(fly(load(None, uavs=14, duration=1.0, groups=groups), options).folder)
     curves, paths = plot_curves(run), plot_paths(run)
     drawn = [collection for collection in paths.axes[0].collections if isinstance(collection, LineCollection)]

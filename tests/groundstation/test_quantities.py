@@ -19,7 +19,7 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from meanflock.launch.options import Options
+from meanflock.launch.options import FlightOptions
 from meanflock.launch.progress import summary_table
 from meanflock.launch.run import fly
 from meanflock.recording import plots
@@ -52,7 +52,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for method, realtime in (("offline", None), ("mfgfl-hf", 200.0), ("hjb", None)):
         flown = load(None, method=method, uavs=4, duration=30.0, faults=FAULTS if method != "hjb" else [])
         out = tmp_path_factory.mktemp("runs")
-        options = Options(out=out, in_process=True, record=False, quiet=True, realtime=realtime)
+        options = FlightOptions(out=out, in_process=True, record=False, quiet=True, realtime=realtime)
         folders[method] = fly(flown, options).folder
     return folders
 
