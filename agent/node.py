@@ -94,6 +94,7 @@ class Agent:
         before, controller = self._memory, self._controller
         # 1. Take part in the rounds.
         outbox, refused = self._rounds.act(tick)
+        waiting = self._rounds.waiting
         # 2. Let the controller fly.
         step, commands, largest = controller.step(self._memory, tick, sense.states, received)
         self._memory = step.memory
@@ -115,7 +116,7 @@ class Agent:
             commands = self._widened(commands)
         for number, broadcast in enumerate(step.broadcasts):
             outbox += self._frames_of(number, broadcast)
-        if not (sense.report or sense.checkpoint or refused or self._any_failed or len(step.refused)):
+        if not (sense.report or sense.checkpoint or refused or waiting or self._any_failed or len(step.refused)):
             return Act(sense.run, tick, commands, outbox=tuple(outbox))
         return Act(
             sense.run,
@@ -124,6 +125,7 @@ class Agent:
             self._names[self._failed],
             np.array(refused, np.int32),
             self._others(step.refused),
+            np.array(waiting, np.int32),
             learned,
             self._memory_record() if sense.checkpoint else b"",
             tuple(outbox),

@@ -35,12 +35,12 @@ def byte_string(data):
 
 
 def act(tick, command, state, memory):
-    head = struct.pack(">BBBIBIBBIB", 0x9D, ACT, 0xCE, FINGERPRINT, 0xCE, tick, 0, 0xCE, 1, 2)
+    head = struct.pack(">BBBIBIBBIB", 0x9E, ACT, 0xCE, FINGERPRINT, 0xCE, tick, 0, 0xCE, 1, 2)
     table = byte_string(struct.pack("<2d", *command))
-    nothing = byte_string(b"")  # no UAV lost, none refused, no models
+    nothing = byte_string(b"")  # no UAV lost, none refused, none waiting, no models
     frame = struct.pack(">BBBIBBI", 0x97, STATE, 0xCE, 0, FLOAT32, 0xCE, 4)
     frame += byte_string(struct.pack("<i", UAV)) + byte_string(struct.pack("<4f", *state)) + byte_string(b"")
-    return head + table + 4 * nothing + byte_string(memory) + struct.pack(">BH", 0xDC, 1) + frame
+    return head + table + 5 * nothing + byte_string(memory) + struct.pack(">BH", 0xDC, 1) + frame
 
 
 def fly(raw):

@@ -53,10 +53,11 @@ class Acts(msgspec.Struct, eq=False):
 
     commands: (N, 2 + K), accelerations in m/s² and diagnostics. outbox: the frames to send, those of the leader first.
     failed: UAVs whose controller failed. refused_uploads: UAVs whose models a node could not average.
-    refused_states: UAVs whose states are implausible. models: (N, W) learned weights, if they were asked for; NaN for
-    UAVs without an answer. memories: of the controllers, if they were asked for and no node was just lost.
-    rule_record: state of the aggregation rule after a round; None for no change. has_leader: whether a node leads.
-    leader_failed: whether the leader complained. unaveraged: UAVs at which the aggregation rule failed. steered: number
+    refused_states: UAVs whose states are implausible. waiting: UAVs at which the aggregation rule waits for more
+    models. models: (N, W) learned weights, if they were asked for; NaN for UAVs without an answer. memories: of the
+    controllers, if they were asked for and no node was just lost. rule_record: state of the aggregation rule after a
+    round; None for no change. has_leader: whether a node leads. leader_failed: whether the leader complained.
+    unaveraged: UAVs at which the aggregation rule failed. steered: number
     of commands that clients gave. news: what became of the nodes since the last tick, in order of time.
     """
 
@@ -65,6 +66,7 @@ class Acts(msgspec.Struct, eq=False):
     failed: NDArray[np.integer] = NOBODY
     refused_uploads: NDArray[np.integer] = NOBODY
     refused_states: NDArray[np.integer] = NOBODY
+    waiting: NDArray[np.integer] = NOBODY
     models: Floats | None = None
     memories: Memories | None = None
     rule_record: bytes | None = None
@@ -82,6 +84,8 @@ class Acts(msgspec.Struct, eq=False):
             self.refused_uploads = np.concatenate([self.refused_uploads, reply.refused_uploads])
         if len(reply.refused_states):
             self.refused_states = np.concatenate([self.refused_states, reply.refused_states])
+        if len(reply.waiting):
+            self.waiting = np.concatenate([self.waiting, reply.waiting])
 
 
 class Row(NamedTuple):

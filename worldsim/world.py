@@ -391,6 +391,7 @@ class World(Stateful):
         if acts.leader_failed:
             ledger.fail()
         ledger.fail_at(acts.unaveraged)
+        ledger.wait_at(acts.waiting)
         counters.steered += acts.steered
         if len(acts.refused_uploads):
             counters.uploads_refused += len(acts.refused_uploads)

@@ -29,6 +29,7 @@ class Account(msgspec.Struct, array_like=True):
         retries: fragments of uploads that were transmitted again.
         ticks: of each upload of `sent`, ticks from the opening until its last part arrived or will; -1: nothing did.
         parts: of each upload of `sent`, fragments that were there when the round was averaged.
+        waits: whether the aggregation rule waits for more models at an agent's UAV that averages.
     """
 
     participants: int
@@ -40,6 +41,7 @@ class Account(msgspec.Struct, array_like=True):
     retries: int = 0
     ticks: list[int] = []
     parts: list[int] = []
+    waits: bool = False
 
     def __post_init__(self) -> None:
         """Begin with nothing of each upload."""

@@ -38,7 +38,8 @@ class Averages(NamedTuple):
 
     rows: (R,) places of the UAVs that have one. models: (R, L). weights, behind: (R, F), sum of the weights of the
     models behind each fragment, and their number. notes: (R,) bytes beside them. refused: UAVs whose models cannot be
-    averaged, ascending. failed: UAVs at which the rule failed, by the text about it.
+    averaged, ascending. failed: UAVs at which the rule failed, by the text about it. waiting: UAVs at which it waits
+    for more models.
     """
 
     rows: Indices
@@ -48,6 +49,7 @@ class Averages(NamedTuple):
     notes: tuple[bytes, ...]
     refused: list[int]
     failed: dict[str, list[int]]
+    waiting: list[int]
 
 
 class Averager:
@@ -116,6 +118,7 @@ class Averager:
         round_.own = own
         rows = np.flatnonzero(speaking & self._due(round_))
         failed: dict[str, list[int]] = {}
+        waiting: list[int] = []
         found: list[tuple[int, Floats, bytes]] = []
         try:
             models = self._weighted(round_, rows) if len(rows) and not self._is_done else None
@@ -132,13 +135,15 @@ class Averager:
                     failed.setdefault(str(error), []).append(int(self.uavs[row]))
                     self._is_done = not self._rule.resumable if self._rule else False
                     continue
-                if aggregate.model is not None:
+                if aggregate.model is None:
+                    waiting.append(int(self.uavs[row]))
+                else:
                     found.append((row, aggregate.model, aggregate.note))
         rows = np.array([row for row, *_ in found], dtype=np.intp)
         tables = round_.stands_for(rows)
         stacked = np.array([model for _, model, _ in found]).reshape(-1, self._floats)
         notes = tuple(note for *_, note in found)
-        return Averages(rows, stacked, *tables, notes, round_.refused, failed)
+        return Averages(rows, stacked, *tables, notes, round_.refused, failed, waiting)
 
     def _due(self, round_: Round) -> Mask:
         """The UAVs (A,) that have something to average."""

@@ -21,7 +21,7 @@ from meanflock.swarm.errors import MessageRejected
 from meanflock.swarm.events import ClusterLeftOut, FlightEvent, FragmentsReceived, RoundEnded
 from meanflock.swarm.state import Mask, contains, distinct
 from meanflock.swarm.stateful import Stateful
-from meanflock.swarm.wire.messages import FrameKind, Frames, LinkColumn
+from meanflock.swarm.wire.messages import NOBODY, FrameKind, Frames, LinkColumn
 
 Indices: TypeAlias = NDArray[np.intp]
 
@@ -72,6 +72,7 @@ class Ledger(Stateful):
         self._again: set[tuple[FrameKind, int]] = set()  # kinds and rounds of what is on the air again in this tick
         self._has_failed = False  # whether the leader complained in this tick
         self._failed: list[int] = []  # UAVs at which the aggregation rule failed in this tick
+        self._waiting: NDArray[np.integer] = NOBODY  # UAVs at which it waits for more models after this tick
         self._members = scenario.members
         self._mailboxes = [Mailbox(hop, scenario.nodes) for hop in self._hops if hop.mail is not None]
         # Ticks from the opening of a round until its uploads are averaged, by their label
@@ -151,6 +152,18 @@ class Ledger(Stateful):
                 return
         raise MessageRejected("wrong-shape", "refused names uploads to others")
 
+    def check_waiting(self, tick: int, uavs: NDArray[np.int32]) -> None:
+        """Validates that the aggregation rule may wait at `uavs` of an agent: they average by it in this tick.
+
+        Raises:
+            MessageRejected: `wrong-shape`.
+        """
+        for hop in self._hops:
+            asks_rule = hop.role == "agent" and hop.averages == "models"
+            if asks_rule and self._schedule.number(hop, tick) and contains(hop.senders, uavs).all():
+                return
+        raise MessageRejected("wrong-shape", "waiting names UAVs that do not average")
+
     def round_error(self, frames: Frames, tick: int) -> MessageRejected | None:
         """The reason why frames do not belong to a round that transmits in this tick; None where they do.
 
@@ -190,6 +203,10 @@ class Ledger(Stateful):
     def fail_at(self, uavs: Iterable[int]) -> None:
         """Takes notice of the UAVs at which the aggregation rule failed in this tick."""
         self._failed = list(uavs)
+
+    def wait_at(self, uavs: NDArray[np.integer]) -> None:
+        """Takes notice of the UAVs at which the aggregation rule waits for more models after this tick."""
+        self._waiting = uavs
 
     # -- the frames that go on the air ----------------------------------------------------------------------------
 
@@ -273,10 +290,12 @@ class Ledger(Stateful):
                 continue
             self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
+            received = box.receivers(number) & awake
+            if (account := self._accounts.get(number)) is not None:
+                account.waits |= bool(received[self._waiting].any())
             if hop.is_local:
-                received = box.receivers(number) & awake
                 isolated = int(np.count_nonzero((awake & ~received)[hop.senders]))
-                received[self._failed] = False
+                received[self._failed] = received[self._waiting] = False
                 averaging = int(np.count_nonzero(received[hop.senders]))
                 self.isolated += isolated
                 found: dict[str, int | None] = {"averaging": averaging, "isolated": isolated}
@@ -292,6 +311,8 @@ class Ledger(Stateful):
                 for uav in hop.senders.tolist():
                     if uav in lost or (box.addressed[uav] and uav not in senders):
                         reason = "its relay is lost" if uav in lost else "its head is silent"
+                        if uav in self._waiting:
+                            reason = "its aggregation rule waits for more models"
                         note(ClusterLeftOut(tick, number, uav, reason))
             box.close(number)
         self._refused.clear()
@@ -382,13 +403,15 @@ class Ledger(Stateful):
         seat = self._plan.seat(number)
         has_others = bool(received - account.refused - {seat})
         leads, is_awake = hop.role == "leader", bool(awake[self._plan.senders(hop, number)].any())
+        has_failed = self._has_failed if leads else bool(self._failed)
+        waits = account.waits or (leads and hop.averages == "models" and has_others and not has_failed)
         outcome: Literal["averaged", "waiting", "void"] = "void"
         reason = ""
-        if averaged or (leads and self._verdict.is_done and not self._has_failed):
+        if averaged or (leads and self._verdict.is_done and not has_failed):
             self.rounds += 1
             self._averaged = number
             outcome = "averaged"
-        elif leads and is_awake and has_leader and has_others and not self._has_failed:
+        elif waits and (not leads or (is_awake and has_leader)):
             outcome = "waiting"
         else:
             self.rounds_void += 1
@@ -397,7 +420,7 @@ class Ledger(Stateful):
                 reason = f"{name_of(self._scenario, seat)}, which averages, is lost or paused"
             elif leads and not has_leader:
                 reason = "there is no leader"
-            elif has_others:
+            elif has_others and has_failed:
                 reason = "the aggregation rule failed"
         receiver, copy = self._terms
         if receiver is not None and self._hops[0].seats is not None:

@@ -28,6 +28,7 @@ class Rounds:
     Attributes:
         problems: reports to the world, appended.
         rule_record: the state of the aggregation rule after this tick's round, as a record; empty where none closed.
+        waiting: UAVs at which the aggregation rule waits for more models after this tick's round.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Rounds:
         self._models = models
         self.problems = problems
         self.rule_record = b""
+        self.waiting: list[int] = []
         self._schedule = schedule = Schedule(plan, uavs)
         schedule.draw_ahead()
         takes_part = role == "leader" or bool(contains(plan.scenario.members, uavs).all())
@@ -117,6 +119,7 @@ class Rounds:
         Where the last hop is local, the rows take the averages.
         """
         self.rule_record = b""
+        self.waiting = []
         outbox: list[Frames] = []
         refused: list[int] = []
         if not self._schedule.is_busy(tick):
@@ -131,6 +134,7 @@ class Rounds:
                 own = self._copies if averager.hop.is_local else None
                 averages = averager.average(number, self._speaking(averager, number), own)
                 refused += averages.refused
+                self.waiting += averages.waiting
                 for text, uavs in averages.failed.items():
                     self.problems.append(text if averager.hop.role == "leader" else FailedAverage(tuple(uavs), text))
                 outbox += self._sent_averages(averager, number, averages)

@@ -4,14 +4,14 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { SENSE = 1, ACT = 2, HEAD = 19, BATCH = 13, NAME = 4, LINK = 8, MOST_TABLES = 6 };
+enum { SENSE = 1, ACT = 2, HEAD = 19, BATCH = 13, NAME = 4, LINK = 8, MOST_TABLES = 7 };
 enum { ARRAY = 0x90, U32 = 0xce, BIN32 = 0xc6, ARRAY16 = 0xdc, SMALL = 127, BATCH_ITEMS = 7, COUNTED = 0xffff };
 
 static const int ITEM[] = {2, 4, 8, 4, 1, 2, 1}; /* bytes of "<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1" */
 enum { DTYPES = sizeof ITEM / sizeof *ITEM, FLOATS = 3 };
 
 /* Types of the tables: b bytes, i int32, d float64; NULL for an unknown message. */
-static const char *tables_of(unsigned long type) { return type == SENSE ? "db" : type == ACT ? "diiidb" : NULL; }
+static const char *tables_of(unsigned long type) { return type == SENSE ? "db" : type == ACT ? "diiiidb" : NULL; }
 
 /* Bytes of a number of a table. */
 static int item_of(char letter) { return letter == 'd' ? 8 : letter == 'i' ? 4 : 1; }

@@ -17,7 +17,7 @@ import numpy as np
 from meanflock.kernels.state import Floats
 
 SENSE, ACT = 1, 2  # types of a message
-TABLES = {SENSE: "db", ACT: "diiidb"}  # types of the tables: b bytes, i int32, d float64
+TABLES = {SENSE: "db", ACT: "diiiidb"}  # types of the tables: b bytes, i int32, d float64
 
 # Of a batch: kind, round, dtype code, numbers in a row of the payload, sources, payload, links.
 Batch: TypeAlias = tuple[int, int, int, int, Any, Any, Any]
@@ -39,7 +39,9 @@ _BYTES = struct.Struct(">BI")
 BATCH_BYTES = _BATCH.size + 3 * _BYTES.size  # of a batch around its sources, payload and links
 _Batches = Annotated[list[tuple[int, int, int, int, bytes, bytes, bytes]], msgspec.Meta(max_length=2**16 - 1)]
 _SENSE = msgspec.msgpack.Decoder(tuple[int, int, int, int, int, int, bytes, bytes, _Batches])
-_ACT = msgspec.msgpack.Decoder(tuple[int, int, int, int, int, int, bytes, bytes, bytes, bytes, bytes, bytes, _Batches])
+_ACT = msgspec.msgpack.Decoder(
+    tuple[int, int, int, int, int, int, bytes, bytes, bytes, bytes, bytes, bytes, bytes, _Batches]
+)
 
 
 def read(raw: bytes, kind: int = 0, into: Floats | None = None, uavs: int = 0, /) -> Message:

@@ -71,8 +71,11 @@ class Replies:
             self._ledger.check_refused(member.role, tick, act.refused_uploads, member.uavs)
         if len(act.refused_states):
             self._check_refused_states(member, act.refused_states)
-        if len(act.lost) and not contains(member.uavs, act.lost).all():
-            raise MessageRejected("wrong-shape", "lost names UAVs of another node")
+        for name, uavs in (("lost", act.lost), ("waiting", act.waiting)):
+            if len(uavs) and not contains(member.uavs, uavs).all():
+                raise MessageRejected("wrong-shape", f"{name} names UAVs of another node")
+        if len(act.waiting):
+            self._ledger.check_waiting(tick, act.waiting)
         if act.outbox:
             self._check_outbox(member, act.outbox)
         return act

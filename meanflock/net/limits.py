@@ -54,9 +54,7 @@ class Limits:
         last = plan.hops[-1].codec if plan.hops else None
         if last is not None and last.count > 1:  # the global model, its head, and its fragments that were received
             self._row += (_NUMBER_BYTES * last.size + 2) * last.count + last.form.head + 2 * _FRAME_BYTES
-        self._fixed = (
-            _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 8 * uavs
-        )  # 8: numbers of the UAVs that it refuses or loses
+        self._fixed = _OVERHEAD_BYTES + _FRAME_BYTES * MAX_BROADCASTS + 16 * uavs  # 16: numbers of UAVs in four lists
         self._leader = len(state_of_rule) + rule.state_bytes
         if last is not None:
             self._leader += last.count * (last.dtype.itemsize * last.width + _NUMBER_BYTES)

@@ -54,7 +54,7 @@ def read_act(raw: bytes, commands: Floats | None = None) -> Act:
         MessageRejected: `malformed`, `wrong-shape`, `non-finite` or `wrong-kind`.
     """
     _, run, tick, flags, rows, columns, table, others, batches = _read(raw, ACT, commands)
-    lost, refused_uploads, refused_states, models, memory = others
+    lost, refused_uploads, refused_states, waiting, models, memory = others
     if flags:
         raise MessageRejected("malformed", f"flags {flags:#x} of an Act")
     if commands is None:
@@ -69,6 +69,7 @@ def read_act(raw: bytes, commands: Floats | None = None) -> Act:
         _uavs_in(lost),
         _uavs_in(refused_uploads),
         _uavs_in(refused_states),
+        _uavs_in(waiting),
         np.ndarray((rows, width), _FLOAT, models) if models else None,
         memory,
         frames_in(batches) if batches else (),
@@ -95,7 +96,7 @@ def write_sense(sense: Sense) -> bytes:
 def write_act(act: Act) -> bytes:
     """The bytes of an Act."""
     rows, columns = act.commands.shape
-    named = (_uavs_out(uavs) for uavs in (act.lost, act.refused_uploads, act.refused_states))
+    named = (_uavs_out(uavs) for uavs in (act.lost, act.refused_uploads, act.refused_states, act.waiting))
     tables = *named, b"" if act.models is None else _plain(act.models), act.memory
     outbox = frames_out(act.outbox) if act.outbox else ()
     return kernels.write(ACT, act.run, act.tick, 0, rows, columns, _plain(act.commands), tables, outbox)

@@ -53,8 +53,8 @@ def relaying(uav: int) -> Say:
     return at(30, lambda act: only(act, frames(FrameKind.RELAY, 1, uav, np.ones((1, FLOATS + 1), np.float32))))
 
 
-def refusing(when: int, *refused: int) -> Say:
-    return at(when, lambda act: Act(act.run, act.tick, act.commands, refused_uploads=np.array(refused)))
+def naming(when: int, list_: str, *uavs: int) -> Say:
+    return at(when, lambda act: Act(act.run, act.tick, act.commands, **{list_: np.array(uavs)}))
 
 
 def upload_between_rounds(act: Act) -> list[Act | bytes]:
@@ -91,7 +91,11 @@ CASES: dict[str, Case] = {
     "an upload uninvited, to a head": uninvited(clusters=3),
     "a relay between rounds": Case(HEADS, "agent-4", relaying(4), {"wrong-round": 1, "duplicate": 1}),
     "a relay without clusters": Case(swarm(clusters=1), "agent-0", relaying(0), {"wrong-kind": 1}),
-    "an upload refused before the head averages": Case(HEADS, "agent-4", refusing(20, 5), {"wrong-shape": 1}),
+    "an upload refused before the head averages": Case(
+        HEADS, "agent-4", naming(20, "refused_uploads", 5), {"wrong-shape": 1}
+    ),
+    "a wait before the head averages": Case(HEADS, "agent-4", naming(20, "waiting", 4), {"wrong-shape": 1}),
+    "a wait at another head": Case(HEADS, "agent-4", naming(21, "waiting", 8), {"wrong-shape": 1}),
 }
 
 

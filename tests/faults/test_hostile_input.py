@@ -90,6 +90,7 @@ UPLOADS: Changes = [
     ("a loss of another node's UAV", {"lost": uavs(2)}, "wrong-shape"),
     ("a loss of a UAV that is not there", {"lost": uavs(2**31 - 1)}, "wrong-shape"),
     ("a refused upload", {"refused_uploads": uavs(3)}, "wrong-shape"),
+    ("a wait of a UAV that does not average", {"waiting": uavs(0)}, "wrong-shape"),
     ("its own state refused", {"refused_states": uavs(0)}, "wrong-shape"),
     ("a state refused twice", {"refused_states": uavs(3, 3)}, "wrong-shape"),
     ("a refused state of no UAV", {"refused_states": uavs(6)}, "wrong-shape"),
@@ -137,6 +138,7 @@ OF_HEADS: Changes = [
         for field, whose in (
             ("refused_uploads", ((0,), (5, 5), (12,), (-1,))),
             ("refused_states", ((5, 5), (12,), (-1,))),
+            ("waiting", ((0,), (5,), (4, 8), (12,), (-1,))),
         )
         for who in whose
     ),
@@ -151,6 +153,7 @@ OF_BYTES: Changes = [
 OF_LEADERS: Changes = [
     ("a broadcast of states", sent(state(0)), "wrong-kind"),
     ("a refused state", {"refused_states": uavs(3)}, "wrong-shape"),
+    ("a wait", {"waiting": uavs(0)}, "wrong-shape"),
 ]
 
 

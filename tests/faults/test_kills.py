@@ -121,6 +121,15 @@ def test_a_paused_head_a_killed_head_and_a_lost_relay_each_cost_their_cluster() 
     ]
 
 
+def test_a_round_in_which_the_leader_hears_no_other_cluster_is_void_and_does_not_wait() -> None:
+    cut = "faults=[{kind='partition', tick=40, duration_s=0.2, uavs=[0]}]"
+    lab = Lab(swarm(cut, "federation.fraction=1.0", *CLEAR), uavs_per_node=4)
+    summary = lab.fly()
+    assert (summary["rounds"], summary["rounds_void"]) == (4, 1)
+    (text,) = (text for text in lab.record.texts if text.startswith("round 2 is void"))
+    assert text.startswith("round 2 is void: no model of another UAV was averaged; 12 of 12 participants sent")
+
+
 @pytest.mark.parametrize("clusters", [1, CLUSTERS])
 def test_a_run_that_is_killed_in_any_phase_of_a_round_is_resumed_to_the_same_end(clusters, monkeypatch) -> None:
     monkeypatch.setattr("meanflock.worldsim.world.REPORT_EVERY_TICKS", 1)

@@ -175,6 +175,68 @@ def test_uavs_where_a_rule_fails_average_nothing(swarm: type[Engine | MemorySwar
     assert all("failed in round" in event.text and "OSError: no such table" in event.text for event in failures)
 
 
+class Patient(Momentum):
+    """At UAVs 0 and 1 it averages in every second round, at UAVs 2 and 3 in every third. In round 5 it fails at 0."""
+
+    name = "patient"
+    bears_means = True
+
+    def step(self, state: State, uploads: Uploads) -> Any:
+        (own,) = uploads.uavs[uploads.slots == 0]
+        if (own, uploads.round) == (0, 5):
+            fails()
+        after = state | {"rounds": state["rounds"] + 1.0}
+        return after, None if after["rounds"][0] % (2 if own < 2 else 3) else uploads.mean
+
+
+def ends_of_rounds(record: Record) -> list[tuple[int, str, str, int | None, int]]:
+    ended = [event for event in record.events if isinstance(event, RoundEnded)]
+    return [(one.number, one.outcome, one.reason, one.averaging, one.isolated) for one in ended]
+
+
+@pytest.mark.parametrize("rows", [4, 3, 1])
+@pytest.mark.parametrize("swarm", [Engine, MemorySwarm])
+def test_uavs_where_a_rule_waits_do_not_average_also_resumed(
+    swarm: type[Engine | MemorySwarm], rows: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meanflock.worldsim.world.REPORT_EVERY_TICKS", 1)
+    monkeypatch.setattr(engine, "_checkpoint_every", lambda *_: 1)
+    near = flown(Patient, "federation.topology=neighbours", "federation.fraction=1", "radio.target_snr_db=60")
+    whole, rest = Record(), Record()
+    summary = swarm(near, "waiting", uavs_per_node=rows, sinks=[whole]).complete()
+    expected = [
+        (1, "waiting", "", 0, 0),
+        (2, "averaged", "", 2, 0),
+        (3, "averaged", "", 2, 0),
+        (4, "averaged", "", 2, 0),
+        (5, "waiting", "", 0, 0),
+    ]
+    assert ends_of_rounds(whole) == expected
+    assert (summary["rounds"], summary["rounds_void"], summary["dropped_messages"]) == (3, 0, {})
+    past = next(past for past in whole.checkpoints if past.tick == 25)
+    later = swarm(near, "waiting", uavs_per_node=2, sinks=[rest], resume=past).complete()
+    assert ends_of_rounds(rest) == expected[2:]
+    same = ("rounds", "rounds_void", "trajectory_sha256", "payload_bits")
+    assert [later[name] for name in same] == [summary[name] for name in same]
+
+
+@pytest.mark.parametrize("swarm", [Engine, MemorySwarm])
+def test_heads_where_a_rule_waits_send_nothing_and_the_leader_waits_if_all_do(
+    swarm: type[Engine | MemorySwarm],
+) -> None:
+    record = Record()
+    clusters = ("federation.clusters=2", "federation.leader=0", "federation.fraction=1", "radio.target_snr_db=60")
+    summary = swarm(flown(Patient, *clusters, "duration=5"), "waiting", uavs_per_node=2, sinks=[record]).complete()
+    outcomes = [outcome for _, outcome, *_ in ends_of_rounds(record)]
+    assert outcomes == ["waiting", "averaged", "averaged", "averaged"]
+    assert (summary["rounds"], summary["rounds_void"], summary["dropped_messages"]) == (3, 0, {})
+    reason = "its aggregation rule waits for more models"
+    expected = [(0, 1), (2, 1), (2, 2), (0, 3), (2, 4)]
+    assert [event.text for event in record.events if event.kind == "void"] == [
+        f"round {number} goes on without the cluster of UAV {head}: {reason}" for head, number in expected
+    ]
+
+
 @pytest.mark.parametrize("topology", ["leader", "neighbours"])
 def test_a_rule_fails_in_every_round_also_where_a_node_may_tell_no_more(topology: str) -> None:
     """A node may send 101 events here, and there are more rounds."""

@@ -146,8 +146,8 @@ def exchanged(case: Scenario, models: np.ndarray, links: np.ndarray) -> np.ndarr
     each = np.ones(case.uavs, dtype=bool)
     own = OwnModels(plan.hops[0].codec, case.uavs)
     own.models, own.rounds[:] = models, 1
-    rows, averages, *_, refused, failed = averager.average(1, each, own)
-    assert (refused, failed) == ([], {})
+    rows, averages, *_, refused, failed, waiting = averager.average(1, each, own)
+    assert (refused, failed, waiting) == ([], {}, [])
     after = models.copy()
     after[rows] = averages
     return after

@@ -75,6 +75,7 @@ EXAMPLES: dict[str, Any] = {
         lost=np.array([6], dtype="<i4"),
         refused_uploads=np.array([5], dtype="<i4"),
         refused_states=np.array([1, 300], dtype="<i4"),
+        waiting=np.array([5, 6], dtype="<i4"),
         models=numbers("<f8", 2, 246) / 9,
         memory=control.encode_record({"weights": numbers("<f8", 2, 3)}),
         outbox=(FRAMES,),

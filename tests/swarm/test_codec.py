@@ -118,8 +118,9 @@ def test_numbers_of_any_memory_order_travel_as_their_values() -> None:
         raw = tick.write_sense(Sense(1, 2, view))
         np.testing.assert_array_equal(tick.read_sense(raw).states, view)
         assert raw[24 : 24 + 8 * view.size] == view.astype("<f8").tobytes()
-    got = tick.read_act(tick.write_act(Act(1, 2, grid, lost=np.array([4, 6]), refused_states=np.array([1], np.int16))))
-    assert (got.lost.tolist(), got.refused_states.tolist()) == ([4, 6], [1])  # numbers of UAVs travel as 32 bits
+    named = {"lost": np.array([4, 6]), "refused_states": np.array([1], np.int16), "waiting": np.array([6])}
+    got = tick.read_act(tick.write_act(Act(1, 2, grid, **named)))
+    assert [getattr(got, name).tolist() for name in named] == [[4, 6], [1], [6]]  # numbers of UAVs travel as 32 bits
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,7 @@ def acts(draw: st.DrawFn) -> Act:
         lost=draw(uavs(st.integers(0, 4))),
         refused_uploads=draw(uavs(st.integers(0, 4))),
         refused_states=draw(uavs(st.integers(0, 4))),
+        waiting=draw(uavs(st.integers(0, 4))),
         models=draw(st.none() | models),
         memory=draw(st.binary(max_size=40)),
         outbox=draw(few),
@@ -90,7 +91,7 @@ def as_documented(tree: list[Any]) -> Sense | Act:
     if kind == SENSE:
         return Sense(run, number, table_, bool(flags & 1), bool(flags & 2), tuple(frames), *rest)
     *named, models, memory = rest
-    lost, uploads, states = (array_of("<i4", uavs) for uavs in named)
+    lost, uploads, states, waiting = (array_of("<i4", uavs) for uavs in named)
     assert flags == 0
     learned = array_of("<f8", models, rows, len(models) // (8 * rows)) if models else None
-    return Act(run, number, table_, lost, uploads, states, learned, memory, tuple(frames))
+    return Act(run, number, table_, lost, uploads, states, waiting, learned, memory, tuple(frames))

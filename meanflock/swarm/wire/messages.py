@@ -126,6 +126,7 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     lost: np.ndarray = NOBODY  # (D,) i4, UAVs whose controller has failed
     refused_uploads: np.ndarray = NOBODY  # (R,) i4, UAVs whose upload is not averaged
     refused_states: np.ndarray = NOBODY  # (R,) i4, UAVs whose state is implausible
+    waiting: np.ndarray = NOBODY  # (W,) i4, UAVs at which the aggregation rule waits for more models
     models: np.ndarray | None = None  # (M, W) f8, the learned weights, if requested
     memory: bytes = b""  # a record, at a checkpoint and of a leader after a round
     outbox: tuple[Frames, ...] = ()
