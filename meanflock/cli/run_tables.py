@@ -128,7 +128,16 @@ def print_run(run: StoredFolder) -> None:
     _print_titled("Files", files)
 
 
-_COUNTS = ("lost", "silent", "absent", "late", "refused", "isolated", "retries")  # shown where any is above 0
+_COUNTS = (
+    "averaging",
+    "lost",
+    "silent",
+    "absent",
+    "late",
+    "refused",
+    "isolated",
+    "retries",
+)  # shown where any is above 0
 
 
 def print_rounds(folder: Path, as_json: bool) -> None:

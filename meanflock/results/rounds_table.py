@@ -36,6 +36,7 @@ COLUMNS: dict[str, tuple[pa.DataType, str]] = {  # type and description
     "refused": (pa.int32(), "UAVs whose upload arrived and could not be averaged"),
     "copies": (pa.int32(), "messages over links to other UAVs; a model in fragments is one for each"),
     "earlier": (pa.int32(), "late uploads of the round before that count in this one"),
+    "averaging": (pa.int32(), "UAVs that averaged for themselves; null if a leader averages"),
     "isolated": (pa.int32(), "UAVs that average for themselves and received nothing"),
     "fragments": (pa.int32(), "fragments in which the average was broadcast; 1: it was whole"),
     "reached": (pa.int32(), "UAVs that received the average; null if it went in fragments, again or by no radio"),

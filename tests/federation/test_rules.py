@@ -17,6 +17,7 @@ from meanflock.federation.rules.robust import suspects
 from meanflock.launch import engine
 from meanflock.launch.engine import Engine
 from meanflock.leader.node import Leader
+from meanflock.results.rounds_table import rounds_table
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import AverageFailed, RoundEnded
@@ -213,6 +214,8 @@ def test_uavs_where_a_rule_waits_do_not_average_also_resumed(
     ]
     assert ends_of_rounds(whole) == expected
     assert (summary["rounds"], summary["rounds_void"], summary["dropped_messages"]) == (3, 0, {})
+    table = rounds_table([event for event in whole.events if isinstance(event, RoundEnded)], near.dt)
+    assert table["averaging"].to_pylist() == [0, 2, 2, 2, 0]
     past = next(past for past in whole.checkpoints if past.tick == 25)
     later = swarm(near, "waiting", uavs_per_node=2, sinks=[rest], resume=past).complete()
     assert ends_of_rounds(rest) == expected[2:]

@@ -1,6 +1,7 @@
 """Rounds in any topology, also a user's: their ticks and participants, their account in words, and bad settings."""
 
 import json
+import re
 from typing import Any
 
 import msgspec
@@ -335,6 +336,14 @@ def test_an_account_counts_each_outcome_and_its_round_names_them_all() -> None:
             "averaged by 5 UAVs",
         ),
         (
+            ("uavs=2", CLEAR, "federation.fraction=0.5", NEIGHBOURS),
+            "round 1: 1 of 1 participants sent, 1 received, 1 of 1 copies arrived, 1 isolated; averaged by 1 UAV",
+        ),
+        (
+            ("uavs=2", CLEAR),
+            "round 1: 2 of 2 participants sent, 2 received by UAV 0; averaged and broadcast, received by 1 UAV",
+        ),
+        (
             ("start.spacing=20", "federation.range_m=5", NEIGHBOURS),
             "round 1 is void: no model of another UAV was averaged; 5 of 5 participants sent, 0 received, 5 lost, "
             "5 isolated",
@@ -345,7 +354,7 @@ def test_the_event_of_a_round_is_its_account(settings: tuple[str, ...], expected
     _, sink = fly(load(None, [*FIVE, *settings], method="mfgfl-h", seed=5))
     event = next(event for event in sink.events if event.kind in ("round", "void"))
     assert event.text == expected
-    assert len(event.uavs) == int(expected.split(" of 5")[0].split()[-1])
+    assert len(event.uavs) == int(re.findall(r"(\d+) of \d+ participants", expected)[0])
 
 
 def test_every_bit_of_the_models_counts_in_their_hash_but_uploads_do_not_where_a_leader_broadcasts() -> None:

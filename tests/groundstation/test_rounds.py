@@ -86,6 +86,20 @@ def test_the_terminal_shows_a_line_a_round_in_80_columns(flown: tuple[mf.Run, mf
     assert json.loads(capsys.readouterr().out) == run.rounds().to_pylist()
 
 
+def test_rounds_without_a_leader_say_how_many_uavs_averaged(
+    flown: tuple[mf.Run, mf.Run], tmp_path: Path, capsys
+) -> None:
+    led, _ = flown
+    assert set(led.rounds()["averaging"].to_pylist()) == {None}
+    assert main(["show", str(led.folder), "--rounds"]) == 0
+    assert "averaging" not in capsys.readouterr().out
+    near = mf.fly(method="mfgfl-hf", out=tmp_path, **KEYS | {"federation.topology": "neighbours"})
+    rows = near.rounds().to_pylist()
+    assert all(0 < row["averaging"] == 6 - row["isolated"] for row in rows)
+    assert main(["show", str(near.folder), "--rounds"]) == 0
+    assert "averaging" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("over", OVER)
 def test_learning_curves_are_drawn_over_each_cost(over: str, flown: tuple[mf.Run, mf.Run], capsys) -> None:
     run, _ = flown

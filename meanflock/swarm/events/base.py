@@ -53,6 +53,11 @@ class BaseEvent(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fie
         return self.uavs
 
 
+def counted(uavs: int) -> str:
+    """A number of UAVs in words, as `3 UAVs`."""
+    return f"{uavs} UAV{'s' * (uavs != 1)}"
+
+
 def listed(uavs: Uavs) -> str:
     """UAVs in words, as `UAVs 3, 5`. Of very many the first, and how many others."""
     shown = f"UAV{'s' * (len(uavs) > 1)} {', '.join(map(str, uavs[:_LISTED]))}"

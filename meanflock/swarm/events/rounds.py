@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from meanflock.swarm.events.base import BaseEvent, Count, Uavs, listed, named
+from meanflock.swarm.events.base import BaseEvent, Count, Uavs, counted, listed, named
 
 
 class RoundEnded(BaseEvent, frozen=True):
@@ -98,11 +98,11 @@ class RoundEnded(BaseEvent, frozen=True):
         if self.outcome == "waiting":
             end = "the aggregation rule waits for more models"
         elif self.averaging is not None:
-            end = f"averaged by {self.averaging} UAVs"
+            end = f"averaged by {counted(self.averaging)}"
         elif self.reached is None:
             end = "averaged and broadcast" + (f" in {self.fragments} fragments" if self.fragments > 1 else "")
         else:
-            end = f"averaged and broadcast, received by {self.reached} UAVs"
+            end = f"averaged and broadcast, received by {counted(self.reached)}"
         return f"round {self.number}: {self._account}; {end}"
 
     @property
@@ -143,10 +143,10 @@ class FragmentsReceived(BaseEvent, frozen=True):
     @property
     def text(self) -> str:
         if self.fragments == 1:
-            return f"round {self.number}: the global model was received by {self.whole} UAVs, not by {self.nothing}"
+            return f"round {self.number}: the global model was received by {counted(self.whole)}, not by {self.nothing}"
         return (
-            f"round {self.number}: {self.fragments} fragments of the global model were received whole by {self.whole} "
-            f"UAVs, in part by {self.partly}, not at all by {self.nothing}"
+            f"round {self.number}: {self.fragments} fragments of the global model were received whole by "
+            f"{counted(self.whole)}, in part by {self.partly}, not at all by {self.nothing}"
         )
 
 
