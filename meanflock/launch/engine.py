@@ -150,7 +150,8 @@ class Engine:
             can_be_steered=self._can_be_steered,
         )
         if self._blocks is not None:
-            world.note(FlightFinished(world.tick, record["arrived"], world.scenario.uavs))
+            if world.over:
+                world.note(FlightFinished(world.tick, record["arrived"], world.scenario.uavs))
             self._blocks.finish()
         return record
 

@@ -144,7 +144,8 @@ class NetworkedRun:
             can_be_steered=self._can_be_steered,
             blocks_dropped=self.outbox.dropped,
         )
-        self.world.note(FlightFinished(self.world.tick, record["arrived"], self.world.scenario.uavs))
+        if self.world.over:
+            self.world.note(FlightFinished(self.world.tick, record["arrived"], self.world.scenario.uavs))
         self.outbox.finish(self._blocks.finish(), record)
         self.nodes.leave("finished", linger_s)
         if self.outbox.waiting:

@@ -23,10 +23,10 @@ from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_tabl
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
-from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, LeaderFailed, Lost
+from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, FlightFinished, LeaderFailed, Lost
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Status, Telemetry
+from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import Assembly
 
 SCENARIO = "scenario.toml"
@@ -186,9 +186,8 @@ class RunFolder:
                 self._events.truncate(size)
             raise self._failed(error) from error
         if len(block.states):
-            last = self.last_tick = block.first_tick + len(block.states) - 1
-            done = self._flown.stop == "arrival" and not (block.status[-1] == Status.FLYING).any()
-            self._over = done or last >= self._flown.max_ticks
+            self.last_tick = block.first_tick + len(block.states) - 1
+        self._over |= any(isinstance(event, FlightFinished) for event in block.events)
 
     def _append(self, block: Telemetry) -> None:
         self._events.append(block.events)
@@ -244,7 +243,7 @@ class RunFolder:
         except OSError as error:
             raise self._failed(error) from error
         self.files.append(SUMMARY)
-        if self._over or (summary["until"] or {}).get("reached"):
+        if self._over:
             durable.remove(self.path / CHECKPOINT)
 
     def __enter__(self) -> "RunFolder":

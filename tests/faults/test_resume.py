@@ -88,6 +88,7 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[s
     with folder:
         folder.summarise(engine.finish())
     assert (folder.path / "timeseries.parquet").exists()
+    assert "finished" not in [event["kind"] for event in events(folder.path)]
     assert steady(resumed(folder.path)) == steady(undisturbed)
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1
 

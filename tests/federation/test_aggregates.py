@@ -1,6 +1,8 @@
 """What travels beside models, and what rules answer beside them: notes, rounds begun with, the end, bytes that grow."""
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,6 +18,8 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.federation.rules.base import Aggregate
 from meanflock.launch.engine import Engine
+from meanflock.results.run_folder import EVENTS, RunFolder
+from meanflock.results.stored_run import stored_run
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.scenario import Scenario, load
@@ -232,6 +236,26 @@ def test_after_a_rule_is_done_nothing_is_uploaded_or_billed_and_no_round_is_coun
         assert [other[field] for other in others] == [summary[field]] * len(others), field
     lost = scenario(Enough, *CLEAR, "faults=[{kind='leader-loss', tick=200}]")
     assert fly(lost)[0]["payload_bits"] == summary["payload_bits"]  # the standby knows it, too
+
+
+@pytest.mark.parametrize("swarm", [Engine, MemorySwarm])
+def test_a_flight_that_ends_with_its_rounds_is_finished_and_one_that_is_stopped_before_can_be_resumed(
+    swarm: type[Engine | MemorySwarm], tmp_path: Path
+) -> None:
+    case = scenario(Enough, *CLEAR, 'stop="rounds"')
+    for name, last, status in (("whole", None, "finished"), ("stopped", 110, "interrupted")):
+        folder = RunFolder(tmp_path, name, case)
+        flight = swarm(case, name, sinks=[folder])
+        for tick in flight.fly():
+            assert tick < case.max_ticks
+            if tick == last:
+                break
+        with folder:
+            folder.summarise(flight.finish())
+        run = stored_run(folder.path)
+        kinds = [json.loads(line)["kind"] for line in (folder.path / EVENTS).read_text().splitlines()]
+        assert (run.status, run.resumable) == (status, status == "interrupted")
+        assert kinds.count("finished") == (status == "finished")
 
 
 def test_bytes_of_a_state_grow_and_are_in_checkpoints_and_in_the_leader_that_takes_over() -> None:
