@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Options as NoOptions
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
+from meanflock.agent.learning.worker import FIT_S
 from meanflock.flower.app import FIRST_NODE, App, bytes_of, cast, context, joined, numbers_in, records_of, split
-from meanflock.flower.grid import WAIT_S, Asked, asked_first
+from meanflock.flower.grid import Asked, asked_first
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 
@@ -77,7 +78,7 @@ class FlowerClient(Learner):
     def first(cls, options: Any, scenario: Scenario) -> Asked:
         """The first message of the ServerApp."""
         config = msgspec.json.encode(cls.run_config(options))
-        limit_s = float(scenario.federation.options.get("wait_s", WAIT_S))
+        limit_s = float(scenario.federation.options.get("wait_s", FIT_S))
         return _first(*cls.app[:4], config, scenario.uavs, scenario.seed, limit_s)
 
     @classmethod

@@ -22,13 +22,13 @@ from flwr.supercore.run import Run
 from numpy.typing import NDArray
 
 from meanflock.agent.learning.surroundings import Generators
+from meanflock.agent.learning.worker import FIT_S
 from meanflock.flower.app import FIRST_NODE, App, context, split
 from meanflock.swarm.errors import FAILURES, last_line
 
 log = logging.getLogger("meanflock.flower")
 
 LOST = 900  # code of the error of a reply that the radio lost
-WAIT_S = 300.0  # wall time that a ServerApp may take until it sends something, by default
 ASKED_TOO_OFTEN = 5  # times that a ServerApp asks for the nodes without sending anything
 Answer = Callable[[Message], Message]
 
@@ -222,8 +222,8 @@ class RunningServer:
                 self._continues.release()
             if not self._waits.acquire(timeout=limit_s):
                 raise TimeoutError(
-                    f"the ServerApp neither sent a model nor ended in {limit_s:g} s of wall time; let it "
-                    "take longer with federation.options.wait_s"
+                    f"the ServerApp neither sent a model nor ended in {limit_s:g} s of wall time; "
+                    f"federation.options.wait_s may be longer, up to {FIT_S:g} s"
                 )
         if self._error is not None:
             raise self._error

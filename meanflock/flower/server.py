@@ -10,13 +10,13 @@ import numpy as np
 from msgspec import Meta
 
 from meanflock.agent.learning.trees import ModelForm
-from meanflock.agent.learning.worker import TRAININGS
+from meanflock.agent.learning.worker import FIT_S, TRAININGS
 from meanflock.federation.plan import topology_of
 from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.federation.rules.base import Options as NoOptions
 from meanflock.flower.app import FIRST_NODE, cast, joined
 from meanflock.flower.client import FlowerClient, TrainingRequest, check_note
-from meanflock.flower.grid import WAIT_S, RunningServer
+from meanflock.flower.grid import RunningServer
 from meanflock.swarm.scenario import Scenario
 
 
@@ -39,7 +39,9 @@ class FlowerServer(Aggregator):
             ),
         ] = "mean"
         expires: Annotated[int, Meta(ge=1, description="rounds after which a message without a reply has failed")] = 1
-        wait_s: Annotated[float, Meta(gt=0, description="wall time that the ServerApp may take in a round, s")] = WAIT_S
+        wait_s: Annotated[
+            float, Meta(gt=0, le=FIT_S, description="wall time that the ServerApp may take in a round, s")
+        ] = FIT_S
 
     def __init__(self, options: Any, scenario: Scenario) -> None:
         super().__init__(options, scenario)

@@ -60,7 +60,8 @@ class DelayRules:
     The wait for a node alone begins with the last reply but one, but not before `ORDINARY` times what half of the
     nodes took: where all nodes are slow, no single one is to blame. An agent may take `wait_share` of the window, its
     share of the UAVs, or one barrier, whichever is longest. This rule excludes the leader, because no other node does
-    its work. A swarm's only agent is excluded from both rules, and so is an agent while a UAV of it trains.
+    its work. A swarm's only agent is excluded from both rules, and so are an agent while a UAV of it trains, and a
+    leader that no other can replace.
 
     An agent that rejoins keeps its account. Each standby leader has its own.
     """
@@ -78,10 +79,10 @@ class DelayRules:
         self._warned: set[str] = set()
         self.begin(0)
 
-    def begin(self, tick: int, training: Collection[str] = ()) -> None:
-        """Begin a tick in which all nodes have been asked. `training`: nodes that may be slow, because a UAV trains."""
+    def begin(self, tick: int, unhurried: Collection[str] = ()) -> None:
+        """Begin a tick in which all nodes have been asked. `unhurried`: nodes that may take as long as a training."""
         self._tick = tick
-        self._training = training
+        self._unhurried = unhurried
         self._half_s: float | None = None  # what half of the nodes took
         self._slow: list[str] = []
         self._verdicts: list[Verdict] = []
@@ -96,7 +97,7 @@ class DelayRules:
             self._slow = [
                 name
                 for name in barrier.missing
-                if [member.name for member in agents] != [name] and name not in self._training
+                if [member.name for member in agents] != [name] and name not in self._unhurried
             ]
 
     def charge(self, waited_s: float, now: float, barrier: Barrier) -> None:
@@ -110,7 +111,7 @@ class DelayRules:
         half_s = others[len(others) // 2][0] - barrier.asked_at
         since = max(others[-1][0], barrier.asked_at + self.ORDINARY * half_s)
         alone_s = min(settled - since, waited_s)
-        if alone_s > 0.0 and last.rows and last.name not in self._training:
+        if alone_s > 0.0 and last.rows and last.name not in self._unhurried:
             agents = {member.name: member.rows for member in (*_agents(barrier), last)}
             share = max(self._rules.wait_share, last.rows / sum(agents.values()))
             if share < 1.0:

@@ -117,6 +117,7 @@ class RemoteCrew:
         )
         self._pace = DelayRules(scenario.pace, self._news, barrier_s)
         self._leading: str | None = None  # the leader that was asked last
+        self._has_one_leader = not plan.is_resumable  # no other leader can go on with its rule
 
     @property
     def listeners(self) -> set[str]:
@@ -238,12 +239,12 @@ class RemoteCrew:
         waited = 0.0  # by the nodes that are asked now
         waited_before = 0.0  # by nodes that are lost since
         repeated = 0.0  # value of `waited` when the requests were last repeated
-        training = self._training()
+        unhurried = self._unhurried()
         reply_s = (
             self._limits.act(max((member.rows for member in self._barrier.asked.values()), default=0)) / SLOW_BYTES_S
         )
         end_s = self._barrier_s + reply_s
-        self._pace.begin(senses.tick, training)
+        self._pace.begin(senses.tick, unhurried)
         self._ask_leader(senses)  # another one, where the one that was asked is lost
         while self._barrier.silent:
             before = now
@@ -253,7 +254,7 @@ class RemoteCrew:
             self._ask_leader(senses)
             self._pace.look(waited, self._barrier)
             missing = self._barrier.missing if waited > end_s else []
-            patience_s = {name: end_s + (FIT_S if name in training else 0.0) for name in missing}
+            patience_s = {name: end_s + (FIT_S if name in unhurried else 0.0) for name in missing}
             if overdue := [name for name in missing if waited > patience_s[name]]:
                 for name in overdue:
                     self._admission.lose(self._barrier.asked[name], f"no answer for {patience_s[name]:.0f} s")
@@ -268,12 +269,17 @@ class RemoteCrew:
             self._admission.expel(verdict.node, verdict.reason, verdict.out_s)
         return now
 
-    def _training(self) -> set[str]:
-        """Names of the nodes that are asked and have a UAV that trains, for which the tick may have to wait."""
+    def _unhurried(self) -> set[str]:
+        """Names of the nodes that are asked and may take as long as a training: agents with a UAV that trains, and a
+        leader that no other can replace, as that of a ServerApp."""
         busy = self._world.commands.busy
-        if not busy.any():
+        if not (busy.any() or self._has_one_leader):
             return set()
-        return {name for name, member in self._barrier.asked.items() if busy[member.uavs].any()}
+        return {
+            name
+            for name, member in self._barrier.asked.items()
+            if (self._has_one_leader if member.role == LEADER else busy[member.uavs].any())
+        }
 
     def _until(self, senses: Senses, end: float) -> float:
         """Wait in real time until `end`; returns the time of the last reply, or `end` if replies are missing."""

@@ -9,12 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
+import meanflock as mf
 from meanflock.federation.plan import plan_of
 from meanflock.federation.schedule import Schedule
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire.messages import Act, Sense, Status
 from tests.faults.clusters import CLEAR, PERIOD, SLOW, swarm
-from tests.faults.conftest import Lab
+from tests.faults.conftest import Lab, scenario
 
 TICKS, ROUNDS = 90, 4  # of every flight; the rounds open in ticks 20, 40, 60 and 80
 CLUSTERS, HEAD = 2, "agent-3"
@@ -141,6 +142,16 @@ def test_a_run_that_is_killed_in_any_phase_of_a_round_is_resumed_to_the_same_end
         resumed = Lab(flown(clusters), uavs_per_node=2, resume=checkpoints[tick]).fly()
         for name in ("trajectory_sha256", "rounds", "payload_bits", "lost", "uploads_refused"):
             assert resumed[name] == expected[name], tick
+
+
+@pytest.mark.parametrize(("resumable", "patience_s"), [(True, 10), (False, 310)])
+def test_a_leader_that_no_other_can_replace_may_take_as_long_as_a_training(resumable: bool, patience_s: int) -> None:
+    rule = {"name": "kept", "resumable": resumable, "weights": lambda _, uploads: np.ones(len(uploads.uavs))}
+    mf.register(type("Kept", (mf.Aggregator,), rule))
+    lab = Lab(scenario("federation.aggregation=kept", "duration=5"), uavs_per_node=6)
+    lab.fly({30: lambda: lab.freeze("leader")})
+    (text,) = (event.text for event in lab.record.events if event.kind == "lost")
+    assert f"no answer for {patience_s} s" in text
 
 
 def test_a_leader_that_averages_a_round_again_is_not_heard() -> None:
