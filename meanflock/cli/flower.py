@@ -85,6 +85,7 @@ def flower(
     with _forker(in_process) as forker:
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
+        from meanflock.launch.run import RunStopped
 
         with flight.prints_apart(as_json):
             flown = load_scenario(file, (*fixed, *settings), **keys)
@@ -92,22 +93,26 @@ def flower(
             raise BadInput(f"{mission}: a Flower app trains all UAVs, and the scenario has `[[groups]]`; take another")
         if duration is None and rounds:
             flown = flown.replace(duration=(rounds + 2) * flown.period_ticks * flown.dt)
-        done = flight.run_loaded(
-            flown,
-            as_json=as_json,
-            in_process=in_process,
-            forker=forker,
-            out=out,
-            realtime=None,
-            record=False,
-            view=False,
-            web=False,
-            steer=None,
-            endpoint=None,
-            tls=None,
-            **given,
-        )
-    ended = _write_result(done.folder, described, done.summary)
+        try:
+            done = flight.run_loaded(
+                flown,
+                as_json=as_json,
+                in_process=in_process,
+                forker=forker,
+                out=out,
+                realtime=None,
+                record=False,
+                view=False,
+                web=False,
+                steer=None,
+                endpoint=None,
+                tls=None,
+                **given,
+            )
+        except RunStopped as stopped:
+            _write_result(stopped.ended, described, interrupted=True)
+            raise
+    ended = _write_result(done, described)
     _judge(done, ended, rounds)
 
 
@@ -125,13 +130,13 @@ def _pairs(text: str) -> dict[str, Any]:
     return pairs
 
 
-def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> list[dict[str, Any]]:
-    """Write what came of an app into the folder of its run; returns its rounds."""
+def _write_result(done: "EndedRun", described: "App", **marks: bool) -> list[dict[str, Any]]:
+    """Write what came of an app into the folder of its run, with `marks` of the flight; returns its rounds."""
     import pyarrow.parquet as pq
 
     from meanflock.results.rounds_table import METRIC, ROUNDS
 
-    path = folder / ROUNDS
+    path = done.folder / ROUNDS
     ended: list[dict[str, Any]] = pq.read_table(path).to_pylist() if path.exists() else []
     same = ("round", "sim_time_s", "bits", "airtime_s", "sent", "received", "retries")
     table = [
@@ -139,8 +144,8 @@ def _write_result(folder: Path, described: "App", summary: dict[str, Any]) -> li
         | {name.removeprefix(METRIC): value for name, value in one.items() if name.startswith(METRIC)}
         for one in ended
     ]
-    result = {"app": described.name, "config": described.config, "rounds": table, "summary": summary}
-    (folder / RESULT).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    result = {"app": described.name, "config": described.config, **marks, "rounds": table, "summary": done.summary}
+    (done.folder / RESULT).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return ended
 
 

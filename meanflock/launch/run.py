@@ -51,6 +51,14 @@ class EndedRun:
     summary: dict[str, Any]
 
 
+class RunStopped(RunFailed):
+    """A run that was interrupted, or lost a process. `ended` has the part that was flown; its summary may be empty."""
+
+    def __init__(self, text: str, ended: EndedRun) -> None:
+        super().__init__(text)
+        self.ended = ended
+
+
 def new_run(scenario: Scenario, parent: Path, mission: str = "groups") -> AbstractContextManager[Path]:
     """Context with the folder of a new run in `parent`, named by time and `run_name`; see `durable.new_folder`."""
     return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario, mission)}")
@@ -61,7 +69,8 @@ def fly(scenario: Scenario, options: FlightOptions, back: "Back | None" = None) 
 
     Raises:
         BadInput: an option cannot be used; nothing was written.
-        RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown.
+        RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown. It is a
+            `RunStopped` if the outputs are complete.
     """
     scenario = plan_of(scenario).given
     folder = new_run(scenario, options.out, options.mission) if back is None else nullcontext(back.folder)
@@ -115,12 +124,11 @@ def _fly(
                     outputs.summary = _processes(swarm, scenario, run_id, options, outputs, interrupted, start)
         except ProcessDied as error:
             died = error
+    ended = EndedRun(scenario, outputs.folder.path, outputs.summary)
     if died is not None or interrupted:
         reason = "interrupted; " if died is None else f"{died}\n"
-        raise RunFailed(
-            f"{reason}{outputs.folder.path} has the part that was flown; {go_on(outputs.folder.path)}"
-        ) from died
-    return EndedRun(scenario, outputs.folder.path, outputs.summary)
+        raise RunStopped(f"{reason}{ended.folder} has the part that was flown; {go_on(ended.folder)}", ended) from died
+    return ended
 
 
 def _told(asked: str, endpoint: str) -> str:

@@ -171,7 +171,11 @@ BROKEN = [
         1,
         "neither sent a model nor ended",
     ),
-    ("    while True:\n        time.sleep(0.01)", 2, "nor ended in 2 s of wall time; let it take longer with"),
+    (
+        "    while True:\n        time.sleep(0.01)",
+        2,
+        "nor ended in 2 s of wall time; federation.options.wait_s may be longer, up to 300 s",
+    ),
     ("    while True:\n        grid.send_and_receive(messages(grid))", 0, "while the ServerApp waited for replies"),
     ("    grid.send_and_receive(messages(grid))", 0, "the ServerApp ended after 1 rounds; num-server-rounds is 5"),
 ]
@@ -190,6 +194,24 @@ def test_a_server_app_that_cannot_fly_is_told_in_words(tmp_path: Path, main: str
     )
     assert (flown.code, said in flown.said) == (code, True), flown.said
     assert "Traceback" not in flown.said
+
+
+def test_an_interrupted_flight_keeps_the_rounds_that_ended(tmp_path: Path) -> None:
+    main = "    for number in range(4):\n        grid.send_and_receive(messages(grid))\n"
+    main += "        if number == 1:\n            __import__('os').kill(__import__('os').getpid(), 2)\n"
+    settings = ("federation.period=20", IDEAL)
+    flown = fly(build(tmp_path, main=main), "--in-process", uavs=3, settings=settings, num_server_rounds=4)
+    assert flown.code == 1
+    assert "interrupted; " in flown.said
+    assert flown.result["interrupted"] is True
+    assert [(one["round"], one["received"]) for one in flown.result["rounds"]] == [(1, 3), (2, 3)]
+    assert flown.result["summary"]["rounds"] == 2
+
+
+def test_a_server_app_may_take_no_longer_than_a_training(app: Path) -> None:
+    flown = fly(app, "--in-process", uavs=3, settings=("federation.options.wait_s=301",), num_server_rounds=1)
+    assert flown.code == 2
+    assert "federation.options.wait_s: expected a number <= 300.0, got 301" in flown.said
 
 
 def test_a_client_app_that_raises_is_silent_in_that_round_and_a_failure_for_the_server_app(tmp_path: Path) -> None:
