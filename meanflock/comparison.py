@@ -96,7 +96,7 @@ class Comparison:
         """A Matplotlib figure: a panel for each metric, with the means and their 95 % intervals.
 
         A comparison has a row for each controller. A sweep is drawn along its first key, with a line for each
-        controller and each combination of the other keys.
+        controller and each combination of the other keys; more than 120 lines share looks.
 
         Raises:
             BadInput: Matplotlib is not installed.

@@ -1,5 +1,6 @@
 """The results of `compare` and `sweep`: tables in the terminal, and the files of a study."""
 
+import logging
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from meanflock.cli.tables import groups_table, means_table, payload_table, print
 from meanflock.results import flown_plugins
 from meanflock.results.plots import comparison, learning, plotstyle
 from meanflock.results.plots import tradeoff as tradeoff_plot
+from meanflock.results.points import labels
 from meanflock.results.quantities import with_unit
 from meanflock.studies import flight_table, study_file
 from meanflock.studies.each_round import EACH_ROUND
@@ -19,7 +21,7 @@ from meanflock.studies.latex import latex_table
 from meanflock.studies.means import Means
 from meanflock.studies.objectives import Objective, objective
 from meanflock.studies.tradeoff import Tradeoff, tradeoff
-from meanflock.swarm import durable
+from meanflock.swarm import durable, logs
 from meanflock.swarm.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -49,6 +51,15 @@ class StudyResults:
         firsts = [flights[0] for flights in scenarios.values()]
         self.objectives: list[Objective] = [objective(text, firsts, "--pareto") for text in wanted.pareto or ()]
         self._plugins = {name: raw for flown in firsts for name, raw in flown_plugins.files(flown).items()}
+
+    def warn(self) -> None:
+        """Warn if some points look alike in figures."""
+        if (points := len(self._scenarios)) > plotstyle.MOST_LOOKS:
+            logs.note(
+                f"figures have {plotstyle.MOST_LOOKS} looks for {points} points, so some look alike; read those in the "
+                "tables, or sweep fewer values",
+                logging.WARNING,
+            )
 
     def tell(self, flown: Points) -> None:
         """Print the tables."""
@@ -98,9 +109,9 @@ class StudyResults:
         rounds = {at: [summary[EACH_ROUND] for summary in summaries] for at, summaries in flown.items()}
         if drawn := learning.plot_learning(self._names, rounds, over, columns):
             figures[f"learning-over-{over}"] = drawn
-        labels, looks = comparison.labels(self._names, flown), comparison.point_looks(self._names, flown)
+        named, looks = labels(self._names, flown), comparison.point_looks(self._names, flown)
         points = [
-            tradeoff_plot.TradeoffPoint(labels[at], looks[at], one.x, one.y, one.place)
+            tradeoff_plot.TradeoffPoint(named[at], looks[at], one.x, one.y, one.place)
             for at, one in (found.placed.items() if found else ())
             if one.place
         ]

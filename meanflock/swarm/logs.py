@@ -103,6 +103,11 @@ def show(text: str, level: int = logging.INFO) -> None:
     print(printable_lines(text), file=sys.stderr, flush=True)
 
 
+def note(text: str, level: int) -> None:
+    """Print a text as `show` does, a warning after that word."""
+    show(f"warning: {text}" if level == logging.WARNING else text, level)
+
+
 def divert() -> None:
     """Redirect the output of native code to standard error. Only `sys.stdout` still writes to standard output.
 

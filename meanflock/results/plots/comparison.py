@@ -7,19 +7,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.figure import Figure
+from matplotlib.markers import CARETDOWN, CARETLEFT, CARETRIGHT, CARETUP
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
+from meanflock.results.points import METHOD, labels, telling
 from meanflock.results.quantities import COMPARED, FIELDS, number, with_unit
+from meanflock.results.statistics import Estimate
 
 Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 Points = Mapping[tuple[Any, ...], Summaries]
 
-_METHOD = "method"
-_PLUGINS = (_METHOD, "training.learner")
+_MOST_ROWS = 4  # of panels that share their x axis
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _APART = 0.012  # points of one number, as a share of the axis; so their intervals do not cover each other
 _TICKS_APART = 0.12  # numbers nearer to each other, as a share of the axis, have no ticks of their own
@@ -29,10 +31,13 @@ _APART_WITHIN = 0.4, 0.1  # the same of one category: of all points and of two n
 def panels(
     titles: Sequence[str], columns: int, row_in: float, more_in: float, share: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of a printed width with so many panels a row, which share an axis; rows are so high, and all so much
-    more.
+    """A figure of a printed width with a panel for each title, in as many columns as are printed.
+
+    Args:
+        row_in: height of a row. more_in: further height. share: the axis that all panels share. Numbers of a shared x
+            axis are below the lowest panels, and more than four rows of such panels have a column more.
     """
-    across = min(columns, len(titles))
+    across = min(columns + (share == "x" and len(titles) > _MOST_ROWS * columns), len(titles))
     rows = -(-len(titles) // across)
     figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], rows * row_in + more_in)
     axes = list(figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
@@ -40,7 +45,17 @@ def panels(
         plotstyle.titled(ax, plotstyle.letter(place), title)
     for ax in axes[len(titles) :]:
         ax.set_visible(False)
+    axes = axes[: len(titles)]
+    for ax in lowest(axes):
+        ax.xaxis.set_tick_params(labelbottom=True)
     return figure, axes
+
+
+def lowest(axes: Sequence[Axes]) -> Sequence[Axes]:
+    """The lowest panel of each column."""
+    place = axes[0].get_subplotspec()
+    assert place is not None
+    return axes[-place.get_gridspec().ncols :]
 
 
 def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
@@ -48,13 +63,14 @@ def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
 
     runs: by method the summaries of its runs. columns: printed columns, and panels a row.
     """
-    methods, looks = list(runs), plotstyle.looks(runs)
+    methods, looks, has_arrows = list(runs), plotstyle.looks(runs), False
     with plotstyle.style():
         figure, axes = panels(_titles(COMPARED), columns, 0.75 + 0.22 * len(methods), 0.3, "y")
-        for key, ax in zip(COMPARED, axes, strict=False):
-            for place, method in enumerate(methods):
-                values = np.array([number(summary, key) for summary in runs[method]])
-                _row(ax, place, values, looks[method])
+        for key, ax in zip(COMPARED, axes, strict=True):
+            estimates = [
+                _row(ax, place, np.array([number(summary, key) for summary in runs[method]]), looks[method])
+                for place, method in enumerate(methods)
+            ]
             ax.set_ylim(len(methods) - 0.4, -0.5)
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
@@ -66,7 +82,10 @@ def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
                 most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
                 ax.set_xlim(0.0, most)
             _never_negative(ax.xaxis)
-        explained(figure, [len(summaries) for summaries in runs.values()], "pale: single flights; ")
+            for place, (method, estimate) in enumerate(zip(methods, estimates, strict=True)):
+                has_arrows |= _arrows(ax.xaxis, [place], [estimate], looks[method].colour)
+        flights = [len(summaries) for summaries in runs.values()]
+        explained(figure, flights, "pale: single flights; ", has_arrows)
     return figure
 
 
@@ -83,41 +102,45 @@ def _never_negative(axis: Axis) -> None:
         limit(-0.03 * high, 1.03 * high)
 
 
-def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> None:
-    """A method's mean and its interval, and its flights below them, where neither covers them."""
+def _arrows(axis: Axis, at: Sequence[float], estimates: Sequence[Estimate], colour: str) -> bool:
+    """Draws an arrow at the end of an axis where an interval goes on beyond it. Returns whether any does.
+
+    at: places of the intervals across the axis.
+    """
+    low, high = axis.get_view_interval()
+    is_along_x = isinstance(axis, XAxis)
+    before, after = (CARETLEFT, CARETRIGHT) if is_along_x else (CARETDOWN, CARETUP)
+    ends = [
+        (place, end, marker)
+        for place, one in zip(at, estimates, strict=True)
+        for end, marker, beyond in ((low, before, one.low < low), (high, after, one.high > high))
+        if one.bounded and beyond
+    ]
+    for place, end, marker in ends:
+        where = (end, place) if is_along_x else (place, end)
+        axis.axes.plot(*where, marker=marker, markersize=4.0, color=colour, linestyle="", clip_on=False)
+    return bool(ends)
+
+
+def _row(ax: Axes, place: int, values: Floats, look: plotstyle.MethodLook) -> Estimate:
+    """A method's mean and its interval, which it returns, and its flights below them, where neither covers them."""
     estimate = statistics.mean(values)
     pale: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3, "markeredgewidth": 0.0, "alpha": 0.45}
     ax.plot(values, np.full(len(values), place + FLIGHTS_BELOW), color=look.colour, **pale)
     if estimate.bounded:
-        ax.plot([max(estimate.low, 0.0), estimate.high], [place, place], color=look.colour, linewidth=2.0)
+        ax.plot([estimate.low, estimate.high], [place, place], color=look.colour, linewidth=2.0)
     mean: dict[str, Any] = {"marker": look.marker, "markersize": 6, "markeredgecolor": "white"}
     ax.plot([estimate.value], [place], color=look.colour, **mean)
+    return estimate
 
 
-def explained(figure: Figure, flights: Sequence[int], before: str = "") -> None:
-    """Explain points and bars, below all panels."""
+def explained(figure: Figure, flights: Sequence[int], before: str = "", has_arrows: bool = False) -> None:
+    """Explain points, bars and arrows, below all panels."""
     least, most = min(flights), max(flights)
     several = f"mean and 95 % interval over {least if least == most else f'{least} to {most}'} flights"
     caption = before + (several if most > 1 else "one flight each: no interval")
-    figure.supxlabel(caption, fontsize=7, color=plotstyle.INK)
-
-
-def labels(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """The label of each point: its values of the names that vary, or of all if none does.
-
-    Methods and learners come first, without a name. Keys are without their table if that is enough to tell them apart.
-    """
-    points = dict.fromkeys(points)
-    places = sorted(range(len(names)), key=lambda place: names[place] not in _PLUGINS)
-    varying = [place for place in places if len({point[place] for point in points}) > 1] or places
-    ends = [name.rpartition(".")[2] for name in names]
-    shown = [end if ends.count(end) == 1 else name for end, name in zip(ends, names, strict=True)]
-    return {
-        point: ", ".join(
-            str(point[place]) if names[place] in _PLUGINS else f"{shown[place]}={point[place]}" for place in varying
-        )
-        for point in points
-    }
+    caption += "; arrow: the interval goes on beyond the axis" if has_arrows else ""
+    plotstyle.captioned(figure, caption)
 
 
 class _Line(NamedTuple):
@@ -129,29 +152,32 @@ class _Line(NamedTuple):
 
 def _lines(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> tuple[str, list[_Line]]:
     """The first swept key, and the lines of a study along it."""
-    key = next((name for name in names if name != _METHOD), _METHOD)
-    along = list(names).index(key)
+    points = list(dict.fromkeys(points))
+    places = telling(names, points)
+    along = next((place for place in places if names[place] != METHOD), places[0])
+    others = [place for place in places if place != along]
     found: dict[tuple[Any, ...], dict[Any, tuple[Any, ...]]] = {}
     for point in points:
-        found.setdefault((*point[:along], *point[along + 1 :]), {})[point[along]] = point
-    named = labels([name for name in names if name != key], found)
-    return key, [_Line(named[line], at) for line, at in found.items()]
+        found.setdefault(tuple(point[place] for place in others), {})[point[along]] = point
+    named = labels([names[place] for place in others], found)
+    return names[along], [_Line(named[line], at) for line, at in found.items()]
 
 
 def point_looks(names: Sequence[str], points: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], plotstyle.MethodLook]:
     """The look of each point, in every figure of a study that draws points.
 
     A point has the colour of its line in the sweep; marker and dash tell its values of the swept key. Points of a
-    single line, and methods side by side, have a colour each.
+    single line, methods side by side, and points of more lines than colours or more values than dashes have looks of
+    their own.
     """
     points = list(dict.fromkeys(points))
     _, lines = _lines(names, points)
-    if len(lines) == 1 or len(lines) == len(points):
-        named = labels(names, points)
-        looks = plotstyle.looks(named.values())
-        return {point: looks[named[point]] for point in points}
-    looks = plotstyle.looks(line.name for line in lines)
     values = list(dict.fromkeys(value for line in lines for value in line.points))
+    if len(lines) == 1 or len(lines) > len(plotstyle.COLOURS) or len(values) > len(plotstyle.DASHES):
+        named = labels(names, points)
+        own = plotstyle.looks(named.values())
+        return {point: own[named[point]] for point in points}
+    looks = plotstyle.looks(line.name for line in lines)
     return {
         point: plotstyle.variant(looks[line.name], values.index(value))
         for line in lines
@@ -166,8 +192,9 @@ def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figur
         names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
         columns: printed columns, and panels a row.
     """
-    if tuple(names) == (_METHOD,):
-        return plot_compare({method: summaries for (method,), summaries in points.items()}, columns)
+    if [names[place] for place in telling(names, points)] == [METHOD]:
+        of_method = names.index(METHOD)
+        return plot_compare({point[of_method]: summaries for point, summaries in points.items()}, columns)
     return plot_sweep(names, points, columns)
 
 
@@ -184,16 +211,21 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
     places = np.array(values if numeric else range(len(values)), dtype=np.float64)
     looks = plotstyle.looks(line.name for line in lines)
     most, least = _APART_WITHIN
+    has_arrows = False
     apart = _APART * np.ptp(places) if numeric else min(least, most / len(lines))
     with plotstyle.style():
         figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
         for metric, ax in zip(COMPARED[:4], axes, strict=True):
+            drawn = []
             for place, line in enumerate(lines):
-                offset = apart * (place - (len(lines) - 1) / 2)
+                at = places + apart * (place - (len(lines) - 1) / 2)
                 flown = [points[line.points[value]] if value in line.points else () for value in values]
                 estimates = [statistics.mean([number(each, metric) for each in summaries]) for summaries in flown]
-                plotstyle.dots(ax, looks[line.name], places + offset, estimates, joined=numeric)
+                plotstyle.dots(ax, looks[line.name], at, estimates, joined=numeric)
+                drawn.append((list(at), estimates, looks[line.name].colour))
             _never_negative(ax.yaxis)
+            for intervals in drawn:
+                has_arrows |= _arrows(ax.yaxis, *intervals)
             ax.set_ylabel(plotstyle.axis(metric))
             if metric.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.yaxis)
@@ -202,9 +234,9 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
             if not numeric:
                 ax.set_xlim(-0.5, len(values) - 0.5)
                 ax.grid(visible=False, axis="x")
-        for ax in axes[-columns:]:
+        for ax in lowest(axes):
             ax.set_xlabel(with_unit(key))
         joined = {"linestyle": "-" if numeric else ""}
         plotstyle.place_legend(figure, [plotstyle.mark(look, name, **joined) for name, look in looks.items()])
-        explained(figure, [len(summaries) for summaries in points.values()])
+        explained(figure, [len(summaries) for summaries in points.values()], has_arrows=has_arrows)
     return figure

@@ -1,6 +1,5 @@
 """The curves of a run: a panel for each quantity of its time series, in the colours of the groups."""
 
-import textwrap
 from collections.abc import Callable
 from functools import partial, reduce
 from typing import Any, NamedTuple
@@ -23,7 +22,6 @@ from meanflock.swarm.wire.messages import Status
 Floats = NDArray[np.float64]
 
 MAX_POINTS = 1500  # of a curve, or instants of a path
-_CAPTION_LETTERS_IN = 17.0  # letters of a caption that an inch has room for
 
 
 @plotstyle.style()
@@ -47,10 +45,7 @@ def plot_curves(run: RunPicture) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel(plotstyle.axis("t_s"))
     if zero := [panel.name for panel in every if not panel.varies]:
-        caption = textwrap.fill(
-            f"zero throughout the flight: {'; '.join(zero)}", int(_CAPTION_LETTERS_IN * plotstyle.PAGE_IN)
-        )
-        figure.supxlabel(plotstyle.tex(caption), fontsize=7, color=plotstyle.INK)
+        plotstyle.captioned(figure, f"zero throughout the flight: {'; '.join(zero)}")
     if len(parts) > 1:
         handles = [Line2D([], [], color=part.colour, linestyle=part.dash, label=part.name) for part in parts]
         handles.append(Line2D([], [], color=plotstyle.INK, label="all UAVs"))

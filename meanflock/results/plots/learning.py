@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from meanflock.results import statistics
 from meanflock.results.plots import plotstyle
-from meanflock.results.plots.comparison import explained, labels, panels, point_looks
-from meanflock.results.plots.rounds import label_axes, of_uavs, title
+from meanflock.results.plots.comparison import explained, lowest, panels, point_looks
+from meanflock.results.plots.rounds import LABELS, label_axes, of_uavs, title
+from meanflock.results.points import labels
 from meanflock.results.rounds_table import MEAN, METRIC, OVER
 
 Rounds = Sequence[Mapping[str, Any]]  # rows of rounds.parquet
-_PANEL_IN = 1.75  # height
+_PANEL_IN = 1.45  # height
+_BAND, _BANDS = 0.16, 0.5  # opacity of a band, and of all in a panel where they lie on one another, at most
 
 
 def plot_learning(
@@ -42,12 +44,15 @@ def plot_learning(
         return None
     named, looks = labels(names, points), point_looks(names, points)
     with plotstyle.style():
-        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.65)
-        for name, ax in zip(shown, axes, strict=False):
-            for point, one in curves.items():
-                if name in one:
-                    _curve(ax, looks[point], one[OVER[over]].mean(axis=0), one[name])
+        figure, axes = panels([title(name) for name in shown], columns, _PANEL_IN, 0.85, "x")
+        for name, ax in zip(shown, axes, strict=True):
+            having = {point: one for point, one in curves.items() if name in one}
+            for point, one in having.items():
+                opacity = min(_BAND, 1.0 - (1.0 - _BANDS) ** (1.0 / len(having)))
+                _curve(ax, looks[point], one[OVER[over]].mean(axis=0), one[name], opacity)
             label_axes(ax, name, over)
+        for ax in lowest(axes):
+            ax.set_xlabel(LABELS[over])
         drawn = {named[point]: looks[point] for point, one in curves.items() if not one.keys().isdisjoint(shown)}
         has_points = any(len(one[OVER[over]][0]) == 1 for one in curves.values() if one)
         plotstyle.legend(figure, list(drawn), markers=has_points, looks=drawn)
@@ -73,7 +78,9 @@ def _columns(flights: Sequence[Rounds], along: str) -> dict[str, NDArray[np.floa
     return {name: array for name, array in arrays.items() if not np.isnan(array).any(axis=0).all()}
 
 
-def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+def _curve(
+    ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: NDArray[np.float64], opacity: float
+) -> None:
     known = ~np.isnan(values).any(axis=0)
     x, estimates = x[known], [statistics.mean(column) for column in values.T[known]]
     if len(x) == 1:
@@ -81,5 +88,5 @@ def _curve(ax: Any, seen: plotstyle.MethodLook, x: NDArray[np.float64], values: 
         return
     y, low, high = (np.array([getattr(each, end) for each in estimates]) for end in ("value", "low", "high"))
     if np.isfinite([low, high]).any():
-        ax.fill_between(x, low, high, where=np.isfinite(low), color=seen.colour, alpha=0.16, linewidth=0)
+        ax.fill_between(x, low, high, where=np.isfinite(low), color=seen.colour, alpha=opacity, linewidth=0)
     ax.plot(x, y, color=seen.colour, linestyle=seen.dash, linewidth=seen.width)

@@ -3,6 +3,7 @@
 import io
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,6 +57,10 @@ OTHER_COLOURS = ("#56B4E9", "#332288", "#882255", "#999933", "#661100", "#44AA99
 OTHER_MARKERS = ("P", "8", "<", ">", "p", "h", "d")
 SOLID: Dash = (0, ())
 OTHER_DASHES: tuple[Dash, ...] = ((0, (4, 1)), (0, (1, 0.8)), (0, (4, 1, 1, 1)), (0, (7, 2)))
+COLOURS = (*OTHER_COLOURS, *(each.colour for each in LOOKS.values()))
+MARKERS = (*(each.marker for each in LOOKS.values()), *OTHER_MARKERS)
+DASHES = (SOLID, *OTHER_DASHES, *(each.dash for each in LOOKS.values() if each.dash != SOLID))
+MOST_LOOKS = len(COLOURS) * len(DASHES)  # that differ; there are more markers than dashes
 GROUPS = ("#0072B2", "#E69F00", "#882255", "#44AA99", "#999933", "#56B4E9")  # of the groups of a flight, in order
 NAMES = {
     "hjb": "Hjb",
@@ -159,6 +164,7 @@ _RC: Any = {
     "pdf.fonttype": 42,  # embeds fonts as TrueType, which publishers ask for
 }
 
+_CAPTION_LETTERS_IN = 17.0  # letters of a caption that an inch has room for
 _LEGEND_LETTERS_IN = 14.7  # in an inch of a legend
 _HANDLE_LETTERS = 8  # that a line or a mark and the space beside it take
 _LEGEND_COLUMNS = 5  # at most
@@ -200,30 +206,39 @@ def group_dash(number: int) -> Dash:
 
 
 def looks(methods: Iterable[str]) -> dict[str, MethodLook]:
-    """Looks of the methods of one figure; two share a colour or marker only if no other is free."""
+    """Looks of the methods of one figure; two share a colour or marker only if no other is free.
+
+    Up to `MOST_LOOKS` of them, those of one colour differ in marker and in dash.
+    """
     named = list(dict.fromkeys(methods))
     found = {method: look(method) for method in named if method in LOOKS}
     for method in named:
         if method not in found:
-            own = look(method)
-            tone = _free(own.colour, OTHER_COLOURS, "colour", found.values())
-            shape = _free(own.marker, OTHER_MARKERS, "marker", found.values())
-            found[method] = own._replace(colour=tone, marker=shape)
+            found[method] = _unlike(look(method), list(found.values()))
     return {method: found[method] for method in named}
 
 
 def variant(own: MethodLook, number: int) -> MethodLook:
-    """A look in the same colour, with the marker and the dash of a number; they begin again after the last."""
-    markers = (*(each.marker for each in LOOKS.values()), *OTHER_MARKERS)
-    dashes = (SOLID, *OTHER_DASHES, *(each.dash for each in LOOKS.values() if each.dash != SOLID))
-    return own._replace(marker=markers[number % len(markers)], dash=dashes[number % len(dashes)])
+    """A look in the same colour, with the marker and the dash of a number below that of `DASHES`."""
+    return own._replace(marker=MARKERS[number], dash=DASHES[number])
 
 
-def _free(own: str, others: Sequence[str], part: str, taken: Iterable[MethodLook]) -> str:
-    """The preferred value if it is free, else the next free one, else the preferred one."""
+def _unlike(own: MethodLook, taken: Sequence[MethodLook]) -> MethodLook:
+    """The preferred look with the rarest colour, and a marker and a dash that no other look of this colour has."""
+    used = Counter(each.colour for each in taken)
+    tone = min(_beginning(own.colour, OTHER_COLOURS, COLOURS), key=lambda each: used[each])
+    alike = [each for each in taken if each.colour == tone]
+    shapes, dashes = ({getattr(each, part) for each in alike} for part in ("marker", "dash"))
+    used = Counter(each.marker for each in taken)
+    shape = min(_beginning(own.marker, OTHER_MARKERS, MARKERS), key=lambda each: (each in shapes, used[each]))
+    dash = min((own.dash, *DASHES), key=lambda each: each in dashes)
+    return own._replace(colour=tone, marker=shape, dash=dash)
+
+
+def _beginning(own: str, others: Sequence[str], every: Sequence[str]) -> list[str]:
+    """All values, the preferred one first, then the others after it, around their end, and last the paper's."""
     first = others.index(own)
-    papers, has = ([getattr(each, part) for each in looks] for looks in (LOOKS.values(), taken))
-    return next((each for each in (*others[first:], *others[:first], *papers) if each not in has), own)
+    return list(dict.fromkeys((*others[first:], *others[:first], *every)))
 
 
 @contextmanager
@@ -310,6 +325,13 @@ def titled(ax: Axes, letter: str, text: str) -> None:
     room = int(LETTERS_IN * drawing.get_figwidth() / columns)
     lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
     ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
+
+
+def captioned(drawing: Figure, text: str) -> None:
+    """Set the caption below all panels, each of its lines broken into lines that fit."""
+    room = int(_CAPTION_LETTERS_IN * drawing.get_figwidth())
+    lines = (textwrap.fill(line, room) for line in text.splitlines())
+    drawing.supxlabel(tex("\n".join(lines)), fontsize=7, color=INK)
 
 
 def tex(text: str) -> str:

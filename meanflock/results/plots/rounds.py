@@ -51,11 +51,12 @@ def plot_rounds(folder: Path, over: str) -> dict[str, Figure]:
             ax.plot(x[~averaged], y[~averaged], "o", color=plotstyle.INK, markersize=3.0, markerfacecolor="white")
             plotstyle.titled(ax, plotstyle.letter(number), title(name))
             label_axes(ax, name, over)
+            ax.set_xlabel(LABELS[over])
         for ax in axes[len(names) :]:
             ax.set_visible(False)
         hollow = "filled: rounds that were averaged; hollow: void rounds, and rounds that wait for more models"
         caption = [of_uavs(names), "" if averaged.all() else hollow]
-        drawing.supxlabel("\n".join(filter(None, caption)), fontsize=7, color=plotstyle.INK)
+        plotstyle.captioned(drawing, "\n".join(filter(None, caption)))
     return {f"learning-over-{over}": drawing}
 
 
@@ -75,9 +76,8 @@ def of_uavs(columns: Iterable[str]) -> str:
 
 
 def label_axes(ax: Axes, column: str, over: str) -> None:
-    """Label both axes of a panel over a key of `OVER`, with their units."""
+    """Label the y axis of a panel with its unit, and set the ticks of the x axis, which is over a key of `OVER`."""
     ax.set_ylabel(plotstyle.tex(axis_label(column.removeprefix(METRIC).removeprefix(MEAN)).replace("|", "")))
-    ax.set_xlabel(LABELS[over])
     if over == "rounds":
         ax.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
     elif over == "bits":
