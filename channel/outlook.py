@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import msgspec
@@ -97,17 +97,23 @@ def remedies(scenario: Scenario, message: str) -> str:
     return f"Use {', '.join(settings[:-1])}{' or ' * (len(settings) > 1)}{settings[-1]}"
 
 
-def warn_of_lost_models(flights: Iterable[Scenario]) -> None:
-    """Prints on standard error how models are cut, and a warning for those that will mostly be lost; each text once."""
-    texts: dict[str, int] = {}
-    for flown in flights:
-        for one in outlooks(flown):
-            if one.is_bad:
-                texts[f"warning: {one}. {remedies(flown, one.message)}"] = logging.WARNING
-            elif one.fragments > 1:
-                texts[str(one)] = logging.INFO
-    for text, level in texts.items():
-        logs.show(text, level)
+def notes(scenario: Scenario) -> Iterator[tuple[str, int]]:
+    """How the models of a scenario are cut, and a warning of those that will mostly be lost.
+
+    Returns:
+        Texts, each with its level of the log.
+    """
+    for one in outlooks(scenario):
+        if one.is_bad:
+            yield f"{one}. {remedies(scenario, one.message)}", logging.WARNING
+        elif one.fragments > 1:
+            yield str(one), logging.INFO
+
+
+def warn_of_lost_models(scenario: Scenario) -> None:
+    """Print the notes of a scenario on standard error."""
+    for text, level in notes(scenario):
+        logs.note(text, level)
 
 
 def _outlook(scenario: Scenario, channel: Channel, hop: Hop) -> Outlook | None:

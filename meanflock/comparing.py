@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.comparison import Comparison
 from meanflock.launch import memory
 from meanflock.launch.temporary import TemporaryFolder
 from meanflock.settings import load_plugins, scenario_of, with_settings
-from meanflock.studies import study
+from meanflock.studies import before_take_off, study
 from meanflock.studies.store import Store
 from meanflock.studies.swept import add_point, point_of, refuse_twice
 from meanflock.swarm import paths
@@ -61,7 +60,7 @@ def compare(
     for method in named:
         flown = scenario_of(scenario, settings, method=method)
         add_point(points, point_of(("method",), (), flown), flown)
-    return Comparison(("method",), _fly(points, seeds, _processes(jobs), out, progress))
+    return Comparison(("method",), _fly(("method",), points, seeds, _processes(jobs), out, progress))
 
 
 @with_settings
@@ -101,7 +100,7 @@ def sweep(
         for method in named or (None,):
             flown = scenario_of(scenario, {**settings, **dict(zip(keys, point, strict=True))}, method=method)
             add_point(points, point_of(names, tuple(map(_hashable, point)), flown), flown)
-    return Comparison(tuple(names), _fly(points, seeds, _processes(jobs), out, progress))
+    return Comparison(tuple(names), _fly(names, points, seeds, _processes(jobs), out, progress))
 
 
 def _check_grid(
@@ -162,11 +161,16 @@ def _hashable(value: Any) -> Any:
 
 
 def _fly(
-    scenarios: Mapping[Any, Scenario], seeds: Any, jobs: int, out: str | Path | None, progress: Progress | None
+    names: Sequence[str],
+    scenarios: Mapping[Any, Scenario],
+    seeds: Any,
+    jobs: int,
+    out: str | Path | None,
+    progress: Progress | None,
 ) -> dict[Any, study.Summaries]:
     show, count = progress or (lambda _done, _total: None), _count(seeds)
     memory.check(scenarios.values())
-    warn_of_lost_models(scenarios.values())
+    before_take_off.warn(names, scenarios)
     points = {at: study.seeded(flown, count) for at, flown in scenarios.items()}
     try:
         if out is not None:

@@ -110,7 +110,7 @@ def prepared(
     flown = plan_of(flown).given
     check_reports(plan_of(flown))
     memory.check([flown])
-    warn_of_lost_models([flown])
+    warn_of_lost_models(flown)
     outputs = None
     run_id = run_name(flown)
     telemetry = StoredTelemetry()

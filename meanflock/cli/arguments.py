@@ -4,7 +4,6 @@ Shell completion imports this module and those of the commands, so they import w
 """
 
 import json
-import logging
 import math
 import os
 import sys
@@ -234,19 +233,6 @@ def load_scenario(file: Path | None, settings: Iterable[str], **options: Any) ->
         refuse_method(flown)
     check_flyable(flown, str(file or "scenario"))
     return flown
-
-
-def warn_before_take_off(flights: "Iterable[Scenario]") -> None:
-    """Warn of faults that begin after the end of a flight, of commands without effect, and of models that the radio
-    will mostly lose."""
-    from meanflock.channel.outlook import warn_of_lost_models
-    from meanflock.worldsim.faults import never
-    from meanflock.worldsim.vehicles.base import ignored
-
-    flights = list(flights)
-    for text in dict.fromkeys(event.text for flown in flights for event in (*ignored(flown), *never(flown))):
-        logs.show(f"warning: {text}", logging.WARNING)
-    warn_of_lost_models(flights)
 
 
 class Positive(click.FloatRange):

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.cli import display
-from meanflock.cli.arguments import load_scenario, warn_before_take_off
+from meanflock.cli.arguments import load_scenario
 from meanflock.launch import doctor as checks
 from meanflock.launch.memory import learner_memory, pair_bytes
 from meanflock.launch.options import FlightOptions, records
 from meanflock.launch.run import EndedRun, fly
 from meanflock.net.access import Address
 from meanflock.results import disk
+from meanflock.studies import before_take_off
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.worldsim.clocks import factor
@@ -77,7 +78,7 @@ def run_loaded(
         _refuse_if_too_large(flown, given["in_process"], given["uavs_per_process"])
         disk.check(flown, given["out"], record, disk.OF_RUN)
     if given["log_format"] != logs.JSON:  # the world reports it
-        warn_before_take_off([flown])
+        before_take_off.warn((), {(): flown})
     if view and not web:
         display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
     given["realtime"] = factor(realtime) if realtime is not None else None

@@ -18,7 +18,6 @@ from meanflock.cli.arguments import (
     quiet_option,
     report,
     scenario_arguments,
-    warn_before_take_off,
 )
 from meanflock.cli.study_arguments import (
     SEEDS,
@@ -175,14 +174,15 @@ def _fly(
     """
     from meanflock.cli.study_results import StudyResults
     from meanflock.launch import memory
-    from meanflock.studies import study, study_file
+    from meanflock.studies import before_take_off, study, study_file
     from meanflock.studies.runner import terminable
 
     memory.check(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
     results = StudyResults(verb, columns, points, wanted)
     study_file.check_folder(out, points)
-    warn_before_take_off(scenarios.values())
+    before_take_off.warn(columns, scenarios)
+    results.warn()
     with terminable(out):
         with store_in(out) as store, progress_of(verb, quiet) as progress:
             flown = study.fly_all(points, jobs, progress, store)

@@ -83,7 +83,7 @@ def _check(controller: type[Controller], options: dict[str, Any], flown: Scenari
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
         from meanflock.channel.outlook import warn_of_lost_models
 
-        warn_of_lost_models([flown])
+        warn_of_lost_models(flown)
 
 
 def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:

@@ -321,6 +321,45 @@ def test_what_no_flight_has_is_refused_before_any_flies(
     assert not (tmp_path / "out").exists()
 
 
+LATE = "uavs = 2\n[[faults]]\nkind = 'kill'\ntime_s = 3.0\nuavs = [1]\n"
+NEVER = "kill of UAV 1 never happens: it begins at 3 s, and `duration` is {} s"
+
+
+def test_a_warning_says_at_which_points_it_holds_unless_at_all(
+    run: Any, undrawn: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "late.toml").write_text(LATE)
+    command = ("sweep", "wind.sigma=0.1,0.2", "--scenario", "late.toml", "--methods", "plan", "--seeds", "1")
+    fixed = ("--jobs", "1", "--quiet")
+    code, _, err = run(*command, "--duration", "2", *fixed, "--out", "all")
+    assert (code, err.splitlines()) == (EXIT_DONE, [f"warning: {NEVER.format(2)}"])
+    code, _, err = run(*command, "duration=1.0,2.0,4.0", "--set", "dt=0.5", *fixed, "--out", "some")
+    assert (code, err.splitlines()) == (
+        EXIT_DONE,
+        [
+            f"warning: at 2 of 6 points (sigma=0.1, duration={float(end)}; sigma=0.2, duration={float(end)}): "
+            + NEVER.format(end)
+            for end in (1, 2)
+        ],
+    )
+    values = ",".join(f"{1.0 + number / 10}" for number in range(5))
+    code, _, err = run("sweep", f"wind.drag={values}", "duration=2.0,4.0", *command[2:], *fixed, "--out", "many")
+    listed = "; ".join(f"drag={1.0 + number / 10}, duration=2.0" for number in range(3))
+    assert (code, err) == (EXIT_DONE, f"warning: at 5 of 10 points ({listed}; …): {NEVER.format(2)}\n")
+    mf.sweep("duration", [1.0, 4.0], scenario=tmp_path / "late.toml", methods="plan", seeds=1, jobs=1)
+    assert f"at 1 of 2 points (duration=1.0): {NEVER.format(1)}" in capsys.readouterr().err
+
+
+def test_more_points_than_looks_are_warned_of(run: Any, undrawn: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plotstyle, "MOST_LOOKS", 3)
+    command = ("--methods", "plan", "--uavs", "2", "--duration", "1", "--seeds", "1", "--jobs", "1", "--quiet")
+    code, _, err = run("sweep", "wind.sigma=0.1,0.2,0.3", *command, "--out", "three")
+    assert (code, err) == (EXIT_DONE, "")
+    code, _, err = run("sweep", "wind.sigma=0.1,0.2", "wind.drag=1,2", *command, "--out", "four")
+    assert code == EXIT_DONE
+    assert err.startswith("warning: figures have 3 looks for 4 points, so some look alike; read those in the tables")
+
+
 def test_every_table_of_a_grid_fits_a_terminal(run: Any, undrawn: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     code, out, _ = run("sweep", *GRID, "--seeds", "2", *SHORT, *PRINT, "--out", "out")
