@@ -23,7 +23,7 @@ from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 
-SCHEMA = 15
+SCHEMA = 16
 EVERY_TICKS = 100
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 _WORLD_SHARE = 2  # of a checkpoint, by the memories that it may have: the rest is of the world, and mail of rounds

@@ -26,9 +26,10 @@ class Commands(Stateful):
         summed: (K,), sum of the diagnostics of UAVs on the way over these ticks. of_groups: (G, K), the same of each
             group of the flight.
         busy: (N,), UAVs that trained in the last tick. busy_ticks: (N,), ticks in which each UAV trained.
+        measured_ticks: number of ticks in which UAVs on the way had the numbers of a training, summed over UAVs.
     """
 
-    stored = ("accelerations", "largest", "summed", "of_groups", "busy", "busy_ticks")
+    stored = ("accelerations", "largest", "summed", "of_groups", "busy", "busy_ticks", "measured_ticks")
 
     def __init__(
         self,
@@ -51,6 +52,7 @@ class Commands(Stateful):
         self._busy, self._measured = busy, list(measured)
         self.busy: Mask = np.zeros(uavs, dtype=bool)
         self.busy_ticks = np.zeros(uavs, dtype=np.int64)
+        self.measured_ticks = 0
         self.accelerations: state.Vectors = np.zeros((uavs, axes))
         self.diagnostics: Floats = np.zeros((uavs, diagnostics))
         self._most = block_ticks(uavs)
@@ -106,10 +108,10 @@ class Commands(Stateful):
         return [float(column.mean()) if len(column) else None for column in columns]
 
     def ticks(self, ticks: NDArray[np.int64]) -> list[int]:
-        """Of so many ticks of each UAV (N,), those in which it had each diagnostic, summed; K of them."""
-        if self._has is None:
-            return [int(ticks.sum())] * self.diagnostics.shape[1]
-        return list((ticks @ self._has).tolist())
+        """Of so many ticks on the way of each UAV (N,), those in which it had each diagnostic, summed; K of them."""
+        columns = self.diagnostics.shape[1]
+        found = [int(ticks.sum())] * columns if self._has is None else (ticks @ self._has).tolist()
+        return [self.measured_ticks if column in self._measured else found[column] for column in range(columns)]
 
     def settle(self) -> None:
         """Add the diagnostics of the ticks since the last call to the sums."""
@@ -119,7 +121,9 @@ class Commands(Stateful):
         self._block = []
         sizes = np.abs(block.transpose(2, 0, 1), order="C")  # much faster than a maximum along few columns
         self.largest = np.maximum(self.largest, np.maximum.reduce(sizes, axis=(1, 2)))
-        of_ticks = np.add.reduce(block.take(self._on_way.nonzero()[0], axis=1), axis=1)
+        on_way = block.take(self._on_way.nonzero()[0], axis=1)
+        self.measured_ticks += int(np.count_nonzero(on_way[..., self._measured[-1:]] > 0.0))
+        of_ticks = np.add.reduce(on_way, axis=1)
         self.summed = sums(self.summed, of_ticks)[-1]
         for number, rows in enumerate(self._groups):
             of_ticks = np.add.reduce(block[:, rows][:, self._on_way[rows]], axis=1)

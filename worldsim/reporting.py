@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Telemetry, has_or_none
 from meanflock.worldsim.checkpoint import most_bytes, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -88,7 +88,8 @@ class Blocks:
             block: number of the first block; 0 for a flight that begins, whose first row is that of tick 0.
         """
         scenario, self._declared, self._names = world.scenario, world.plan.declared, world.plan.columns
-        self._has = None if (has := world.plan.has_column) is None else has.astype(np.uint8)
+        self._has = np.True_ if (has := world.plan.has_column) is None else has
+        self._measured = [self._names.index(name) for name in self._declared.measured]
         uavs = scenario.uavs
         self._world = world
         self._mailer = mailer
@@ -97,7 +98,9 @@ class Blocks:
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
-        rows = self._rows = max(1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(scenario, len(self._names)))))
+        rows = self._rows = max(
+            1, min(rows, _BLOCK_BYTES // (uavs * _row_bytes(scenario, len(self._names), bool(self._measured))))
+        )
         self._columns: dict[str, Any] = {  # as `Telemetry` has them
             "states": np.zeros((rows, uavs, scenario.state_numbers)),
             "accelerations": np.zeros((rows, uavs, scenario.dimensions), dtype=np.float32),
@@ -167,6 +170,14 @@ class Blocks:
         self._flush()
         return self.block
 
+    def _has_diagnostic(self, diagnostics: NDArray[np.float32]) -> NDArray[np.uint8] | None:
+        """The diagnostics (T, N, K) that UAVs have: those of trainings once the last training gave all metrics."""
+        if not self._measured:
+            return has_or_none(np.broadcast_to(self._has, diagnostics.shape[1:])[None])
+        has = np.broadcast_to(self._has, diagnostics.shape).copy()
+        has[..., self._measured] &= diagnostics[..., self._measured[-1:]] > 0.0
+        return has_or_none(has)
+
     def _begin(self, block: int, first_tick: int) -> None:
         """Begin an empty block of that number, whose first row is that of a tick."""
         self.block = block
@@ -194,15 +205,17 @@ class Blocks:
                 events=tuple(self._events),
                 checkpoint=self._parts.popleft() if self._parts else b"",
                 diagnostic_names=self._names,
-                has_diagnostic=self._has,
+                has_diagnostic=self._has_diagnostic(self._columns["diagnostics"][:n]),
             )
         )
         self._begin(self.block + 1, self._first_tick + n)
 
 
-def _row_bytes(scenario: Scenario, diagnostics: int) -> int:
-    """Bytes of a UAV's row: states, and in single precision acceleration, diagnostics and energy; status."""
-    return 8 * scenario.state_numbers + 4 * (scenario.dimensions + diagnostics + 1) + 1
+def _row_bytes(scenario: Scenario, diagnostics: int, has_trainings: bool) -> int:
+    """Bytes of a UAV's row: states, and in single precision acceleration, diagnostics and energy; status, and with
+    trainings which diagnostics the UAV has.
+    """
+    return 8 * scenario.state_numbers + 4 * (scenario.dimensions + diagnostics + 1) + 1 + has_trainings * diagnostics
 
 
 def _sample(links: NDArray[np.int32], lost: bool) -> NDArray[np.int32]:

@@ -13,6 +13,7 @@ import click
 
 from meanflock.cli import display
 from meanflock.cli.arguments import load_scenario
+from meanflock.federation.plan import plan_of
 from meanflock.launch import doctor as checks
 from meanflock.launch.memory import learner_memory, pair_bytes
 from meanflock.launch.options import FlightOptions, records
@@ -166,6 +167,13 @@ def _fly(
                 why = f"uploads that arrived and could not be averaged: {refused}"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
             logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
+        *declared, examples = plan_of(flown).declared.measured or ("",)
+        if declared and done.summary["rounds"] and done.summary["diagnostics_mean"][examples] is None:
+            logs.note(
+                f"no training gave all metrics that the learner declares, so these are unknown: {', '.join(declared)}; "
+                "return all of them in `mf.Trained.metrics`, or declare fewer",
+                logging.WARNING,
+            )
         if failed := failures.trainings:
             trainings = f"{len(failed)} training{'s' * (len(failed) > 1)} failed"
             logs.show(f"warning: {trainings}; the first: {failed[0]}", logging.WARNING)

@@ -14,7 +14,7 @@ from meanflock.cli.tables import empty, print_table
 from meanflock.launch.progress import groups_table, summary_table
 from meanflock.results.flown import flown_keys
 from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outcome, setting
-from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, column_heading, rounds_table, stored_rounds
+from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, OF_UAVS, column_heading, rounds_table, stored_rounds
 from meanflock.results.run_difference import Difference
 from meanflock.results.run_folder import EVENTS
 from meanflock.results.scenario_keys import changed_keys, nearest
@@ -174,10 +174,7 @@ def print_rounds(folder: Path, as_json: bool) -> None:
     for row in rows:
         shown.add_row(*row.values())
     if any(name.startswith(MEAN) for name in means):
-        shown.caption = (
-            "Diagnostics are means over the UAVs on the way when the round ended, those of trainings over the UAVs "
-            "whose last training gave all metrics."
-        )
+        shown.caption = OF_UAVS
     print_table(shown)
 
 

@@ -134,9 +134,10 @@ class Writer:
         events = [event for block in blocks for event in block.events]
         positions = state.position(states).astype(np.float32)
         computed = None
+        if self._scenario.groups or any(block.has_diagnostic is not None for block in blocks):
+            computed = self._computed(ticks, blocks)
         if self._scenario.groups:
             colors = group_colors(self._scenario, ticks, status)
-            computed = self._computed(ticks, blocks[0].has_diagnostic)
         else:
             colors = uav_colors(states, diagnostics, status, self._reported)
 
@@ -164,10 +165,14 @@ class Writer:
         groups = [rows for _, rows in mission.parts(self._scenario)]
         self._send(plot_rows(ticks, states, diagnostics, swarm, energy, status, names, computed, groups))
 
-    def _computed(self, ticks: Ticks, has: NDArray[np.uint8] | None) -> NDArray[np.bool_]:
-        """Mask (T, N, K) of the diagnostics that UAVs have computed: those they have (N, K), once they have joined."""
+    def _computed(self, ticks: Ticks, blocks: Sequence[Telemetry]) -> NDArray[np.bool_]:
+        """Mask (T, N, K) of the diagnostics that UAVs have computed: those they have, once they have joined."""
         joined = ticks[:, None] > mission.joins(self._scenario)
-        return joined[..., None] & (np.ones(len(self._reported.diagnostics), dtype=bool) if has is None else has > 0)
+        has = [
+            np.broadcast_to(True if block.has_diagnostic is None else block.has_diagnostic > 0, block.diagnostics.shape)
+            for block in blocks
+        ]
+        return joined[..., None] & np.concatenate(has)
 
     def _send(self, sent: Iterable[Sent]) -> None:
         for entity, ticks, columns in sent:

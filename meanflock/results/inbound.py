@@ -47,7 +47,8 @@ def check(block: Telemetry, uavs: int | None, nodes: int | None = None, dimensio
         expect(name, getattr(block, name), shape, dtype)
     names = block.diagnostic_names
     if block.has_diagnostic is not None:
-        expect("has_diagnostic", block.has_diagnostic, (n, len(names)), np.uint8)
+        each = (rows, n, len(names))
+        expect("has_diagnostic", block.has_diagnostic, each if block.has_diagnostic.ndim == 3 else each[1:], np.uint8)
     fit = len(set(names)) == len(names) <= MAX_DIAGNOSTICS and RESERVED.isdisjoint(names)
     if not fit or not all(name.isidentifier() for name in names):
         raise MessageRejected("wrong-shape", "diagnostics without names of their own")

@@ -272,7 +272,12 @@ SUMMARY = (
     Field("trajectory_sha256", "", "hash of the states of all ticks; equal for equal flights"),
     Field("payload_bits.*", PAYLOAD, f"payload {_KIND}, counted once per transmission; and `total`"),
     Field("bits_to_arrival.*", PAYLOAD, "the same until the last arrival, or until the end if some never arrived"),
-    Field("wire_bytes", "bytes", "size of the encoded frames on their way to the radio"),
+    Field(
+        "wire_bytes",
+        "bytes",
+        "size of the encoded frames on their way to the radio. Each process sends the frames of its UAVs in batches, "
+        "so the size depends on the number of processes; a run that was resumed with another number has a part of each",
+    ),
     *(Field(f"radio.{name}", measured, about) for name, measured, about in _OF_LINKS),
     Field("radio.airtime_s", "s", "time that transmissions took, collisions included"),
     Field(
@@ -301,7 +306,7 @@ SUMMARY = (
     ),
     Field("radio.traffic.*.transmissions", "frames", f"transmissions {_KIND}"),
     Field("radio.traffic.*.payload_bits", PAYLOAD, "payload of that traffic, counted once per transmission"),
-    Field("radio.traffic.*.wire_bytes", "bytes", "size of the encoded frames of that traffic"),
+    Field("radio.traffic.*.wire_bytes", "bytes", "size of the encoded frames of that traffic, as `wire_bytes`"),
     Field("radio.traffic.*.airtime_s", "s", "time that its transmissions took, collisions included"),
     *(Field(f"radio.traffic.*.{name}", measured, f"for that traffic: {about}") for name, measured, about in _OF_LINKS),
     Field("radio.links_used", "links", "ordered pairs of UAVs between which a message was sent"),
@@ -349,8 +354,8 @@ SUMMARY = (
     Field(
         "diagnostics_mean.*",
         "",
-        "mean of each diagnostic of the controller over the same ticks and UAVs, in its unit; null if no UAV was ever "
-        "on the way",
+        "mean of each diagnostic of the controller over the same ticks and UAVs, in its unit; of trainings over those "
+        "whose last training gave all metrics; null if there are none",
         optional=True,
     ),
     Field("diagnostics_max.*", "", "largest absolute value of each diagnostic of the controller, in its unit"),
@@ -496,7 +501,12 @@ DERIVED = (  # numbers that studies make of summaries and time series
     Field("last_round.round", "1", "number of the last averaged round; null if no round was averaged"),
     Field("last_round.bits", PAYLOAD, "payload of all traffic from take-off to the end of that round"),
     Field("last_round.airtime_s", "s", "time that all transmissions took from take-off to the end of that round"),
-    Field("last_round.mean_*", "", "mean of each diagnostic at the end of that round over the UAVs on the way"),
+    Field(
+        "last_round.mean_*",
+        "",
+        "mean of each diagnostic at the end of that round over the UAVs on the way; of trainings over those whose last "
+        "training gave all metrics",
+    ),
     Field("last_round.metric_*", "", "what the learners reported at the end of that round"),
     Field("learner", "", "name of the learner; null without one"),
 )

@@ -51,6 +51,11 @@ OVER = {  # what a learning curve is drawn over, and its column
     "airtime": "airtime_s",
 }
 
+OF_UAVS = (  # of which UAVs the means of diagnostics are
+    "Diagnostics are means over the UAVs on the way when the round ended, those of trainings over the UAVs whose last "
+    "training gave all metrics."
+)
+
 
 def column_heading(column: str) -> str:
     """The heading of a mean or a metric in a narrow column, line by line, with its unit."""

@@ -14,7 +14,7 @@ from meanflock.federation.plan import Plan
 from meanflock.results.quantities import ACCELERATION, PHI_G, POSITION, VELOCITY, Field, check_columns, columns
 from meanflock.swarm import state
 from meanflock.swarm.events import FlightEvent
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, LinkColumn, Status, Telemetry
+from meanflock.swarm.wire.messages import SWARM_COLUMNS, LinkColumn, Status, Telemetry, has_or_none
 
 COLUMN = {name: index for index, name in enumerate(SWARM_COLUMNS)}  # of `Telemetry.swarm`
 BITS_SENT = [COLUMN[f"{name}_bits"] for name in TRAFFIC.values()]
@@ -82,9 +82,9 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
     ticks = np.arange(block.first_tick, block.first_tick + rows, dtype=np.int32)
 
     def lists(values: np.ndarray, has: NDArray[np.uint8] | None = None) -> list[pa.Array]:
-        """Columns of lists, of values (T, N, columns); null where `has` (N, columns) is 0."""
-        each = np.moveaxis(values, -1, 0).reshape(values.shape[-1], rows * uavs)  # one copy for all of them
-        nulls = [None] * len(each) if has is None else np.tile(has.T == 0, rows)
+        """Columns of lists, of values (T, N, columns); null where `has`, (N, columns) or of each row, is 0."""
+        each = _columns(values)  # one copy for all of them
+        nulls = [None] * len(each) if has is None else _columns(np.broadcast_to(has == 0, values.shape))
         columns = [pa.array(column, mask=mask) for column, mask in zip(each, nulls, strict=True)]
         return [pa.ListArray.from_arrays(offsets, column) for column in columns]
 
@@ -108,13 +108,18 @@ def rows_of(block: Telemetry, dt: float) -> pa.RecordBatch:
     )
 
 
+def _columns(values: NDArray[Any]) -> NDArray[Any]:
+    """Values (T, N, columns) as (columns, T · N)."""
+    rows, uavs, columns = values.shape
+    return np.moveaxis(values, -1, 0).reshape(columns, rows * uavs)
+
+
 def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) -> Telemetry:
     """Rows of ticks that follow each other as a block; links and checkpoint are not in them."""
     reported = rows.filter(rows["leader_model"].is_valid())
     reports = reported["leader_model"].to_pylist()
     names = diagnostics_in(rows.schema)
     diagnostics = per_uav(rows, *names) if names else np.zeros((len(rows), len(rows["x_m"][0]), 0), np.float32)
-    has = ~np.isnan(diagnostics[0])
     return Telemetry(
         run=0,
         block=number,
@@ -131,7 +136,7 @@ def block_of(rows: pa.Table, number: int, events: tuple[FlightEvent, ...] = ()) 
         spread=reported["weight_spread"].to_numpy(),
         events=events,
         diagnostic_names=names,
-        has_diagnostic=None if has.all() else has.astype(np.uint8),
+        has_diagnostic=has_or_none(~np.isnan(diagnostics)),
     )
 
 

@@ -1,5 +1,6 @@
 """The option `--learner`: a file or a name, and what is refused."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,25 @@ def test_what_cannot_be_flown(run: Any, tmp_path: Path, flags: tuple[str, ...], 
     code, _, err = run("run", *FLOWN, *flags, "--out", str(tmp_path))
     assert code == EXIT_BAD_INPUT
     assert message in err
+
+
+@pytest.mark.parametrize("given", [("a", "b"), ("a",)])
+def test_metrics_that_are_declared_and_never_given_are_told_once(
+    run: Any, tmp_path: Path, given: tuple[str, ...]
+) -> None:
+    learner = tmp_path / "measures.py"
+    learner.write_text(
+        "import meanflock as mf\n\n\nclass Measures(mf.Learner):\n    name = 'measures'\n    period_ticks = 20\n"
+        "    metrics = ('a', 'b')\n\n    @classmethod\n    def initial(cls, options, scenario):\n"
+        "        return {'w': 0.0}\n\n"
+        f"    def fit(self, model, config):\n        return mf.Trained(model, 1, dict.fromkeys({given}, 1.0))\n"
+    )
+    code, out, err = run("run", "--learner", str(learner), *FLOWN, "--json", "--out", str(tmp_path / "runs"))
+    means = json.loads(out)["diagnostics_mean"]
+    expected = 1.0 if len(given) == 2 else None
+    assert (code, means["a"], means["b"], means["examples"]) == (EXIT_DONE, expected, expected, expected)
+    told = "warning: no training gave all metrics that the learner declares, so these are unknown: a, b; return all"
+    assert err.count(told) == int(expected is None)
 
 
 @pytest.mark.parametrize(

@@ -431,3 +431,15 @@ def test_an_obstacle_hit_has_its_own_mark(tmp_path: Path) -> None:
 
 
 # Linear RGB as it is seen: Machado, Oliveira and Fernandes, IEEE TVCG 15 (2009), severity 1.
+
+
+def test_a_diagnostic_counts_from_the_tick_on_in_which_a_uav_has_it(tmp_path: Path) -> None:
+    first, second = flight(uavs=4, ticks=40)
+    has = np.zeros((20, 4, 3), dtype=np.uint8)
+    has[10:, 1, 2] = 1
+    record(tmp_path / "run.rrd", [msgspec.structs.replace(first, has_diagnostic=has), second], uavs=4)
+    ticks, lines = scalars(tmp_path / "run.rrd", plots.diagnostic("phi_G"))
+    assert ticks.tolist() == list(range(10, 40))
+    alone = first.diagnostics[10:, 1, 2].astype(np.float64)
+    np.testing.assert_array_equal(lines[:10], np.stack([alone] * 3, axis=-1))
+    np.testing.assert_allclose(lines[10:, 0], second.diagnostics[..., 2].mean(axis=1), rtol=1e-6)

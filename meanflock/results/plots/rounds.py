@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from meanflock.results.flown import flown_keys
 from meanflock.results.plots import plotstyle
 from meanflock.results.quantities import axis_label, quantity
-from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, OVER, rounds_table, stored_rounds
+from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, OF_UAVS, OVER, rounds_table, stored_rounds
 from meanflock.results.run_folder import EVENTS
 from meanflock.swarm.errors import BadInput
 
@@ -72,7 +72,7 @@ def title(column: str) -> str:
 
 def of_uavs(columns: Iterable[str]) -> str:
     """Says of which UAVs the means of a flight are; empty if none of the columns is a mean."""
-    return "diagnostics: means over the UAVs on the way" if any(name.startswith(MEAN) for name in columns) else ""
+    return OF_UAVS if any(name.startswith(MEAN) for name in columns) else ""
 
 
 def label_axes(ax: Axes, column: str, over: str) -> None:

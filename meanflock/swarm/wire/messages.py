@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from meanflock.kernels.wire import BATCH_BYTES
 from meanflock.swarm.events import FlightEvent
@@ -176,7 +177,18 @@ class Telemetry(_ControlMessage, frozen=True, tag="telemetry"):
     events: tuple[FlightEvent, ...] = ()
     checkpoint: bytes = b""  # state of the run after the last row; most blocks have none
     diagnostic_names: tuple[str, ...] = ()  # (K,), names of the diagnostics and columns
-    has_diagnostic: np.ndarray | None = None  # (N, K) u1, 0 where a UAV has no such number; None: every UAV has all
+    has_diagnostic: np.ndarray | None = None  # u1, 0 where a UAV has no such number, see `has_or_none`
+
+
+def has_or_none(has: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
+    """Mask (T, N, K) of the diagnostics that UAVs have in rows, as `Telemetry` has it.
+
+    Returns:
+        (T, N, K); (N, K) if all rows are equal; None if every UAV has all.
+    """
+    if has.all():
+        return None
+    return (has[0] if (has == has[0]).all() else has).astype(np.uint8)
 
 
 class Acknowledgement(_ControlMessage, frozen=True, tag="received"):

@@ -17,6 +17,8 @@ import meanflock as mf
 from meanflock.agent.learning import worker
 from meanflock.launch.engine import Engine
 from meanflock.launch.resume import back
+from meanflock.results import inbound
+from meanflock.results.series import block_of, rows_of
 from meanflock.swarm import plugins
 from meanflock.swarm.events import RoundEnded
 from meanflock.swarm.plugins import registry
@@ -43,7 +45,7 @@ def test_a_line_is_learned_in_flight() -> None:
     run = fly(duration=30)
     assert run.summary["rounds"] == 14
     assert uploads(run) == 14 * 3
-    means = [np.mean(row) for row in run.frame()["loss"].to_pylist()]
+    means = [np.mean(row) for row in run.frame()["loss"].to_pylist() if None not in row]
     assert means[-1] < 0.1 < means[15]
 
 
@@ -64,6 +66,7 @@ def test_a_flight_that_died_in_a_training_goes_on_as_the_undisturbed_one(tmp_pat
     folder = dead(tmp_path / "dead", flown, 155, rows=1)
     again = flight(tmp_path / "dead", flown, kept=back(folder))
     assert steady(again, "dropped_messages") == steady(whole, "dropped_messages")
+    assert mf.open(folder).frame().equals(mf.open(tmp_path / "whole" / folder.name).frame())
 
 
 def test_a_slow_trainer_is_silent_and_uploads_in_the_next_round() -> None:
@@ -404,12 +407,20 @@ def test_a_uav_that_has_not_trained_counts_in_no_mean() -> None:
     slow = {"training.fit_s": 3.0, "training.spread": 0.8, "method": "orca"}
     run = fly(**slow)
     rows, ticks = run.rounds().to_pylist(), run.frame().to_pylist()
-    assert any(0 < sum(count > 0 for count in ticks[row["tick"]]["examples"]) < 4 for row in rows)
+    assert any(0 < sum(count is not None for count in ticks[row["tick"]]["examples"]) < 4 for row in rows)
     for row in rows:
         frame = ticks[row["tick"]]
         losses = [loss for loss, count in zip(frame["loss"], frame["examples"], strict=True) if count]
         assert row["mean_loss"] == (pytest.approx(np.mean(losses)) if losses else None)
         assert row["mean_examples"] == (20.0 if losses else None)
+    block = inbound.check(block_of(run.frame(), 0), 4)
+    assert rows_of(block, run.scenario.dt)["loss"].equals(run.frame()["loss"].combine_chunks())
+    assert {None} == {*ticks[0]["loss"], *ticks[1]["examples"]}
+    assert not any(None in tick["training"] for tick in ticks)
+    for name in ("loss", "examples"):
+        known = [value for tick in ticks for value in tick[name] if value is not None]
+        assert 0.0 not in known
+        assert run.summary["diagnostics_mean"][name] == pytest.approx(np.mean(known), rel=1e-6)  # all are on the way
     bound = max(row["mean_loss"] or 0.0 for row in rows)
     ended = fly(**slow, until=f"loss<={bound!r}")
     assert ended.summary["until"]["round"] == next(row["round"] for row in rows if row["mean_loss"] is not None)
