@@ -2,6 +2,7 @@
 
 import keyword
 import os
+import re
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
@@ -96,9 +97,11 @@ def _check(kind: Kind, name: str) -> None:
     Raises:
         BadInput: one of them may not.
     """
-    if not (name.isidentifier() and name.isascii() and name[0].isalpha() and len(name) <= _LONGEST):
+    if not _is_module(name):
+        other = re.sub(r"\W", "_", name)
         raise BadInput(
             f"{name}: no name for a module; take a letter, and then letters, digits and underscores, up to {_LONGEST}"
+            + (f", as in `{other}`" if _is_module(other) else "")
         )
     if keyword.iskeyword(name) or keyword.iskeyword(_class_of(name)):
         raise BadInput(f"{name}: a keyword of Python, or its class would be; take another name")
@@ -107,6 +110,10 @@ def _check(kind: Kind, name: str) -> None:
             raise BadInput(f"{name}: a {kind} of that name is installed, of {plugin.source}; take another name")
     if find_spec(name) is not None:
         raise BadInput(f"{name}: Python has a module of that name; take another name")
+
+
+def _is_module(name: str) -> bool:
+    return name.isidentifier() and name.isascii() and name[0].isalpha() and len(name) <= _LONGEST
 
 
 def _class_of(name: str) -> str:

@@ -16,7 +16,7 @@ from meanflock.results.stored_run import unit_of
 from meanflock.studies.each_round import EACH_ROUND
 from meanflock.swarm import durable
 
-FLIGHTS, ROUNDS = "flights.parquet", "rounds.parquet"  # files of a study
+FLIGHTS, FLIGHTS_CSV, ROUNDS = TABLES = "flights.parquet", "flights.csv", "rounds.parquet"  # files of a study
 _LEFT_OUT = ("radio.links", EACH_ROUND)  # lists
 _OF_A_FLIGHT = ("method", "learner", "seed")  # what tells flights apart beside the varied values
 _TABLES = frozenset(field.key.rpartition(".")[0] for field in SUMMARY)  # fields that have fields, such as `realtime`
@@ -70,7 +70,7 @@ def write_tables(names: Sequence[str], points: Points, out: Path) -> list[Path]:
     Arguments as for `flight_table`; raises as `write_csv`.
     """
     flights, rounds = flight_table(names, points), rounds_table(names, points)
-    written = [write_csv(flights, out / "flights.csv"), write_parquet(flights, out / FLIGHTS)]
+    written = [write_csv(flights, out / FLIGHTS_CSV), write_parquet(flights, out / FLIGHTS)]
     return [*written, write_parquet(rounds, out / ROUNDS)] if rounds.num_rows else written
 
 

@@ -16,7 +16,7 @@ from meanflock.federation.plan import plugins_of
 from meanflock.results.quantities import VARYING
 from meanflock.results.scenario_keys import flat
 from meanflock.studies.each_round import EACH_ROUND
-from meanflock.studies.flight_table import FLIGHTS, ROUNDS, Points, flight_table
+from meanflock.studies.flight_table import TABLES, Points, flight_table
 from meanflock.studies.job_file import version
 from meanflock.swarm import __version__, durable, paths, toml
 from meanflock.swarm.errors import BadInput
@@ -132,7 +132,7 @@ def study_record(
         names=list(names),
         keys=shared,
         points=records,
-        files={name: sha256_of(out / name) for name in (FLIGHTS, ROUNDS) if (out / name).exists()},
+        files={name: sha256_of(out / name) for name in TABLES if (out / name).exists()},
     )
 
 

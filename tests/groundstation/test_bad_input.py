@@ -41,7 +41,7 @@ OF_A_NAME = [
     ("hjb", "a controller of that name is installed, of meanflock"),
     ("class", "a keyword of Python"),
     ("none", "or its class would be"),
-    ("a-b", "letters, digits and underscores"),
+    ("a-b", "letters, digits and underscores, up to 64, as in `a_b`"),
     ("json", "Python has a module of that name"),
     ("old", "exists already"),
 ]

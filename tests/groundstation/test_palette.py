@@ -41,5 +41,7 @@ def test_colours_differ_with_every_common_colour_vision() -> None:
     assert difference(0xFFFFFFFF, 0x000000FF) == pytest.approx(100.0, abs=0.1)  # by definition
     assert difference(drawing.GREEN, drawing.RED) > 30.0
     assert difference(drawing.COLLISION, drawing.RED) > 20.0
+    for other in (*drawing.GROUPS, drawing.GUST, drawing.COLLISION, drawing.GREEN, drawing.RED, drawing.GROUNDED):
+        assert difference(drawing.HIT, other) > 15.0, f"{other:08X}"
     for one, other in (*combinations(drawing.LINES[:6], 2), *combinations(blueprint.OUTCOMES.values(), 2)):
         assert difference(one, other) > 15.0, f"{one:08X} {other:08X}"

@@ -253,6 +253,7 @@ def edit_beside_plugins(out: Path, **changes: Any) -> None:
         (lambda out: (out / "study.json").write_bytes((out / "study.json").read_bytes()[:500]), "damaged"),
         (lambda out: (out / "study.json").write_text("[]"), "damaged"),
         (lambda out: (out / "rounds.parquet").write_bytes(b"PAR1"), "rounds.parquet: not the table of the study"),
+        (lambda out: (out / "flights.csv").write_text("seed\n1\n"), "flights.csv: not the table of the study"),
         (lambda out: edit(out, meanflock="1.9.0"), "flown with meanflock 1.9.0.*pip install meanflock==1.9.0"),
         (lambda out: edit_beside_plugins(out, keys={"uavs": 5}), "hash .* than the record has; restore the file$"),
         (lambda out: edit(out, keys={"uvas": 5}), "did you mean `uavs`"),

@@ -23,6 +23,7 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing import check_vehicle
 from meanflock.worldsim.flight import Flight
+from meanflock.worldsim.vehicles import tracks
 from meanflock.worldsim.vehicles.base import ignored
 from meanflock.worldsim.vehicles.trace import RecordedTrace
 from meanflock.worldsim.vehicles.tracks import TraceRows, Tracks
@@ -259,6 +260,19 @@ def test_the_title_of_the_paths_says_that_commands_had_no_effect(tmp_path: Path)
     path.write_text(GOOD)
     title = mf.fly(scenario_of(path, uavs=2)).plot("paths").axes[0].get_title(loc="left")
     assert title.splitlines()[1:] == ["the UAVs replay recorded movement: commands have no effect"]
+
+
+def test_a_file_is_read_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read, seen = tracks.read, list[Path]()
+    monkeypatch.setattr(tracks, "read", lambda path, axes: seen.append(path) or read(path, axes))
+    path = written(tmp_path / "way.csv", winding(2))
+    for seed in (1, 2):
+        Engine(scenario_of(path, seed=seed), "trace")
+    assert seen == [path]
+    rows = winding(2)
+    written(path, [*rows, (rows[-1][0] + 1.0, *rows[-1][1:])])
+    Engine(scenario_of(path), "trace")
+    assert seen == [path, path]
 
 
 def test_a_scenario_that_names_the_wrong_starts_does_not_fly(tmp_path: Path) -> None:

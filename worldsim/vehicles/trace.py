@@ -1,5 +1,7 @@
 """Recorded movement: UAVs that move as a file says, with the power of a point mass."""
 
+import functools
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -12,6 +14,7 @@ from meanflock.worldsim.vehicles import tracks
 from meanflock.worldsim.vehicles.base import Hidden, Vehicle
 from meanflock.worldsim.vehicles.point_mass import PointMass
 
+_FILES = 4  # whose tracks are kept for the next flight
 _MAY_BE_SET = ("positions", "centre", "height")  # of `[start]`
 
 
@@ -112,19 +115,33 @@ def _opened(options: RecordedTrace.Options, scenario: Scenario) -> tuple[tracks.
     if not options.file:
         raise BadInput(f"vehicle {RecordedTrace.name!r}: it needs a file; set `vehicle.options.file`")
     path = paths.given(options.file)
-    table, sha256 = tracks.read(options.file, scenario.dimensions)
+    bounds = tracks.StepBounds(options.speed_max_m_s or scenario.radio.plausible_speed, options.gap_s)
+    found, sha256 = _read(path, tracks.stamp(path), scenario.dimensions, scenario.uavs, bounds, options.begin_s)
     if options.sha256 not in ("", sha256):
         raise BadInput(
             f"trace {path} has the SHA-256 {sha256}, and the scenario wants {options.sha256}; bring that file back, or "
             "leave out `vehicle.options.sha256` and `start.positions` to fly this one"
         )
-    speed = options.speed_max_m_s or scenario.radio.plausible_speed
+    return found, sha256
+
+
+@functools.lru_cache(maxsize=_FILES)
+def _read(
+    path: Path,
+    stamp: tuple[int, ...],
+    axes: int,
+    uavs: int,
+    bounds: tracks.StepBounds,
+    begin_s: float | None,
+) -> tuple[tracks.Tracks, str]:
+    """The tracks of a file, and its SHA-256. `stamp` tells a file that was changed since it was read."""
+    table, sha256 = tracks.read(path, axes)
     try:
-        tracks.check(table, scenario.uavs, tracks.StepBounds(speed, options.gap_s))
+        tracks.check(table, uavs, bounds)
     except ValueError as error:
         raise BadInput(f"trace {path}: {error}") from error
     first, last = float(table.times.min()), float(table.times.max())
-    begin_s = first if options.begin_s is None else options.begin_s
+    begin_s = first if begin_s is None else begin_s
     if not first <= begin_s <= last:
         raise BadInput(
             f"trace {path}: `vehicle.options.begin_s` is {begin_s:g} s, and it lasts from {first:g} to {last:g} s; "

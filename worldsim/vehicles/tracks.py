@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,13 +60,21 @@ class Tracks:
         return self._places[low] + share * (self._places[after] - self._places[low])
 
 
-def read(file: str, axes: int) -> tuple[TraceRows, str]:
+def stamp(path: Path) -> tuple[int, ...]:
+    """Numbers that change with the content of a file; empty if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return ()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def read(path: Path, axes: int) -> tuple[TraceRows, str]:
     """The rows of a file with places of `axes` numbers, and the SHA-256 of the file.
 
     Raises:
         BadInput: it cannot be read, or a column is missing or has a value that is not a number.
     """
-    path = paths.given(file)
     if path.suffix not in FORMATS:
         raise BadInput(f"trace {path}: the format is unknown; give a file whose name ends in {' or '.join(FORMATS)}")
     try:
