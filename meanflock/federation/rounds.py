@@ -54,11 +54,11 @@ class Rounds:
         takes_part = role == "leader" or bool(contains(plan.scenario.members, uavs).all())
         hops = schedule.hops if takes_part else ()
         self._own = [hop for hop in hops if hop.role == role]
+        # Also of an agent without a head of a cluster: checkpoints have the same arrays of all agents.
         self._averagers = [
-            Averager(hop, schedule, plan, here, uavs)
+            Averager(hop, schedule, plan, hop.senders if role == "leader" else uavs[contains(hop.senders, uavs)], uavs)
             for hop in self._own
             if hop.mail is not None
-            and len(here := hop.senders if role == "leader" else uavs[contains(hop.senders, uavs)])
         ]
         self._byzantine = Byzantine(plan.scenario)
         federation = plan.scenario.federation

@@ -6,8 +6,9 @@ from pathlib import Path
 from meanflock.federation.plan import plan_of
 from meanflock.net import keys
 from meanflock.results import flown_file, flown_plugins
-from meanflock.results.run_folder import CHECKPOINT, SCENARIO, SUMMARY, read_checkpoint
+from meanflock.results.run_folder import SCENARIO, SUMMARY, read_checkpoint
 from meanflock.results.series import states_of
+from meanflock.results.stored_run import status_of
 from meanflock.results.timeseries_file import Past, past
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
@@ -40,7 +41,7 @@ def back(folder: Path) -> Back:
     folder = folder.resolve()
     if not (folder / SCENARIO).is_file():
         raise BadInput(f"{folder}: no run; name the folder of one that did not finish")
-    if (folder / SUMMARY).exists() and not (folder / CHECKPOINT).exists():
+    if status_of(folder) == "finished":
         raise BadInput(
             f"{folder}: this run has finished, and its summary is in {SUMMARY}; fly it again with "
             f"`meanflock run {folder / SCENARIO}`"

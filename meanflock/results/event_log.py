@@ -21,6 +21,8 @@ FIELDS = {  # of a line
     "fields": "object with all fields of the event that the line does not have already",
 }
 
+_LAST_BYTES = 4096  # room for the line of the event that ends a flight
+
 
 class EventLog:
     """File of the events; while it is open, the run folder is locked."""
@@ -121,6 +123,13 @@ def stored_lines(path: Path) -> list[bytes]:
         return paths.read(path, paths.LOG_BYTES).splitlines()
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
+
+
+def ends_flight(events: IO[bytes]) -> bool:
+    """Returns whether the last event in a file of events says that the flight is over."""
+    events.seek(max(0, os.fstat(events.fileno()).st_size - _LAST_BYTES))
+    lines = events.read().splitlines()
+    return bool(lines) and b'"kind": "finished"' in lines[-1]
 
 
 def _event(row: Any, uavs: int) -> FlightEvent:

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from meanflock.results.event_log import lock
+from meanflock.results.event_log import ends_flight, lock
 from meanflock.results.flown import read_keys
 from meanflock.results.quantities import DERIVED
 from meanflock.results.quantities import SUMMARY as FIELDS
@@ -157,7 +157,7 @@ def _read(folder: Path) -> StoredFolder:
         keys, method = flat(table), mission.method(typed)
         if os.path.lexists(folder / SUMMARY):
             summary = read_summary(folder / SUMMARY)
-        status = _status(folder)
+        status = status_of(folder)
     except BadInput as error:
         fault = str(error)
     except RecursionError:
@@ -166,18 +166,21 @@ def _read(folder: Path) -> StoredFolder:
     return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, method, resumable)
 
 
-def _status(folder: Path) -> Status:
+def status_of(folder: Path) -> Status:
     """The status of a run whose records can be read; raises BadInput if its events cannot be read."""
-    if os.path.lexists(folder / SUMMARY):
-        return "interrupted" if (folder / CHECKPOINT).exists() else "finished"
+    has_summary = os.path.lexists(folder / SUMMARY)
+    if has_summary and (folder / CHECKPOINT).exists():
+        return "interrupted"
     try:
         with paths.opened(folder / EVENTS) as events:
+            if has_summary:
+                return "finished" if ends_flight(events) else "interrupted"
             try:
                 lock(events, folder)
             except BadInput:
                 return "flying"
     except FileNotFoundError:
-        pass
+        return "finished" if has_summary else "unfinished"
     except OSError as error:
         raise BadInput(f"{EVENTS}: {error.strerror}; bring the file back, or fly the run again") from error
     return "unfinished"

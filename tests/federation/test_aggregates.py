@@ -134,10 +134,20 @@ class Overgrown(Growing):
     state_bytes = 12
 
 
+class Kept(mf.Aggregator):
+    """Keeps its state in itself."""
+
+    name = "kept"
+    resumable = False
+
+    def step(self, state: Any, uploads: mf.Uploads) -> Any:
+        return state, uploads.mean
+
+
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("meanflock.launch.engine._CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
-    for plugin in (Coin, Long, Diary, Scribe, Verbose, Clock, Enough, Growing, Overgrown):
+    for plugin in (Coin, Long, Diary, Scribe, Verbose, Clock, Enough, Growing, Overgrown, Kept):
         mf.register(plugin)
     Diary.heard.clear()
     Scribe.read.clear()
@@ -242,8 +252,12 @@ def test_after_a_rule_is_done_nothing_is_uploaded_or_billed_and_no_round_is_coun
 def test_a_flight_that_ends_with_its_rounds_is_finished_and_one_that_is_stopped_before_can_be_resumed(
     swarm: type[Engine | MemorySwarm], tmp_path: Path
 ) -> None:
-    case = scenario(Enough, *CLEAR, 'stop="rounds"')
-    for name, last, status in (("whole", None, "finished"), ("stopped", 110, "interrupted")):
+    for name, rule, last, status in (
+        ("whole", Enough, None, "finished"),
+        ("stopped", Enough, 110, "interrupted"),
+        ("without-checkpoint", Kept, 110, "interrupted"),
+    ):
+        case = scenario(rule, *CLEAR, 'stop="rounds"')
         folder = RunFolder(tmp_path, name, case)
         flight = swarm(case, name, sinks=[folder])
         for tick in flight.fly():
@@ -254,7 +268,7 @@ def test_a_flight_that_ends_with_its_rounds_is_finished_and_one_that_is_stopped_
             folder.summarise(flight.finish())
         run = stored_run(folder.path)
         kinds = [json.loads(line)["kind"] for line in (folder.path / EVENTS).read_text().splitlines()]
-        assert (run.status, run.resumable) == (status, status == "interrupted")
+        assert (run.status, run.resumable) == (status, name == "stopped")
         assert kinds.count("finished") == (status == "finished")
 
 
@@ -276,6 +290,8 @@ def test_a_state_beyond_its_bytes_costs_the_round_and_one_in_every_uav_is_refuse
     assert any("the state has 15 bytes; `state_bytes` is 12" in text for text in record.texts)
     with pytest.raises(BadInput, match=r"growing has a state whose length changes.*`federation.topology` to leader"):
         fly(scenario(Growing, "federation.topology=neighbours"))
+    with pytest.raises(BadInput, match=r"kept has a state that is not in checkpoints.*`federation.topology` to leader"):
+        fly(scenario(Kept, "federation.topology=neighbours"))
 
 
 class Prophet(Diary):

@@ -54,12 +54,19 @@ class Ring(Topology):
         )
 
 
+class ClusterMomentum(Momentum):
+    """Averages for a cluster, too."""
+
+    name = "cluster-momentum"
+    bears_means = True
+
+
 UAVS = 9
 
 
 @pytest.fixture(autouse=True)
 def _registered() -> None:
-    for plugin in (Ring, Momentum, Long):
+    for plugin in (Ring, Momentum, ClusterMomentum, Long):
         mf.register(plugin)
 
 
@@ -80,6 +87,7 @@ RETRIES, AGAIN = (("federation.retries=3", "federation.period=90"), ("federation
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "a ring": ("mfgfl-h", (*SLOW, "federation.payload=int8")),
     "clusters": ("mfgfl-h", (*SLOW, *CLUSTERS, SILENT)),
+    "heads with states": ("mfgfl-h", (*SLOW, *CLUSTERS, f"federation.aggregation={ClusterMomentum.name}")),
     "leader with a state": ("mfgfl-h", (*SLOW, LEADER, MOMENTUM)),
     "late uploads to a leader": ("mfgfl-h", (*SLOW, LEADER, DEADLINE)),
     "neighbours with states, some silent": ("mfgfl-h", (*SLOW, NEIGHBOURS, MOMENTUM, SILENT)),
