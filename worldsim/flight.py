@@ -56,7 +56,8 @@ class Flight(Stateful):
         on_way: (N,), UAVs that have left the ground, have not arrived and are not lost.
         lost: (N,), UAVs that are out of the mission.
         waiting: (N,), UAVs on the ground: they have not left it yet, were lost there, or have landed; None for no UAV.
-        lost_on_ground: (N,), UAVs that were lost before they left the ground, where they stay unless they rejoin.
+        lost_on_ground: (N,), UAVs that were lost before their first tick in the air; they stay on the ground unless
+            they rejoin.
         off: (N,), UAVs that take no part: they are lost, have landed, or have not joined; None for no UAV.
         idle: (N,), UAVs whose commands have no effect: those on the ground, and lost ones; None for no UAV.
         books: sums of energy, distance, effort and speed.
@@ -215,7 +216,7 @@ class Flight(Stateful):
         uavs = uavs[(self.status[uavs] != LOST) & (self.status[uavs] != LANDED)]
         if len(uavs):
             self.status[uavs] = LOST
-            self.lost_on_ground[uavs] = self.launch_tick[uavs] > self.tick
+            self.lost_on_ground[uavs] = self.launch_tick[uavs] >= max(1, self.tick)  # in tick 0 all others are aloft
             self._sort()
             self.events.append(event(self.tick, tuple(uavs.tolist()), reason))
 

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 from msgspec import structs
+from numpy.typing import NDArray
 
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
@@ -326,14 +327,14 @@ class World(Stateful):
             The UAVs and the number of leaders that are killed; the UAVs that are awake, (N,).
         """
         flight = self.flight
+        killed = self._script.killed(tick)
         if tick in self._group_ticks:
-            self._begin_groups(tick)
+            self._begin_groups(tick, killed)
         if flight.guide.is_there:
             self._guide(tick)
         if not self.scenario.faults:
-            return _NOBODY, 0, self._all if flight.off is None else ~flight.off
+            return killed, 0, self._all if flight.off is None else ~flight.off
         flight.events += self._script.events(tick)
-        killed = self._script.killed(tick)
         flight.lose(killed, Lost, KILLED)
         awake = ~self._script.paused(tick)
         return killed, self._script.leaders_lost(tick), awake if flight.off is None else awake & ~flight.off
@@ -362,12 +363,13 @@ class World(Stateful):
             guide.send_home(uavs, state.position(flight.states[uavs]))
             self.note(TurnedBack(tick, tuple(uavs.tolist())))
 
-    def _begin_groups(self, tick: int) -> None:
-        """Let groups join and leave as they are to."""
+    def _begin_groups(self, tick: int, killed: NDArray[np.intp]) -> None:
+        """Let groups join and leave as they are to, but for UAVs that are `killed` in this tick."""
         dt = self.scenario.dt
         for group, rows in mission.parts(self.scenario):
             uavs = np.arange(rows.start, rows.stop)
-            if tick and tick == group.joins_in(dt) and len(joining := uavs[~self.flight.lost[uavs]]):
+            joining = np.setdiff1d(uavs[~self.flight.lost[uavs]], killed)
+            if tick and tick == group.joins_in(dt) and len(joining):
                 self.note(Joined(tick, tuple(joining.tolist()), group.name))
             if tick == group.leaves_in(dt):
                 self.flight.land(uavs, f"group {group.name} leaves")
@@ -442,7 +444,6 @@ class World(Stateful):
 
 
 KILLED = "killed by the fault script"
-_NOBODY = np.zeros(0, dtype=np.intp)
 
 
 def _reaching(due: list[Frames], awake: Mask) -> list[Frames]:

@@ -125,8 +125,9 @@ def test_a_group_that_joins_late_waits_and_one_that_leaves_lands() -> None:
     assert all(40 < tick <= 90 for tick in sends)
 
 
-def test_a_uav_that_is_lost_before_its_group_joins_stays_on_the_ground() -> None:
-    killed = {"kind": "kill", "time_s": 1.0, "uavs": [7]}
+@pytest.mark.parametrize("time_s", [1.0, 4.0], ids=["before", "in the tick"])
+def test_a_uav_that_is_lost_before_its_group_joins_stays_on_the_ground(time_s: float) -> None:
+    killed = {"kind": "kill", "time_s": time_s, "uavs": [7]}
     rows = rows_of(Scenario(**SIDE_BY_SIDE, faults=[killed]))
     places = np.stack([row.states[6:] for row in rows])
     assert (places[:, 1] == places[0, 1]).all()
