@@ -116,7 +116,7 @@ class RemoteCrew:
             resumed=resume,
         )
         self._pace = DelayRules(scenario.pace, self._news, barrier_s)
-        self._leading: str | None = None  # the leader that was asked last
+        self._leading: str | None = None  # the last leader
         self._has_one_leader = not plan.is_resumable  # no other leader can go on with its rule
 
     @property
@@ -205,6 +205,14 @@ class RemoteCrew:
             if (leader := self.members.lead()) is not None:
                 self._admission.dismiss(leader, KILLED)
                 self._news.append(NodeLost(senses.tick, leader.name, KILLED))
+                self._note_takeover(senses.tick)
+
+    def _note_takeover(self, tick: int) -> None:
+        """Note the leader if it is another one than before."""
+        if (leader := self.members.lead()) is not None and leader.name != self._leading:
+            if self._leading is not None:
+                self._news.append(LeaderTookOver(tick, leader.name, self._leading))
+            self._leading = leader.name
 
     def _ask(self, senses: Senses) -> None:
         """Send each node what its UAVs are told."""
@@ -223,9 +231,7 @@ class RemoteCrew:
     def _ask_leader(self, senses: Senses) -> None:
         """Ask the elected leader if a round needs it, and it was not asked yet; the next one if it is lost at once."""
         while senses.leads and (leader := self.members.lead()) is not None and leader.name not in self._barrier.asked:
-            if self._leading not in (None, leader.name):
-                self._news.append(LeaderTookOver(senses.tick, leader.name, self._leading))
-            self._leading = leader.name
+            self._note_takeover(senses.tick)
             record = b"" if leader.informed else senses.rule_record
             mail = mail_for(senses.letters, "leader", after=leader.read)
             leader.informed, leader.read = True, senses.newest
