@@ -19,7 +19,7 @@ from meanflock.federation.cut import bound_of_models
 from meanflock.swarm.declared import Declared, controller
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.base import listed
-from meanflock.swarm.events.nodes import Problem
+from meanflock.swarm.events.nodes import FailedController, Problem
 from meanflock.swarm.plugins.guard import as_floats, bounded_rows, check_bounded, check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask, distinct
@@ -57,7 +57,7 @@ class Guarded:
         """
         Args:
             scenario: as the controller gets it. declared: its declarations.
-            problems: a list that gets one text for each row in which the controller failed, and its news.
+            problems: a list that gets each row in which the controller failed, once, and its news.
 
         Raises:
             BadInput: the controller is not installed, or its options do not fit.
@@ -92,10 +92,10 @@ class Guarded:
         try:
             return self._initial_memory(self._uavs, plan)
         except FAILURES as error:
-            by_row = _each_row(
+            _, errors = _each_row(
                 range(len(self._uavs)), lambda row: self._initial_memory(self._uavs[row : row + 1], plan)
             )
-            failed = [uav for row, uav in enumerate(self._uavs) if row not in by_row] or self._uavs
+            failed = [self._uavs[row] for row in errors] or self._uavs
             uavs = listed(tuple(failed))
             raise BadInput(f"controller {self._method!r} failed in `init` with {uavs}: {last_line(error)}") from error
 
@@ -115,10 +115,9 @@ class Guarded:
             self._problems += step.news
             return step, commands, largest
         except FAILURES as error:
-            step, commands = self._step_rows(memory, tick, own, received)
-            failed = np.flatnonzero(np.isnan(commands).any(axis=-1))
-            self._break(failed, error)
-            if not len(failed):
+            step, commands, errors = self._step_rows(memory, tick, own, received)
+            self._break(errors)
+            if not errors:
                 self._warn_of_rows(error)
             return step, commands, float(np.abs(commands).max(initial=0.0))
 
@@ -153,9 +152,9 @@ class Guarded:
 
         try:
             notes = checked(memory, len(self._uavs))
-        except FAILURES as error:
-            by_row = _each_row(rows.tolist(), lambda row: checked(_row(memory, row), 1)[0])
-            self._break([row for row in rows.tolist() if row not in by_row], error)
+        except FAILURES:
+            by_row, errors = _each_row(rows.tolist(), lambda row: checked(_row(memory, row), 1)[0])
+            self._break(errors)
             return [by_row.get(row, b"") for row in rows.tolist()]
         return [notes[row] for row in rows.tolist()]
 
@@ -192,11 +191,11 @@ class Guarded:
 
         try:
             return after(memory, rows, news)
-        except FAILURES as error:
+        except FAILURES:
             places = {row: place for place, row in enumerate(rows.tolist())}
             first = np.zeros(1, dtype=np.intp)
-            by_row = _each_row(places, lambda row: after(_row(memory, row), first, alone(places[row])))
-            self._break([row for row in places if row not in by_row], error)
+            by_row, errors = _each_row(places, lambda row: after(_row(memory, row), first, alone(places[row])))
+            self._break(errors)
             return _with_rows(memory, by_row)
 
     def break_not_finite(self, memory: Memory) -> None:
@@ -204,7 +203,8 @@ class Guarded:
         for name, array in memory.items():
             bad = np.flatnonzero((~np.isfinite(array)).reshape(len(array), -1).any(axis=1))
             if len(bad):
-                self._break(bad, ValueError(f"memory[{name!r}] has numbers that are not finite"))
+                error = ValueError(f"memory[{name!r}] has numbers that are not finite")
+                self._break(dict.fromkeys(bad.tolist(), error))
 
     def note_beyond(self, commands: Floats, rows: Mask) -> None:
         """Complain of `rows` (M,) whose commands (M, 2 + K) are beyond all bounds, and name a number of the first.
@@ -219,8 +219,11 @@ class Guarded:
         name = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)[column]
         self._report_problems(rows, f"its {name} is {first[column]:g}")
 
-    def _step_rows(self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]) -> tuple[Step, Floats]:
-        """The steps of all rows, each alone. A row that fails keeps its memory, and its commands are NaN."""
+    def _step_rows(
+        self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]
+    ) -> tuple[Step, Floats, dict[int, BaseException]]:
+        """The steps of all rows, each alone, and the errors of those that fail. A row that fails keeps its memory, and
+        its commands are NaN."""
         columns = self._blank.shape[1]
         axes = columns - len(self._declared.diagnostics)
         commands = np.full((len(own), columns), np.nan)
@@ -243,7 +246,7 @@ class Guarded:
             commands[row] = numbers
             return step
 
-        steps = _each_row(range(len(own)), step_row)
+        steps, errors = _each_row(range(len(own)), step_row)
         self._problems += [one for step in steps.values() for one in step.news]
         silence = [np.zeros((0, 1))]
         broadcasts = tuple(
@@ -252,7 +255,7 @@ class Guarded:
         )
         after = _with_rows(memory, {row: step.memory for row, step in steps.items()})
         refused = distinct(np.concatenate([NOBODY, *(step.refused for step in steps.values())])).astype(np.int32)
-        return Step(after, commands[:, :axes], commands[:, axes:], broadcasts, refused), commands
+        return Step(after, commands[:, :axes], commands[:, axes:], broadcasts, refused), commands, errors
 
     def _table(
         self, name: str, memory: Memory, width: tuple[int, ...], asked: Iterable[int], check: TableCheck = BOUNDED
@@ -275,15 +278,16 @@ class Guarded:
         except FAILURES as error:
             failed = np.ones(rows, dtype=bool) if table is None else ~check.valid(table)
             doubted, tried = np.flatnonzero(failed).tolist(), rows if table is None else _TRIED
-            by_row = _each_row(doubted[:tried], alone)
+            by_row, errors = _each_row(doubted[:tried], alone)
             if by_row:  # a bad row has spoiled others
-                by_row |= _each_row(doubted[tried:], alone)
+                others, errors_of_others = _each_row(doubted[tried:], alone)
+                by_row, errors = by_row | others, errors | errors_of_others
             answer = np.zeros((rows, *width))
             if table is not None:
                 np.copyto(answer, table, where=~failed.reshape(-1, *(1,) * len(width)))
             for row, single in by_row.items():
                 answer[row], failed[row] = single[0], False
-            self._break([row for row in asked if failed[row]], error)
+            self._break({row: errors.get(row, error) for row in asked if failed[row]})
             return answer
 
     def _warn_of_rows(self, error: BaseException) -> None:
@@ -298,23 +302,23 @@ class Guarded:
                 last_line(error),
             )
 
-    def _break(self, rows: Rows | list[int], error: BaseException) -> None:
-        """Mark rows as broken, and complain of those that had no complaint."""
+    def _break(self, errors: Mapping[int, BaseException]) -> None:
+        """Mark rows as broken, and complain of those that had no complaint, with the error of the first of these."""
         broken = np.zeros(len(self._uavs), dtype=bool)
-        broken[rows] = True
+        broken[[*errors]] = True
         if self.asleep is not None:
             broken = broken & ~self.asleep
         self.broken = self.or_broken(broken)
         if (fresh := broken & ~self._reported).any():
+            error = errors[int(fresh.argmax())]
             trace = error if isinstance(error, Exception) else None  # a `sys.exit()` needs no trace
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
             self._report_problems(fresh, last_line(error))
 
     def _report_problems(self, rows: Mask, reason: str) -> None:
-        """Add one text for rows that had no complaint."""
+        """Report rows that had no complaint."""
         self._reported = self._reported | rows
-        names = listed(tuple(self._uavs[rows].tolist()))
-        self._problems.append(f"controller {self._method!r} failed with {names}: {reason}")
+        self._problems.append(FailedController(tuple(self._uavs[rows].tolist()), reason))
 
 
 def choose(mask: Mask, chosen: Memory, others: Memory) -> Memory:
@@ -342,13 +346,17 @@ def received_by(received: Sequence[Received], row: int) -> tuple[Received, ...]:
     return tuple(own)
 
 
-def _each_row(rows: Iterable[int], ask: Callable[[int], Answer]) -> dict[int, Answer]:
-    """Results of a call for each row alone; rows in which it fails are left out."""
-    answers = {}
+def _each_row(rows: Iterable[int], ask: Callable[[int], Answer]) -> tuple[dict[int, Answer], dict[int, BaseException]]:
+    """Results of a call for each row alone, and the errors of the rows in which it fails."""
+    answers: dict[int, Answer] = {}
+    errors: dict[int, BaseException] = {}
     for row in rows:
-        with suppress(*FAILURES):
+        try:
             answers[row] = ask(row)
-    return answers
+        except FAILURES as error:
+            error.__suppress_context__ = True  # the error of all rows together
+            errors[row] = error
+    return answers, errors
 
 
 def _with_rows(memory: Memory, memories: Mapping[int, Memory]) -> Memory:

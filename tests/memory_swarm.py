@@ -43,7 +43,9 @@ class MemorySwarm(NetworkedRun):
         if sinks:
             bus = self.network.endpoint()
             first = 0 if resume is None else resume.block + 1
-            self.station = RecordingStation(bus, run, sinks, first_block=first, uavs=scenario.uavs)
+            self.station = RecordingStation(
+                bus, run, sinks, first_block=first, uavs=scenario.uavs, nodes=scenario.nodes
+            )
             bus.handler = self.station.handle
         size = scenario.uavs if uavs_per_node is None else uavs_per_node
         sizes = [size] * -(-scenario.uavs // size) if isinstance(size, int) else size

@@ -1,12 +1,24 @@
 """Flights in one process, with all that was reported of them."""
 
+import re
+from collections.abc import Iterable
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
-from meanflock.swarm.events import KINDS, FlightEvent
+from meanflock.swarm.events import (
+    KINDS,
+    AgentFailed,
+    AverageFailed,
+    FitFailed,
+    FlightEvent,
+    FlightResumed,
+    LeaderFailed,
+    NodesJoined,
+)
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
 
@@ -16,7 +28,11 @@ class Record(StoredTelemetry):
 
     @property
     def events(self) -> list[FlightEvent]:
-        events = [event for block in self.blocks for event in block.events]
+        return self.events_from(0)
+
+    def events_from(self, first: int) -> list[FlightEvent]:
+        """The events from a block on."""
+        events = [event for block in self.blocks[first:] for event in block.events]
         assert {event.kind for event in events} <= set(KINDS)  # docs/data.md describes these
         return events
 
@@ -43,3 +59,31 @@ def fly(scenario: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[
     for _ in engine.fly():
         pass
     return engine.finish(), record
+
+
+_OF_CONTROLLER = re.compile(r"(controller '.+' failed) with UAVs? ([\d, ]+): (.*)")
+
+
+def comparable(events: Iterable[FlightEvent]) -> list[Any]:
+    """Events without what depends on how a flight divides its UAVs among nodes: the number and the names of nodes, and
+    whether one event or several say that something failed at UAVs. Then the first reason counts, and all UAVs."""
+    found: list[Any] = []
+    for event in events:
+        match event:
+            case NodesJoined() | FlightResumed():
+                continue
+            case AverageFailed():
+                failed = [event.tick, "rule", event.failure, [*event.uavs]]
+            case AgentFailed() if told := _OF_CONTROLLER.fullmatch(event.failure):
+                failed = [event.tick, told[1], told[3], [*map(int, told[2].split(", "))]]
+            case AgentFailed() | LeaderFailed() | FitFailed():
+                found.append(msgspec.structs.replace(event, node=""))
+                continue
+            case _:
+                found.append(event)
+                continue
+        if found and isinstance(found[-1], list) and found[-1][:2] == failed[:2]:
+            found[-1][3] = sorted([*found[-1][3], *failed[3]])
+        else:
+            found.append(failed)
+    return found

@@ -14,15 +14,7 @@ from meanflock.federation.plan import Plan
 from meanflock.leader.node import Leader
 from meanflock.swarm import mission
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.events import (
-    FlightEvent,
-    FlightResumed,
-    LeaderFailed,
-    LeaderTookOver,
-    NodeLost,
-    NodesJoined,
-)
-from meanflock.swarm.events.nodes import FailedAverage, event_of_agent
+from meanflock.swarm.events import FlightEvent, FlightResumed, LeaderTookOver, NodeLost, NodesJoined
 from meanflock.swarm.state import Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -132,6 +124,7 @@ def place_of(uavs: NDArray[np.intp]) -> Place:
     return slice(first, end) if end - first == len(uavs) else uavs
 
 
+_NO_UAV = np.zeros(0, dtype=np.intp)
 MANY_UAVS = 4096  # from which on a crew uses the cores of its process
 
 
@@ -237,10 +230,9 @@ class LocalCrew:
             agent = self.agents[number]
             acts.outbox += reply.outbox
             acts.add(reply)
-            if agent.problems:
-                acts.news += [event_of_agent(senses.tick, self._nodes[number], one) for one in agent.problems]
-                acts.unaveraged.update(*(one.uavs for one in agent.problems if isinstance(one, FailedAverage)))
-                agent.problems.clear()
+            for problem in agent.problems:
+                acts.reports.add(self._nodes[number], agent.uavs, problem)
+            agent.problems.clear()
         if len(replies) == len(self.agents) == 1:
             acts.commands, acts.models = replies[0][1].commands, replies[0][1].models
             absent = self._nobody
@@ -295,10 +287,9 @@ class LocalCrew:
         acts.add(reply)
         if reply.memory:
             acts.rule_record = reply.memory
-        if leader.problems:
-            acts.leader_failed = True
-            acts.news += [LeaderFailed(senses.tick, _name(self._led), str(one)) for one in leader.problems]
-            leader.problems.clear()
+        for problem in leader.problems:
+            acts.reports.add(_name(self._led), _NO_UAV, problem)
+        leader.problems.clear()
 
     def _lose_leader(self, tick: int, acts: Acts) -> None:
         """The fault script kills the leader; the next standby takes over."""

@@ -11,6 +11,7 @@ from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.state import Floats, Mask, States, Vectors
 from meanflock.swarm.wire.messages import NOBODY, Act, Frames
 from meanflock.worldsim.checkpoint import Memories
+from meanflock.worldsim.failures import Reports
 
 Uavs: TypeAlias = NDArray[np.intp]
 
@@ -56,9 +57,8 @@ class Acts(msgspec.Struct, eq=False):
     refused_states: UAVs whose states are implausible. waiting: UAVs at which the aggregation rule waits for more
     models. models: (N, W) learned weights, if they were asked for; NaN for UAVs without an answer. memories: of the
     controllers, if they were asked for and no node was just lost. rule_record: state of the aggregation rule after a
-    round; None for no change. has_leader: whether a node leads. leader_failed: whether the leader complained.
-    unaveraged: UAVs at which the aggregation rule failed. steered: number
-    of commands that clients gave. news: what became of the nodes since the last tick, in order of time.
+    round; None for no change. has_leader: whether a node leads. steered: number of commands that clients gave.
+    news: what became of the nodes since the last tick, in order of time. reports: what nodes report of failures.
     """
 
     commands: Floats
@@ -71,10 +71,9 @@ class Acts(msgspec.Struct, eq=False):
     memories: Memories | None = None
     rule_record: bytes | None = None
     has_leader: bool = True
-    leader_failed: bool = False
-    unaveraged: set[int] = set()
     steered: int = 0
     news: list[FlightEvent] = []
+    reports: Reports = msgspec.field(default_factory=Reports)
 
     def add(self, reply: Act) -> None:
         """Add the UAVs that the reply of a node names."""

@@ -36,6 +36,7 @@ from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
 from meanflock.worldsim.commands import Commands
 from meanflock.worldsim.counters import Counters, weight_spread
 from meanflock.worldsim.downwash import Downwash
+from meanflock.worldsim.failures import Reports
 from meanflock.worldsim.faults import Script
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.merger import FrameMerger
@@ -215,7 +216,7 @@ class World(Stateful):
         """
         assert self._senses is not None
         flight, ledger, (tick, states, awake, present, *_) = self.flight, self.ledger, self._senses
-        self.learn(acts.news)
+        self.learn(acts.news, acts.reports)
         self._take(acts)
         if len(self._senses.guided):
             flight.guide.told(awake & ~absent)
@@ -261,8 +262,10 @@ class World(Stateful):
         """Record an event of this tick."""
         self.flight.events.append(event)
 
-    def learn(self, news: Iterable[FlightEvent]) -> None:
-        """Take what became of the nodes: UAVs are lost or rejoin, and all else is recorded."""
+    def learn(self, news: Iterable[FlightEvent], reports: Reports) -> None:
+        """Take what became of the nodes in the tick that was asked for: UAVs are lost or rejoin, and all else is
+        recorded. Take the failures that nodes report."""
+        assert self._senses is not None
         for event in news:
             match event:
                 case Lost():
@@ -271,6 +274,10 @@ class World(Stateful):
                     self.flight.rejoin(np.array(event.uavs, dtype=np.intp), event.node)
                 case _:
                     self.note(event)
+        self.flight.events += reports.events(self.tick, self._senses.awake, self.plan.groups)
+        if reports.leader_failed:
+            self.ledger.fail()
+        self.ledger.fail_at(reports.unaveraged)
 
     def checkpoint(self, memories: Memories, wall_s: float, block: int) -> bytes:
         """The state between two ticks, which `Resumption.decode` reads.
@@ -384,15 +391,14 @@ class World(Stateful):
         """Take what the nodes say but commands and frames."""
         flight, ledger, counters = self.flight, self.ledger, self.counters
         if len(acts.failed):
-            flight.lose(acts.failed.astype(np.intp), Diverged, "the controller failed or left the finite numbers")
+            flight.lose(
+                np.sort(acts.failed).astype(np.intp), Diverged, "the controller failed or left the finite numbers"
+            )
         if acts.rule_record is not None:
             try:
                 ledger.take_record(acts.rule_record)
             except MessageRejected as error:
                 self._drop(error, "the record of the aggregation rule")
-        if acts.leader_failed:
-            ledger.fail()
-        ledger.fail_at(acts.unaveraged)
         ledger.wait_at(acts.waiting)
         counters.steered += acts.steered
         if len(acts.refused_uploads):

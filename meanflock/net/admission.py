@@ -17,17 +17,8 @@ from meanflock.net.outbox import Outbox
 from meanflock.net.tick import TYPES
 from meanflock.swarm import mission, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
-from meanflock.swarm.events import (
-    AverageFailed,
-    FlightEvent,
-    LastReturn,
-    LeaderFailed,
-    LeaderStandsBy,
-    Lost,
-    NodeLost,
-    Rejoined,
-)
-from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, event_of_agent
+from meanflock.swarm.events import FlightEvent, LastReturn, LeaderStandsBy, Lost, NodeLost, Rejoined
+from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
     UNAVERAGED,
@@ -43,6 +34,7 @@ from meanflock.swarm.wire.messages import (
 )
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.counters import MAX_DROP_EVENTS
+from meanflock.worldsim.failures import Reports
 from meanflock.worldsim.world import World
 
 log = logging.getLogger("meanflock.world")
@@ -59,8 +51,7 @@ class Admission:
         listeners: names of the ground stations that listen.
         flying: true from the first tick on; a node lost before is merely missing.
         closed: true after the last tick; a node that leaves then is not lost.
-        leader_failed: whether a leader complained; unaveraged: UAVs at which the aggregation rule failed; the owner
-            resets both.
+        reports: what nodes report of failures; the owner replaces it.
         unfit: reasons of admitted nodes that cannot take part.
         unattended: UAVs whose agent was lost and that have no other yet, and since when, on the world's clock.
     """
@@ -97,8 +88,7 @@ class Admission:
         self.listeners: set[str] = set()
         self.flying = False
         self.closed = False
-        self.leader_failed = False
-        self.unaveraged: set[int] = set()
+        self.reports = Reports()
         self.unfit: list[str] = []
         self.unattended: dict[int, float] = {}
         self._bus = bus
@@ -249,14 +239,12 @@ class Admission:
         if isinstance(message, Ready):
             self._welcome(member)
         elif isinstance(message, Event):
-            event = _event_of(self._world.tick, member, message)
-            self.leader_failed |= member.role == LEADER
-            if isinstance(event, AverageFailed):
-                self.unaveraged.update(event.uavs)
+            problem = _problem_of(member, message)
             member.events += 1
-            if member.events > MAX_EVENTS + member.rows:  # world and ground station keep all of them
+            is_one_more = member.events <= MAX_EVENTS + member.rows  # world and ground station keep all events
+            self.reports.add(member.name, member.uavs, problem, has_event=is_one_more)
+            if not is_one_more:
                 raise MessageRejected("oversized", f"event {member.events} of a node, which may tell no more")
-            self._news.append(event)
         elif isinstance(message, Refusal):
             self._refused(member, printable(message.reason))
         else:
@@ -366,26 +354,25 @@ class Admission:
         self._bus.put(keys.sense(self._run, name), control.encode(Stop(self._fingerprint, reason, lost)))
 
 
-def _event_of(tick: int, member: Member, message: Event) -> FlightEvent:
-    """The event of a failure that a node reports.
+def _problem_of(member: Member, message: Event) -> Problem:
+    """The failure that a node reports.
 
     Raises:
-        MessageRejected: it reports a training, or a failed average, of a UAV that it does not fly.
+        MessageRejected: it reports a failure at a UAV that it does not fly, or a training of several.
     """
-    text = printable(message.text)
-    if member.role == LEADER:
-        return LeaderFailed(tick, member.name, text)
-    named = set(message.uavs)
-    own = 0 < len(named) == len(message.uavs) and named <= set(member.uavs)
-    if message.kind == UNTRAINED:
-        if len(message.uavs) != 1 or not own:
-            raise MessageRejected("wrong-shape", f"a training of UAVs {list(message.uavs)}; expected one of its own")
-        return event_of_agent(tick, member.name, FailedTraining(message.uavs[0], text))
+    text, uavs = printable(message.text), message.uavs
+    if member.role == LEADER or not (uavs or message.kind in (UNTRAINED, UNAVERAGED)):
+        return text
+    named = set(uavs)
+    if not 0 < len(named) == len(uavs) or not named <= set(member.uavs.tolist()):
+        raise MessageRejected("wrong-shape", f"a failure at UAVs {list(uavs)}; expected its own")
     if message.kind == UNAVERAGED:
-        if not own:
-            raise MessageRejected("wrong-shape", f"a failed average of UAVs {list(message.uavs)}; expected its own")
-        return event_of_agent(tick, member.name, FailedAverage(message.uavs, text))
-    return event_of_agent(tick, member.name, text)
+        return FailedAverage(uavs, text)
+    if message.kind != UNTRAINED:
+        return FailedController(uavs, text)
+    if len(uavs) > 1:
+        raise MessageRejected("wrong-shape", f"a training of UAVs {list(uavs)}; expected one of its own")
+    return FailedTraining(uavs[0], text)
 
 
 def _peer(where: str) -> str:

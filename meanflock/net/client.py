@@ -16,9 +16,10 @@ from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
-from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    FAILED,
     UNAVERAGED,
     UNTRAINED,
     Act,
@@ -208,8 +209,10 @@ class NodeClient:
                     event = Event(self._last_tick, UNTRAINED, problem.failure, (problem.uav,))
                 case FailedAverage():
                     event = Event(self._last_tick, UNAVERAGED, problem.failure, problem.uavs)
+                case FailedController():
+                    event = Event(self._last_tick, FAILED, problem.failure, problem.uavs)
                 case _:
-                    event = Event(self._last_tick, "failed", problem)
+                    event = Event(self._last_tick, FAILED, problem)
             self._bus.put(self._act_key, control.encode(event))
         self._node.problems.clear()
 

@@ -123,7 +123,7 @@ class NetworkedRun:
                 yield row.tick
             self.world.flight.books.settle()
         except RunFailed as error:
-            self.world.learn(self.nodes.last_news())
+            self.world.learn(*self.nodes.last_news())
             self.world.note(FlightFailed(self.world.tick, str(error)))
             self._blocks.finish()
             self.nodes.leave(str(error), lambda: FAILED_S)

@@ -24,6 +24,7 @@ from meanflock.swarm.wire.messages import Act
 from meanflock.worldsim.checkpoint import Memories, Resumption
 from meanflock.worldsim.clocks import Durations, TickSchedule
 from meanflock.worldsim.crew import ReportedModels, goals_of, inbox_of
+from meanflock.worldsim.failures import Reports
 from meanflock.worldsim.tick import Acts, Senses
 from meanflock.worldsim.world import KILLED, World
 
@@ -163,13 +164,14 @@ class RemoteCrew:
         self._barrier.close()
         acts, absent = self._collect(senses)
         self._await_an_agent()
-        acts.news = self.last_news()
+        acts.news, acts.reports = self.last_news()
         return acts, absent
 
-    def last_news(self) -> list[FlightEvent]:
-        """What became of the nodes since the last answer."""
+    def last_news(self) -> tuple[list[FlightEvent], Reports]:
+        """What became of the nodes since the last answer, and what they report."""
         news, self._news[:] = list(self._news), []
-        return news
+        reports, self._admission.reports = self._admission.reports, Reports()
+        return news, reports
 
     def leave(self, reason: str, linger_s: Callable[[], float] = lambda: 10.0) -> None:
         """Stop all nodes; wait until the telemetry is acknowledged, or nothing was for `linger_s`."""
@@ -321,8 +323,6 @@ class RemoteCrew:
         """Join the replies."""
         barrier, admission = self._barrier, self._admission
         acts = Acts(barrier.commands, barrier.sent, has_leader=self.members.lead() is not None)
-        acts.leader_failed, admission.leader_failed = admission.leader_failed, False
-        acts.unaveraged, admission.unaveraged = admission.unaveraged, set()
         found = [(member, reply) for name, member in barrier.asked.items() if (reply := barrier.acts.get(name))]
         for member, reply in found:
             acts.add(reply)

@@ -72,7 +72,9 @@ def test_a_note_that_fails_silences_its_row_only(agent: Agent) -> None:
     agent._controller.begin(None)
     assert agent.notes(np.array([0, 1, 3])) == [b"", b"x", b""]
     assert agent.silent().tolist() == [False, False, False, True]
-    assert "UAV 4 has none" in agent.problems[0]
+    (problem,) = agent.problems
+    assert problem.uavs == (4,)
+    assert "UAV 4 has none" in problem.failure
 
 
 def test_an_arrival_has_its_round_and_what_is_missing(agent: Agent) -> None:

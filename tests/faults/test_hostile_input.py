@@ -20,10 +20,11 @@ from meanflock.net import keys
 from meanflock.net.bus import Delivery
 from meanflock.swarm.declared import MAX_BROADCASTS
 from meanflock.swarm.errors import MessageRejected
-from meanflock.swarm.events import AverageFailed, FitFailed
+from meanflock.swarm.events import AgentFailed, AverageFailed, FitFailed, FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    FAILED,
     UNAVERAGED,
     UNTRAINED,
     Acknowledgement,
@@ -290,9 +291,8 @@ def test_a_flood_is_counted_and_logged_up_to_a_limit(node, dropped, kind, logged
     assert (events.count(kind), events.count("dropped")) == (logged, 100)
 
 
-@pytest.mark.parametrize("report", [UNTRAINED, UNAVERAGED])
-@pytest.mark.parametrize(("uavs", "dropped"), [((0,), 0), ((1,), 1), ((), 1), ((0, 0), 1), ((0, 1), 1)])
-def test_a_node_may_report_what_failed_at_its_own_uavs_only(report: str, uavs: tuple[int, ...], dropped: int) -> None:
+def reported(report: str, uavs: tuple[int, ...]) -> tuple[list[FlightEvent], dict[str, int]]:
+    """The events of failures of a flight whose agent-0 with UAV 0 reports one, and the messages that were dropped."""
     kept = StoredTelemetry()
     engine = MemorySwarm(scenario("duration=1", method="mfg"), RUN, sinks=[kept], uavs_per_node=1)
     ticks = engine.fly()
@@ -301,9 +301,30 @@ def test_a_node_may_report_what_failed_at_its_own_uavs_only(report: str, uavs: t
     engine.nodes.handle(Delivery("message", keys.act(RUN, "agent-0"), message))
     for _ in ticks:
         pass
-    assert engine.finish()["dropped_messages"] == ({"wrong-shape": 1} if dropped else {})
-    events = [event for block in kept.blocks for event in block.events if isinstance(event, FitFailed | AverageFailed)]
+    dropped = engine.finish()["dropped_messages"]
+    failures = FitFailed | AverageFailed | AgentFailed
+    events = [event for block in kept.blocks for event in block.events if isinstance(event, failures)]
+    return events, dropped
+
+
+@pytest.mark.parametrize("report", [UNTRAINED, UNAVERAGED])
+@pytest.mark.parametrize(("uavs", "dropped"), [((0,), 0), ((1,), 1), ((), 1), ((0, 0), 1), ((0, 1), 1)])
+def test_a_node_may_report_what_failed_at_its_own_uavs_only(report: str, uavs: tuple[int, ...], dropped: int) -> None:
+    events, dropped_messages = reported(report, uavs)
+    assert dropped_messages == ({"wrong-shape": 1} if dropped else {})
     assert [(event.uavs, event.failure) for event in events] == ([] if dropped else [((0,), "no data")])
+
+
+@pytest.mark.parametrize(
+    ("uavs", "told"),
+    [((0,), ["controller 'mfg' failed with UAV 0: no data"]), ((), ["no data"]), ((1,), []), ((0, 0), []), ((9,), [])],
+)
+def test_a_node_may_report_that_the_controller_failed_with_its_own_uavs_only(
+    uavs: tuple[int, ...], told: list[str]
+) -> None:
+    events, dropped_messages = reported(FAILED, uavs)
+    assert dropped_messages == ({} if told else {"wrong-shape": 1})
+    assert [event.failure for event in events] == told
 
 
 JOINS = [Join("agent", 1), Join("agent", 1, 2), Join("agent", 2**63, 2**63), Join("agent", 0), Join("agent", -5)]

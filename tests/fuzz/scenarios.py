@@ -19,10 +19,10 @@ from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.threads import limited
-from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
+from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.golden.flights import steady
 from tests.memory_swarm import MemorySwarm
-from tests.telemetry import Record, fly
+from tests.telemetry import Record, comparable, fly
 
 _DURATION_S = 12.0
 _LARGE = ("uavs", "seed", "dt", "duration", "until", "density", "offline", "pace")  # they make flights long, or wait
@@ -84,18 +84,21 @@ def _leave_out(draw: random.Random, keys: dict[str, Any], error: str) -> None:
 
 def unlike(scenario: Scenario, draw: random.Random) -> list[str]:
     """Fly a scenario in every form; what differs from the flight in one node."""
-    whole, pasts = _flown(scenario)
+    whole, record = _flown(scenario)
     nodes = draw.randint(1, max(1, scenario.uavs - 1))
-    forms = {f"{nodes} UAVs a node": _flown(scenario, rows=nodes)[0]}
+    forms = {f"{nodes} UAVs a node": (0, _flown(scenario, rows=nodes))}
     with limited():
-        forms["with messages"] = _flown(scenario, flight=_with_messages)[0]
-    for past in pasts:
-        forms[f"resumed at tick {past.tick}"] = _flown(scenario, resume=past)[0]
+        forms["with messages"] = 0, _flown(scenario, flight=_with_messages)
+    for past in record.checkpoints[1:]:
+        forms[f"resumed at tick {past.tick}"] = past.block + 1, _flown(scenario, resume=past)
     return [
         f"{form}: {name}"
-        for form, one in forms.items()
-        for name in whole.keys() | one
-        if one.get(name) != whole.get(name)
+        for form, (block, (one, flown)) in forms.items()
+        for name, same in {
+            **{name: one.get(name) == whole.get(name) for name in whole.keys() | one},
+            "events": comparable(flown.events) == comparable(record.events_from(block)),
+        }.items()
+        if not same
     ]
 
 
@@ -119,13 +122,13 @@ def _with_messages(scenario: Scenario) -> tuple[dict[str, Any], Record]:
 
 def _flown(
     scenario: Scenario, flight: Callable[..., tuple[dict[str, Any], Record]] = fly, **how: Any
-) -> tuple[dict[str, Any], list[Resumption]]:
-    """The steady part of a summary, or how the flight failed; and what the flight can be resumed from."""
+) -> tuple[dict[str, Any], Record]:
+    """The steady part of a summary, or how the flight failed; and what was recorded of it."""
     try:
         summary, record = flight(scenario, **how)
     except RunFailed as error:
-        return {"failed": type(error).__name__}, []
-    return steady(summary), record.checkpoints[1:]
+        return {"failed": type(error).__name__}, Record()
+    return steady(summary), record
 
 
 def _table(draw: random.Random, table: Any, prefix: str, uavs: int) -> dict[str, Any]:

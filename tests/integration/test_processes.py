@@ -14,13 +14,16 @@ import pytest
 
 from meanflock.launch.engine import Engine
 from meanflock.recording.replay import verify
+from meanflock.results.event_log import event_of_row
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.commands import printed
-from tests.faults.by_hand import Processes, ends_by_itself, ticks_of
+from tests.faults import troubled
+from tests.faults.by_hand import Processes, ends_by_itself, events_in, ticks_of
 from tests.golden.flights import read, steady
 from tests.integration.conftest import Command, processes_of
 from tests.polling import DEADLINE_S, until
+from tests.telemetry import comparable, fly
 
 pytestmark = pytest.mark.processes
 
@@ -64,6 +67,17 @@ def test_a_golden_flight_is_the_same_in_processes(name, rows, endpoint, command,
     assert summary["mode"] == "processes"
     assert summary["dropped_messages"] == {}
     assert steady(summary) == json.loads(json.dumps(steady(row.fly())))
+
+
+@pytest.mark.parametrize("rows", ["1", "2"])
+def test_events_of_a_flight_in_which_much_fails_are_those_of_one_process(rows: str, command: Command) -> None:
+    plugins.register(troubled.Troubled)
+    expected = fly(load(None, list(troubled.SETTINGS), method="troubled"))[1].events
+    settings = [word for setting in troubled.SETTINGS for word in ("--set", setting)]
+    chosen = ("--plugin", troubled.__file__, "--method", "troubled", "--uavs-per-process", rows)
+    command.summary(*chosen, "--no-record", *settings)
+    events = [event_of_row(row) for row in events_in(command.folder)]
+    assert comparable(events) == comparable(expected)
 
 
 def test_a_finished_run_leaves_all_six_files_and_reruns_bit_identically(command, processes) -> None:

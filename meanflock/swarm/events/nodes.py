@@ -155,11 +155,22 @@ class AverageFailed(_Failure, frozen=True):
     uavs: Uavs
 
 
+class FailedController(NamedTuple):
+    """Report of an agent: the controller failed with some of its UAVs."""
+
+    uavs: tuple[int, ...]
+    failure: str
+
+
 class FailedTraining(NamedTuple):
     """Report of an agent: a training of a UAV gave no model."""
 
     uav: int
     failure: str
+
+    @property
+    def uavs(self) -> tuple[int]:
+        return (self.uav,)
 
 
 class FailedAverage(NamedTuple):
@@ -169,18 +180,7 @@ class FailedAverage(NamedTuple):
     failure: str
 
 
-Problem: TypeAlias = str | FailedTraining | FailedAverage  # what a node reports to the world
-
-
-def event_of_agent(tick: int, node: str, problem: Problem) -> AgentFailed | FitFailed | AverageFailed:
-    """The event of a problem that an agent reports."""
-    match problem:
-        case FailedTraining():
-            return FitFailed(tick, node, problem.failure, problem.uav)
-        case FailedAverage():
-            return AverageFailed(tick, node, problem.failure, problem.uavs)
-        case _:
-            return AgentFailed(tick, node, problem)
+Problem: TypeAlias = str | FailedController | FailedTraining | FailedAverage  # what a node reports to the world
 
 
 class Dropped(BaseEvent, frozen=True):

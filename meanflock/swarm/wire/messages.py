@@ -133,6 +133,7 @@ class Act(msgspec.Struct, frozen=True, eq=False):
     outbox: tuple[Frames, ...] = ()
 
 
+FAILED = "failed"  # kind of the report that something else failed
 UNTRAINED = "untrained"  # kind of the report that a training gave no model
 UNAVERAGED = "unaveraged"  # kind of the report that the aggregation rule failed at UAVs
 
@@ -141,7 +142,7 @@ class Event(_ControlMessage, frozen=True, tag="event"):
     """Message of a node: something failed. The world makes an event of it.
 
     kind: `UNTRAINED` if a training of one of its UAVs, `uavs`, gave no model; `UNAVERAGED` if the aggregation rule
-    failed at some of them; of others the world reads the text only.
+    failed at some of them; `FAILED` if the controller did, or, without `uavs`, for all else.
     """
 
     tick: int
