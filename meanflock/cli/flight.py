@@ -23,6 +23,7 @@ from meanflock.results import disk
 from meanflock.studies import before_take_off
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.scenario.values import as_builtins, with_keys
 from meanflock.worldsim.clocks import factor
 from meanflock.worldsim.summary import every_uav_was_lost
 
@@ -49,7 +50,9 @@ def run(
     """
     script = scenario.read_faults(faults) if faults is not None else None
     with prints_apart(as_json):
-        flown = load_scenario(file, settings, **keys, faults=script)
+        flown = load_scenario(file, settings, **keys, faults=None if script is None else [])
+        if script is not None:  # apart from the scenario, so that errors name its file
+            flown = with_keys(as_builtins(flown), {"faults": script}, scenario.Scenario, str(faults))
     return run_loaded(flown, as_json=as_json, mission=_mission(file), **given)
 
 

@@ -139,7 +139,8 @@ def _joint(scenario: Scenario, each: Sequence[Declared], taking_part: Sequence[b
     leader = scenario.federation.leader
     if members and scenario.federation.station is None and not any(r.start <= leader < r.stop for r in members):
         places = ", ".join(f"{rows.start}…{rows.stop - 1}" for rows in members)
-        raise BadInput(f"`federation.leader` is UAV {leader}, which takes no part in rounds; name one of UAVs {places}")
+        remedy = f"set `federation.leader={members[0].start}`, or another of UAVs {places}"
+        raise BadInput(f"`federation.leader` is UAV {leader}, which takes no part in rounds; {remedy}")
     weights = [declared.weights for declared in each if declared.weights]
     busy = list(dict.fromkeys(declared.busy for declared in each if declared.busy))
     counts = list(dict.fromkeys(name for declared in each for name in declared.measured[-1:]))

@@ -18,13 +18,17 @@ _COLUMNS = ("method", "uavs", "seed")  # that a list shows beside the mission
 
 
 class NearestMission(NamedTuple):
-    """The shipped scenario that is nearest to a flight, and the keys that differ from it."""
+    """The shipped scenario that is nearest to a flight, and the keys that differ from it. As text, their number; other
+    groups than those of the shipped scenario are counted as groups."""
 
     name: str
     changed: dict[str, Any]
 
     def __str__(self) -> str:
-        return f"{self.name} +{len(self.changed)}" if self.changed else self.name
+        groups = self.changed.get("groups") or []
+        keys = len([key for key in self.changed if not (groups and key.partition(".")[0] == "groups")])
+        text = f"{self.name} +{keys}" if keys else self.name
+        return f"{text}, {len(groups)} group{'s' * (len(groups) > 1)}" if groups else text
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

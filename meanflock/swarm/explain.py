@@ -31,11 +31,12 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", re
     """
     text, _, path = message.partition(" - at ")
     place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
-    whole = ".".join(filter(None, (where, place)))
+    shown = _with_name(table, place)
+    whole = ".".join(filter(None, (where, shown)))
     prefix = f"{whole}: " if whole else ""
     unknown = re.search(r"unknown field `(.*)`", text)
     if unknown:
-        meant = ".".join(filter(None, (where, _meant(root, place, unknown[1]))))
+        meant = ".".join(filter(None, (where, _meant(root, place, shown, unknown[1]))))
         meant = f"; did you mean `{meant}`?" if meant != where else ""
         return f"{prefix}there is no key `{unknown[1]}`{meant}; {remedy}"
     if lacks := re.search(r"missing required field (`.*`)", text):
@@ -69,6 +70,15 @@ def _value_at(table: dict[str, Any], place: str) -> str:
     except (LookupError, ValueError):
         return ""
     return str(value).lower() if isinstance(value, bool) else reprlib.repr(value)
+
+
+def _with_name(table: dict[str, Any], place: str) -> str:
+    """A path as `--set` addresses it: `groups.NAME` in place of the number of a group that has a name."""
+    if not (numbered := re.match(r"groups\[(\d+)\]", place)):
+        return place
+    group = table["groups"][int(numbered[1])]
+    name = group.get("name") if isinstance(group, dict) else None
+    return f"groups.{name}{place[numbered.end() :]}" if isinstance(name, str) and re.match(NAME, name) else place
 
 
 def _parts(kind: inspect.Type) -> list[inspect.Type]:
@@ -108,7 +118,7 @@ def _choices(root: type, place: str) -> str:
     return ", ".join(str(value) for value in values)
 
 
-def _meant(root: type, place: str, name: str) -> str | None:
+def _meant(root: type, place: str, shown: str, name: str) -> str | None:
     """The most similar key of this table, else the only equal key of the other tables; None in a list of tables.
 
     In no table, an equal key comes first.
@@ -121,7 +131,7 @@ def _meant(root: type, place: str, name: str) -> str | None:
     same = [key for key in keys if key.rpartition(".")[2] == name]
     close = most_similar(name, here)
     if close and (place or not same):
-        return f"{place}.{close}" if place else close
+        return f"{shown}.{close}" if place else close
     if place.endswith("]"):
         return None
     if same:

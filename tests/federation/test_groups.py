@@ -305,7 +305,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"groups": [A | {"method": "nobody"}, B]}, "group 'a': .*nobody"),
     ({"groups": [A, B | {"method": "cruise"}], "federation": {"group": "b"}}, "shares no model"),
     ({"groups": [A, B | {"method": "mfgfl-h"}]}, "groups 'a' and 'b' share models of"),
-    ({"groups": [A | {"method": "cruise"}, B]}, "`federation.leader` is UAV 0, which takes no part in rounds"),
+    (
+        {"groups": [A | {"method": "cruise"}, B]},
+        "UAV 0, which takes no part in rounds; set `federation.leader=2`, or another of UAVs 2…4",
+    ),
     ({"groups": [A, B | {"method": "cruise"}], "federation": {"clusters": 2}}, "clusters needs all UAVs"),
     ({"groups": [A, B | {"vehicle": {"model": "balloon"}}]}, "group 'b': vehicle 'balloon' is not installed here"),
     ({"groups": [A, B | {"vehicle": {"options": {"x": 3}}}]}, "group 'b': vehicle.options: there is no key `x`"),

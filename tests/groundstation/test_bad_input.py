@@ -84,6 +84,11 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("run", "patrol", "--set", "energy.battery_J=0.1"), "error: patrol: `energy.battery_J` 0.1 J leaves a reserve of"),
     (("run", "unnamed.toml"), "error: unnamed.toml: groups[0]: it lacks the key `name`; add it"),
     (
+        ("run", "groups", "--set", "groups.couriers.start.radus=3"),
+        "error: groups: groups.couriers.start: there is no key `radus`; did you mean `groups.couriers.start.radius`?",
+    ),
+    (("run", "--uavs", "3", "--faults", "far.toml"), "error: far.toml: `faults[0].uavs` names UAV 9 of 0…2; name one"),
+    (
         ("run", "--radio", "flat.toml"),
         "error: --radio flat.toml: `start` is 5, and must be a table; write it as [start]",
     ),
@@ -149,6 +154,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "near.toml").write_text("uavs = 2\nduration = 2.0\n")
     (folder / "list.json").write_text("[]")
     (folder / "flat.toml").write_text("start = 5")
+    (folder / "far.toml").write_text('[[faults]]\nkind = "kill"\ntick = 1\nuavs = [9]')
     (folder / "unnamed.toml").write_text("[[groups]]\ncount = 25")
     (folder / "ideal.toml").write_text("uavs = 2\n[radio]\nmodel = 'ideal'\n")
     (folder / "old").mkdir()

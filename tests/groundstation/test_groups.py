@@ -393,3 +393,7 @@ def test_keys_of_groups_differ_one_by_one_from_the_defaults_and_from_those_of_an
     later = keys("groups.couriers.method=bvc", "groups.reserve.joins_at_s=30")
     assert changed_keys(flown, later) == {"groups.reserve.joins_at_s": (20.0, 30.0)}
     assert nearest(later) == ("groups", {"groups.couriers.method": "bvc", "groups.reserve.joins_at_s": 30.0})
+    assert str(nearest(later)) == "groups +2"
+    own = [{"name": "a", "count": 9}, {"name": "b", "count": 16, "method": "bvc", "joins_at_s": 2.0}]
+    other = flat(tomllib.loads(to_toml(Scenario(duration=9.0, groups=own))))
+    assert str(nearest(other)) == "paper +1, 2 groups"
