@@ -75,10 +75,10 @@ class Averager:
         self._rule = Rule(plan) if hop.averages == "models" else None
         state = {} if self._rule is None else self._rule.begin()
         if self._rule is not None and hop.role != "leader" and (self._rule.state_bytes or not self._rule.resumable):
-            kept = "a state whose length changes" if self._rule.state_bytes else "a state that is not in checkpoints"
+            kept = "whose length changes" if self._rule.state_bytes else "that is not in checkpoints"
             raise BadInput(
-                f"`federation.aggregation` {plan.scenario.federation.aggregation} has {kept}, which a leader keeps, and "
-                "no other UAV; set `federation.topology` to leader"
+                f"`federation.aggregation` {plan.scenario.federation.aggregation} has a state {kept}, which a leader "
+                "keeps, and no other UAV; set `federation.topology` to leader"
             )
         self._places = node.searchsorted(uavs) if len(node) else np.zeros(len(uavs), dtype=np.intp)
         self._states: dict[str, Any] = {  # by place; only the leader's may change their lengths

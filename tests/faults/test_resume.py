@@ -21,10 +21,12 @@ from meanflock.launch.processes import free_endpoint
 from meanflock.launch.resume import back
 from meanflock.recording import viewer
 from meanflock.recording.replay import recorded, verify
+from meanflock.results.event_log import row_of
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, RunFolder, read_checkpoint
 from meanflock.results.timeseries_file import past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.events import FlightFinished
 from meanflock.swarm.scenario import Scenario
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
@@ -152,6 +154,13 @@ def changed(name: str, change: Callable[[bytes], bytes]) -> Damage:
     return lambda folder: (folder / name).write_bytes(change((folder / name).read_bytes()))
 
 
+def over(folder: Path) -> None:
+    """Lets the flight end: no checkpoint, a summary, and the event."""
+    (folder / CHECKPOINT).rename(folder / SUMMARY)
+    with (folder / EVENTS).open("a") as events:
+        events.write(json.dumps(row_of(FlightFinished(300, 2, 6), 0.1)) + "\n")
+
+
 DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a part of the verdict
     "no checkpoint": (lambda folder: (folder / CHECKPOINT).unlink(), "hundred ticks"),
     "half a checkpoint": (changed(CHECKPOINT, lambda content: content[:-7]), "meanflock run"),
@@ -168,7 +177,8 @@ DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a p
         changed(EVENTS, lambda content: b'{"tick": 1, "kind": "x", "text": "x", "uavs": [77]}' + b"\n" * 5000),
         EVENTS,
     ),
-    "no checkpoint but a summary": (lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY), "finished"),
+    "no checkpoint but a summary": (lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY), "hundred ticks"),
+    "the end of a flight": (over, "finished"),
     "no scenario": (lambda folder: (folder / "scenario.toml").unlink(), "no run"),
 }
 
