@@ -1,6 +1,5 @@
 """The aggregation rule of a flight: a plug-in, whose answers are validated here."""
 
-import inspect
 import math
 
 from meanflock.federation.cut import share_delivered
@@ -26,21 +25,13 @@ class Rule:
     """
 
     def __init__(self, plan: Plan) -> None:
-        """Raises BadInput where the rule is not installed, its options do not fit or its `step` is of another form."""
+        """Raises BadInput where the rule is not installed, or its options do not fit."""
         federation, self._parameters = plan.scenario.federation, plan.declared.parameters
         self._name = federation.aggregation
         self._rule: Aggregator = plugins.create("aggregator", self._name, federation.options, plan.scenario)
         self.asked_void = bool(self._rule.asked_void)
         self.state_bytes = int(self._rule.state_bytes)
         self.resumable = bool(self._rule.resumable)
-        takes = inspect.signature(self._rule.step)
-        try:
-            takes.bind("state", "uploads")
-        except TypeError:
-            raise BadInput(
-                f"aggregator {self._name!r}: `step` takes {takes}; write step(self, state, uploads), with "
-                "uploads.models, uploads.uavs and uploads.round"
-            ) from None
 
     def check_radio(self, plan: Plan) -> None:
         """Validates that the radio delivers as many whole models in a round as the rule needs.

@@ -81,6 +81,51 @@ def test_a_package_whose_entry_point_is_of_no_use_is_named(reference, text, tmp_
         plugins.load("controller", "odd")
 
 
+# -- methods --------------------------------------------------------------------------------------------------------
+
+
+class Fitting(mf.Learner):
+    name = "fitting"
+
+    @classmethod
+    def initial(cls, options, scenario):
+        return {}
+
+    def fit(self, model, config):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("method", "written", "expected"),
+    [
+        ("fit", lambda self, model: None, r"`fit` takes \(self, model\); write fit\(self, model, config\)$"),
+        ("fit", staticmethod(lambda model: None), r"`fit` takes \(model\); write fit\(self, model, config\)$"),
+        ("load", lambda self: None, r"`load` takes \(self\); write load\(self, raw\)$"),
+        ("__init__", lambda self, options: None, r"write __init__\(self, options, scenario, uav\)$"),
+        ("initial", lambda self, options, scenario: {}, r"write @classmethod initial\(cls, options, scenario\)$"),
+        ("initial", classmethod(lambda cls, options: {}), r"write @classmethod initial\(cls, options, scenario\)$"),
+    ],
+)
+def test_a_method_that_takes_other_arguments_than_that_of_the_base_class_is_refused(method, written, expected) -> None:
+    with pytest.raises(BadInput, match=f"learner 'fitting' of this process: .*{expected}"):
+        plugins.register(type("Fitting", (Fitting,), {method: written}))
+
+
+def test_a_method_may_have_arguments_of_other_names_and_further_ones_with_defaults() -> None:
+    class Further(Fitting):
+        def fit(self, weights, told, *, epochs=3):
+            return None
+
+        @staticmethod
+        def initial(*given):
+            return {}
+
+        def loss(self, labels):
+            return 0.0
+
+    plugins.register(Further)
+
+
 # -- files ----------------------------------------------------------------------------------------------------------
 
 

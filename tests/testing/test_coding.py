@@ -88,6 +88,10 @@ WRONG: dict[str, tuple[type, str]] = {  # what is checked, and a part of the ver
         Private,
         "rounds that continue from a checkpoint differ; `encode` and `decode` run in several processes",
     ),
+    "arguments": (
+        having(GoodCoding, decode=lambda self, numbers: numbers),
+        "`decode` takes (self, numbers); write decode(self, numbers, scales); no flight takes it",
+    ),
     "far off": (
         changed(GoodCoding, "decode", lambda _self, found, *_: 3.0 * found),
         "rounding errors that are fed back grow to",

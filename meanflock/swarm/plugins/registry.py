@@ -3,8 +3,10 @@
 import importlib
 import inspect
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
+from types import FunctionType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
@@ -26,21 +28,6 @@ NEEDED: dict[PluginKind, tuple[str, ...]] = {
     "filter": ("init", "step"),
     "topology": ("hops",),
     "coding": ("encode", "decode"),
-}
-# Arguments of methods that are often written with others.
-TAKES: dict[PluginKind, dict[str, str]] = {
-    "controller": {
-        "__init__": "options, scenario",
-        "init": "uavs, plan",
-        "step": "memory, tick, own, received",
-    },
-    "channel": {"__init__": "options, scenario", "transmit": "distance_m, bits, rng"},
-    "vehicle": {
-        "__init__": "options, scenario",
-        "step": "states, hidden, acceleration, noise",
-        "power": "states, hidden, acceleration",
-    },
-    "filter": {"admit": "own, others, uavs, wanted"},
 }
 PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a name is part of file names and keys
 
@@ -267,22 +254,43 @@ def checked(kind: PluginKind, name: str, found: Any, source: str) -> type:
     if not (isinstance(options, type) and issubclass(options, msgspec.Struct)):
         raise BadInput(f"{kind} {name!r} of {source}: `Options` must be a msgspec.Struct")
     _check_defaults(f"{kind} {name!r} of {source}", options)
-    _check_arguments(f"{kind} {name!r} of {source}", kind, found)
+    _check_arguments(f"{kind} {name!r} of {source}", found)
     return found
 
 
-def _check_arguments(title: str, kind: PluginKind, found: Any) -> None:
-    """Raises BadInput if a method cannot be called with the arguments that it is given."""
-    for method, names in TAKES.get(kind, {}).items():
-        is_pushed = (kind, method) == ("vehicle", "step") and getattr(found, "push", False)
-        arguments = f"{names}, push" if is_pushed else names
-        if inspect.isfunction(written := getattr(found, method, None)):
-            takes = inspect.signature(written)
-            try:
-                takes.bind("self", *arguments.split(", "))
-            except TypeError:
-                given = ", ".join(takes.parameters)
-                raise BadInput(f"{title}: `{method}` takes ({given}); write {method}(self, {arguments})") from None
+def _check_arguments(title: str, plugin_class: Any) -> None:
+    """Raises BadInput if a method cannot be called as the method of meanflock's base class that it overrides."""
+    for method, original in _originals(plugin_class).items():
+        written = inspect.getattr_static(plugin_class, method)
+        if written is original or not isinstance(written, FunctionType | classmethod | staticmethod):
+            continue
+        arguments = [name for name, one in _parameters(original).items() if one.kind is one.POSITIONAL_OR_KEYWORD]
+        if method == "step" and getattr(plugin_class, "push", False):  # of a vehicle
+            arguments.append("push")
+        called_with = arguments[isinstance(original, classmethod) or isinstance(written, classmethod | staticmethod) :]
+        try:
+            inspect.signature(getattr(plugin_class, method)).bind(*called_with)
+        except TypeError:
+            given = ", ".join(str(one).partition(":")[0] for one in _parameters(written).values())
+            decorator = "@classmethod " if isinstance(original, classmethod) else ""
+            raise BadInput(
+                f"{title}: `{method}` takes ({given}); write {decorator}{method}({', '.join(arguments)})"
+            ) from None
+
+
+def _originals(plugin_class: Any) -> dict[str, Any]:
+    """The methods that the base classes of meanflock define for others to override, by name, each as first defined."""
+    originals: dict[str, Any] = {}
+    for base in reversed(plugin_class.__mro__):
+        if base.__module__.startswith("meanflock."):
+            for name, value in vars(base).items():
+                if isinstance(value, FunctionType | classmethod) and (name == "__init__" or not name.startswith("_")):
+                    originals.setdefault(name, value)
+    return originals
+
+
+def _parameters(method: Any) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(getattr(method, "__func__", method)).parameters
 
 
 def _check_defaults(title: str, options: type[msgspec.Struct]) -> None:
