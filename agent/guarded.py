@@ -164,14 +164,15 @@ class Guarded:
 
     def arrived(self, memory: Memory, rows: Rows, arrival: Arrival) -> Memory:
         """The memory after a global model has reached some rows."""
-        return self._told(self.controller.arrived, memory, rows, arrival, arrival.row)
+        return self._told("set", self.controller.arrived, memory, rows, arrival, arrival.row)
 
     def guided(self, memory: Memory, rows: Rows, goals: Floats) -> Memory:
         """The memory after some rows were given other goals, (len(rows), d)."""
-        return self._told(self.controller.guide, memory, rows, goals, lambda place: goals[place : place + 1])
+        return self._told("guide", self.controller.guide, memory, rows, goals, lambda place: goals[place : place + 1])
 
     def _told(
         self,
+        method: str,
         call: Callable[[Memory, Rows, Any], Memory],
         memory: Memory,
         rows: Rows,
@@ -181,12 +182,13 @@ class Guarded:
         """The memory after some rows were told news, by a method of the controller.
 
         Args:
+            method: its name, for an error.
             alone: the news for the row at a place among `rows`, as if it were alone.
         """
 
         def after(memory: Memory, rows: Rows, news: Any) -> Memory:
             changed = call(memory, rows, news)
-            check_same_form("memory", changed, memory)
+            check_same_form(f"`{method}`: memory", changed, memory)
             return changed
 
         try:

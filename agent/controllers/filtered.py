@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Options, Received, Rows, Step
 from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm import state
+from meanflock.swarm.declared import column_names
 from meanflock.swarm.errors import FAILURES, last_line
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
@@ -50,16 +51,11 @@ class Filter:
         self.busy, self.measured = inner.busy, inner.measured
         self.recorded = dict(inner.recorded)
         self.guided = inner.guided
-        if isinstance(self.columns, str):
-            raise TypeError(f"`columns` is a text; write ({self.columns!r},)")
-        if _UNSENT in self.columns or len(set(self.columns)) != len(self.columns):
-            raise ValueError(f"`columns` {self.columns} must be different names, and none of them {_UNSENT!r}")
+        own = column_names(f"filter {self.name!r}: `columns`", self.columns, (_UNSENT,))
         inner_names = tuple(inner.diagnostics)
         # Columns of several controllers lie side by side.
         has_several = len({group.method for group in scenario.groups}) > 1
-        own_names = tuple(
-            PREFIX + name if has_several or name in inner_names else name for name in (*self.columns, _UNSENT)
-        )
+        own_names = tuple(PREFIX + name if has_several or name in inner_names else name for name in (*own, _UNSENT))
         self.diagnostics = (*inner_names, *own_names)
         self.broadcast_numbers = inner.broadcast_numbers + scenario.state_numbers
         self.pairwise = True  # it knows a state of every other UAV

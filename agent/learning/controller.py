@@ -36,13 +36,15 @@ from meanflock.federation.codec import check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.federation.schedule import drawn
 from meanflock.swarm import seeds
-from meanflock.swarm.declared import MAX_PARAMETERS
+from meanflock.swarm.counts import count_of
+from meanflock.swarm.declared import MAX_NOTE_BYTES, MAX_PARAMETERS, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.nodes import FailedTraining, Problem
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, contains
 
 PREFIX = "learner_"
+_ALWAYS = "examples", "training"  # diagnostics after those that the learner declares
 RECORDED = 10_000  # floats; larger models are not recorded
 _SIZE = 4  # bytes of a length
 _INITIAL = 0  # index of the seed of the first model; those of trainings follow
@@ -89,12 +91,12 @@ class Learning:
             )
         self.parameters, self.parts = self._form.parameters, self._form.parts
         self.weights = None if self.parameters <= RECORDED else 0
-        self._metrics, self._state_bytes, self.period_ticks, self.note_bytes = (
-            getattr(options, name, getattr(learner, name))
-            for name in ("metrics", "state_bytes", "period_ticks", "note_bytes")
-        )
+        self._metrics = column_names(f"{self._name}: `metrics`", self._declared("metrics"), _ALWAYS)
+        self._state_bytes = self._count("state_bytes", 0)
+        self.note_bytes = self._count("note_bytes", 0, MAX_NOTE_BYTES)
+        self.period_ticks = self._count("period_ticks", 1)
         self.weighted = self.dated = True
-        own = (*self._metrics, "examples", "training")
+        own = (*self._metrics, *_ALWAYS)
         inner_names = tuple(inner.diagnostics)
         own = tuple(PREFIX + name if name in inner_names else name for name in own)
         self.diagnostics = (*inner_names, *own)
@@ -383,6 +385,12 @@ class Learning:
         if (largest := float(np.abs(model).max())) >= self._limit:
             return f"its trained model has {largest:g}, beyond what the radio's floats can say"
         return ""
+
+    def _declared(self, name: str) -> Any:
+        return getattr(self.options, name, getattr(self.learner, name))
+
+    def _count(self, name: str, least: int, most: int | None = None) -> int:
+        return count_of(f"{self._name}: `{name}` is", self._declared(name), least, most)
 
     def _initial(self) -> Tree:
         with seeded(self._seed(_INITIAL, 0), self._table.threads):

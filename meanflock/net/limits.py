@@ -15,7 +15,7 @@ from meanflock.net.members import LEADER
 from meanflock.swarm import mission
 from meanflock.swarm.declared import MAX_BROADCASTS, NO_LEARNER, controller
 from meanflock.swarm.errors import FAILURES, BadInput, MessageRejected, last_line
-from meanflock.swarm.plugins.guard import check_memory
+from meanflock.swarm.plugins.guard import check_memory, check_same_form
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 
@@ -68,27 +68,34 @@ def _initial_memory(group: Group) -> bytes:
     """Initial memory of the controller for the first UAV of a group, as a record.
 
     Raises:
-        BadInput: `init` fails, the model has another size than declared, or a checkpoint cannot store the memory.
+        BadInput: `init` fails, or a checkpoint cannot store the memory; the model has another size than declared; or
+            the controller cannot take a model or a goal.
     """
     scenario, wanted, first = group.scenario, (1, group.declared.parameters), group.uavs[:1]
-    flyer = controller(scenario)
+    flyer, row = controller(scenario), np.arange(1)
     starts = mission.starts(scenario).astype(control.FLOAT_OF_BITS[scenario.radio.bits_per_float])
+    method = "init"
     try:
         memory = flyer.init(first.copy(), starts.astype(np.float64))  # as agents receive it
+        check_memory("memory", memory)
         # The agent reports a memory of another form.
-        one_row = isinstance(memory, dict) and all(np.shape(array)[:1] == (1,) for array in memory.values())
-        if wanted[1] and one_row:
+        has_row = all(array.shape[:1] == (1,) for array in memory.values())
+        if wanted[1] and has_row:
+            method = "get"
             model = flyer.get(memory)
             if (shape := np.shape(model)) != wanted:
                 raise BadInput(f"controller {scenario.method!r}: `get` returns shape {shape}; expected {wanted}")
+            method = "set"
             arrival = Arrival(1, np.array(model, dtype=np.float64), np.ones(1, dtype=bool), [b""])
-            flyer.arrived(memory, np.arange(1), arrival)  # fails if it cannot take a model
-        check_memory("memory", memory)
+            check_same_form("memory", flyer.arrived(memory, row, arrival), memory)
+        if scenario.is_guided and has_row:
+            method = "guide"
+            check_same_form("memory", flyer.guide(memory, row, mission.goals(scenario)[first]), memory)
         return control.encode_record(memory)
     except BadInput:
         raise
     except FAILURES as error:
-        text = f"controller {scenario.method!r} failed in `init` with UAV {first[0]}: {last_line(error)}"
+        text = f"controller {scenario.method!r} failed in `{method}` with UAV {first[0]}: {last_line(error)}"
         raise BadInput(text) from error
 
 

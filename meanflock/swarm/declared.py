@@ -1,7 +1,7 @@
 """Declarations of a controller: all that the swarm knows about it."""
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -166,11 +166,13 @@ def _checked(instance: Any, name: str) -> Declared:
     )
 
 
-def column_names(label: str, given: Any) -> tuple[str, ...]:
+def column_names(label: str, given: Any, taken: Collection[str] = ()) -> tuple[str, ...]:
     """The names of columns that a class declares; the errors begin with `label`.
 
+    `taken`: names that it may not declare.
+
     Raises:
-        BadInput: they are not different names, or too many.
+        BadInput: they are not different names, too many, or one is taken.
     """
     if isinstance(given, str):
         raise BadInput(f"{label} is a text; write ({given!r},)")
@@ -182,6 +184,8 @@ def column_names(label: str, given: Any) -> tuple[str, ...]:
         raise BadInput(
             f"{label} {names} must be at most {MAX_DIAGNOSTICS} different names of letters, digits and underscores"
         )
+    if both := [name for name in names if name in taken]:
+        raise BadInput(f"{label} has {both[0]!r}, a column that meanflock adds; give yours another name")
     return names
 
 

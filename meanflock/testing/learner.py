@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meanflock.agent.controllers.base import Arrival, Memory
 from meanflock.agent.learning.base import Learner
 from meanflock.agent.learning.controller import PREFIX, Learning
+from meanflock.federation.plan import Plan
 from meanflock.swarm import declared, plugins, threads
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.nodes import FailedTraining
@@ -66,9 +67,10 @@ def check_learner(
     flown = scenario or Scenario(uavs=UAVS, method=METHOD)
     with _registered(learner):
         given = as_builtins(dict(options or {}))
-        flown = flown.replace(**{"training.learner": learner.name, "training.options": given})
-        period = flown.federation.period or learner.period_ticks
-        flown = flown.replace(**{"federation.period": period})
+        try:
+            flown = Plan(flown.replace(**{"training.learner": learner.name, "training.options": given})).scenario
+        except BadInput as error:
+            fail(learner, str(error), "no flight takes it")
         uavs = np.arange(flown.uavs)
         together = [uavs]
         first = _trial(learner, flown, together)
@@ -115,7 +117,7 @@ def _trial(
 
 def _rounds(learner: type[Learner], flown: Scenario, groups: list[NDArray[np.intp]], afresh: bool) -> LearningTrial:
     period, plan = flown.period_ticks, starts(flown)
-    instances = [_made(learner, flown) for _ in groups]
+    instances = [_made(flown) for _ in groups]
     memories = [_asked(learner, one.init, group, plan) for one, group in zip(instances, groups, strict=True)]
     uploads: list[NDArray[np.float64]] = []
     models = instances[0].get(memories[0])[0]
@@ -127,7 +129,7 @@ def _rounds(learner: type[Learner], flown: Scenario, groups: list[NDArray[np.int
         for k, group in enumerate(groups):
             memory = memories[k]
             if afresh and tick and since in ((HOP, HOP + 1) if number else (1,)):
-                instances[k] = _made(learner, flown)
+                instances[k] = _made(flown)
                 raw = encode_record({name: np.ascontiguousarray(array) for name, array in memory.items()})
                 memory = {name: np.array(array) for name, array in decode_record(raw).items()}
             if number and since == HOP:
@@ -152,14 +154,10 @@ def _upload(
     return models.astype(FLOAT_OF_BITS[flown.radio.bits_per_float]).astype(np.float64)
 
 
-def _made(learner: type[Learner], flown: Scenario) -> Learning:
+def _made(flown: Scenario) -> Learning:
     """The learner around its controller, as in a flight without a filter."""
     inner = plugins.create("controller", flown.method, flown.controller, flown)
-    try:
-        made: Learning = declared.learning(inner, flown)
-        declared.declarations_of(made, flown.method)
-    except BadInput as error:
-        fail(learner, str(error), "no flight takes it")
+    made: Learning = declared.learning(inner, flown)
     return made
 
 

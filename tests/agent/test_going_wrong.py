@@ -98,6 +98,10 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "declares a diagnostic twice": ({"diagnostics": ("a", "a")}, r"different names"),
     "has a model of another size": ({"get": lambda _, memory: memory["model"][:, :1]}, r"\(1, 1\); expected \(1, 3\)"),
     "has no model": ({"get": Controller.get}, r"declares `parameters` must override `get`"),
+    "loses its memory": (
+        {"set": lambda *_: None},
+        r"failed in `set` with UAV 0: TypeError: memory is a NoneType; expected",
+    ),
     "takes no model": ({"set": Controller.set}, r"declares `parameters` must override `set`"),
     "fails to declare": ({"parameters": property(explodes)}, r"a declaration cannot be read: OSError"),
 }

@@ -47,6 +47,28 @@ def test_what_is_wrong_with_a_learner(fit: Any, message: str) -> None:
         check_learner(type("Wrong", (Line,), {"name": "wrong", "fit": fit}))
 
 
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        (
+            {"fit": lambda self, model: model},
+            r"`fit` takes \(self, model\); write fit\(self, model, config\); no flight",
+        ),
+        (
+            {"initial": lambda self, options, scenario: {}},
+            r"`initial` takes \(self, options, scenario\); write @classmethod initial\(cls, options, scenario\); no",
+        ),
+        ({"metrics": "error"}, r"learner 'wrong': `metrics` is a text; write \('error',\); no flight takes it"),
+        ({"metrics": ("examples",)}, "learner 'wrong': `metrics` has 'examples', a column that meanflock adds"),
+        ({"state_bytes": 2.5}, "learner 'wrong': `state_bytes` is 2.5; expected a whole number of at least 0"),
+        ({"period_ticks": 0}, "learner 'wrong': `period_ticks` is 0; expected a whole number of at least 1"),
+    ],
+)
+def test_what_is_wrong_with_the_declarations_of_a_learner(members: Any, message: str) -> None:
+    with pytest.raises(ConformanceError, match=message):
+        check_learner(type("Wrong", (Line,), {"name": "wrong", **members}))
+
+
 def test_learners_that_share_what_changes_are_found() -> None:
     """Which of them was made last depends on checkpoints."""
 

@@ -162,6 +162,10 @@ FILTERS: dict[str, tuple[Any, str]] = {
         "a finite command for one that is not",
     ),
     "columns are a text": (having(GoodFilter, columns="apart"), r"`columns` is a text; write \('apart',\)"),
+    "admits without commands": (
+        having(GoodFilter, admit=lambda self, own, others: None),
+        r"`admit` takes \(self, own, others\); write admit\(self, own, others, uavs, wanted\); no flight takes it",
+    ),
 }
 RULES: dict[str, tuple[Any, str]] = {
     "writes to models": (
@@ -179,6 +183,10 @@ RULES: dict[str, tuple[Any, str]] = {
         "`step` is not the mean by `weights`",
     ),
     "fails in init": (failing(GoodAggregator, "init", ERROR), "`init` failed: KeyError"),
+    "begins without parameters": (
+        having(GoodAggregator, init=lambda self: {}),
+        r"`init` takes \(self\); write init\(self, parameters\); no flight takes it",
+    ),
     "a state that grows": (
         part(GoodAggregator, 0, lambda state, _, given: {**state, f"round_{given.round}": state["last"]}),
         r"state has \['last', 'round_1'\]; of `init` it had",
@@ -222,6 +230,10 @@ CHANNELS: dict[str, tuple[Any, str]] = {
     "messages without end": (part(GoodChannel, 0, lambda slots, *_: slots * 1_000_000), "a message takes 1 to 1000000"),
     "expects a NaN": (having(GoodChannel, expected=lambda *_: (np.nan, 1.0)), "expected two finite numbers, or None"),
     "expects one number": (having(GoodChannel, expected=lambda *_: 1.0), "expected two finite numbers, or None"),
+    "expects without bits": (
+        having(GoodChannel, expected=lambda self, distance_m: None),
+        r"`expected` takes \(self, distance_m\); write expected\(self, distance_m, bits\); no flight takes it",
+    ),
     "needs a link": (changed(GoodChannel, "transmit", lambda _, answer, d, *__: d[0] >= 0 and answer), "IndexError"),
 }
 
@@ -287,6 +299,10 @@ VEHICLES: dict[str, tuple[Any, str]] = {
         "at rest of a UAV depends on others",
     ),
     "rests otherwise": (having(GoodVehicle, rest=lambda *_: {}), r"hidden state at rest has \[\]"),
+    "rests by itself": (
+        having(GoodVehicle, rest=lambda self: {}),
+        r"`rest` takes \(self\); write rest\(self, hidden\); no flight takes it",
+    ),
     "takes no push": (
         having(GoodVehicle, push=True),
         r"noise\); write step\(self, states, hidden, acceleration, noise, push\); no flight takes it",
@@ -347,6 +363,7 @@ GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodVehicle, 0, lambda states, *_: states * np.array([1, 1, np.nan, 1, 1])[:, None]), "states of UAV 2"),
     (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
     (powered(lambda states: np.full(len(states), 1e39)), r"power has 1e\+39; expected numbers within ±1e\+30"),
+    (powered(lambda states: 1.0 - np.arange(len(states)) % 5), "power of UAV 4: -3 W; expected 0 or more"),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
     (
         having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),

@@ -182,6 +182,20 @@ def test_missions_that_contradict_themselves_are_refused(keys: dict[str, Any], t
         plan_of(Scenario(**CALM | keys))
 
 
+@pytest.mark.parametrize(
+    ("guide", "text"),
+    [
+        (mf.Controller.guide, "NotImplementedError: a controller that is `guided` must override `guide`"),
+        (lambda *_: None, "TypeError: memory is a NoneType; expected a dict of arrays"),
+    ],
+)
+def test_a_guided_controller_that_takes_no_goals_is_refused_before_take_off(guide: Any, text: str) -> None:
+    still = {"step": lambda _, memory, tick, own, received: mf.Step(memory, 0.0 * own[:, :2])}
+    plugins.register(type("Deaf", (mf.Controller,), {"name": "deaf", "guided": True, "guide": guide, **still}))
+    with pytest.raises(mf.BadInput, match=f"controller 'deaf' failed in `guide` with UAV 0: {text}"):
+        Engine(Scenario(**CALM | {"method": "deaf", "energy": {"battery_J": 1e6}}), "deaf")
+
+
 def test_a_battery_is_judged_by_the_vehicle_of_each_group_and_its_way() -> None:
     near = {"name": "b", "count": 1, "vehicle": {}, "start": {"positions": [[1.0, 1.0]]}}
     plan = plan_of(Scenario(**CALM | TWO_VEHICLES | {"groups": [TWO_VEHICLES["groups"][0], near]}))

@@ -101,7 +101,7 @@ class Vehicle:
 
     @abstractmethod
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
-        """Returns the power in W, (R,), below 10³⁰, of steps under `acceleration` to `states` (R, 2d) and `hidden`.
+        """Returns the power in W, (R,), 0 … 10³⁰, of steps under `acceleration` to `states` (R, 2d) and `hidden`.
 
         The R rows are those of all UAVs in one or several ticks, tick by tick. States and hidden state are those at the
         end of a tick. A vehicle with steps inside of a tick stores their mean power in `hidden`.
@@ -249,8 +249,12 @@ class Physics:
         try:
             power = self._asked("power", states, hidden, acceleration)
             check_array("power", power, (len(states),), states.dtype)
-            _check_finite("power", power, self._names[np.arange(len(states)) % self._uavs])
+            names = self._names[np.arange(len(states)) % self._uavs]
+            _check_finite("power", power, names)
             check_bounded("power", power)  # telemetry has the energy as float32
+            if power.min(initial=0.0) < 0.0:
+                row = int(power.argmin())
+                raise ValueError(f"power of UAV {names[row]}: {power[row]:g} W; expected 0 or more")
         except (RunFailed, TypeError, ValueError) as error:
             ticks = len(states) // self._uavs
             rows = "" if ticks == 1 else f" (of the rows of {ticks} ticks of {self._uavs} UAVs)"
