@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meanflock.federation.coding import CheckedCoding
 from meanflock.federation.codings.base import COARSEST, FINEST, Coding, Models
-from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed
 from meanflock.swarm.state import Floats, Mask, distinct
 from meanflock.swarm.wire.control import expect
 
@@ -152,8 +153,8 @@ class Codec:
         self.cut = cut
         self.largest = coding.largest
         self.note = head - HEAD_BYTES
-        self._coding, self._most = coding, most
-        self._item = np.dtype(f"<f{coding.bits // 8}" if coding.floats else "i1" if coding.bits == 8 else "u1")
+        self._coding, self._most = CheckedCoding(coding), most
+        self._item = self._coding.dtype
         self.held = self._item if coding.floats else np.dtype(np.float64)
         self._first = form.head_numbers  # place of the first number of the model
         length = self._first + self.floats
@@ -216,8 +217,7 @@ class Codec:
         starts = self._starts
         if self._first:
             models = np.concatenate([np.zeros((len(models), self._first)), models], axis=1)
-        with np.errstate(all="ignore"):
-            coded = Coded(*self._coding.encode(Models(models, starts, uavs, number)))
+        coded = Coded(*self._coding.encode(Models(models, starts, uavs, number)))
         return Coded(coded.numbers[:, self._first :], coded.scales)
 
     def decode(self, coded: Coded) -> Floats:
@@ -232,6 +232,18 @@ class Codec:
         """Mask (S,) of models that can be sent and read: numbers and scales within their bounds."""
         bounded = ((coded.scales >= FINEST) & (coded.scales <= COARSEST)).all(axis=-1)
         return np.asarray(bounded & self._coding.valid(coded.numbers).all(axis=-1))
+
+    def try_out(self) -> None:
+        """Write and read a model.
+
+        Raises:
+            BadInput: the coding fails.
+        """
+        try:
+            coded = self.encode(np.linspace(-1.0, 1.0, self.floats)[None], np.zeros(1, dtype=np.intp), 1)
+            self.decode(coded.of(self.valid(coded)))
+        except RunFailed as error:
+            raise BadInput(str(error)) from error
 
     # -- fragments ------------------------------------------------------------------------------------------------
 

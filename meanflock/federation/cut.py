@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.band import asked_channel, channel_of
 from meanflock.federation.codec import HEAD_BYTES, Codec, Cut
+from meanflock.federation.coding import check_form
 from meanflock.federation.codings.base import Coding
 from meanflock.federation.seat import seat
 from meanflock.swarm import plugins
@@ -66,10 +67,11 @@ def coding_of(scenario: Scenario, name: str, *, upload: bool = False) -> Coding:
     """The coding of a name; of an upload with the options of the scenario.
 
     Raises:
-        BadInput: it is not installed, or its options do not fit.
+        BadInput: it is not installed, its options do not fit, or a declaration is invalid.
     """
     options = scenario.federation.payload_options if upload else {}
     coding: Coding = plugins.create("coding", name, options, scenario)
+    check_form(coding)
     return coding
 
 

@@ -214,7 +214,7 @@ class Plan:
         widest = self.scenario.radio.bits_per_float
         for key in ("payload", "broadcast_payload"):
             name = getattr(self.given.federation, key)
-            if name is not None and plugins.load("coding", name).bits > widest:  # type: ignore[attr-defined]
+            if name is not None and coding_of(self.scenario, name, upload=key == "payload").bits > widest:
                 raise BadInput(
                     f"`federation.{key}` {name} is wider than a float of the radio, `radio.bits_per_float` "
                     f"{widest}; take a narrower payload or a wider float"

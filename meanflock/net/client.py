@@ -15,7 +15,7 @@ import numpy as np
 from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
-from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, WorldGone
+from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, RunFailed, WorldGone
 from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
@@ -130,13 +130,22 @@ class NodeClient:
         return self.stopped.reason
 
     def handle(self, delivery: Delivery) -> None:
-        """Handle one delivery. An invalid message is dropped, counted and logged, and changes nothing."""
+        """Handle one delivery. An invalid message is dropped, counted and logged, and changes nothing.
+
+        Raises:
+            RunFailed: the node failed for good; the world gets the reason.
+        """
         if delivery.kind == "gone":
             self._gone = True
         elif delivery.kind == "message":
             with self._busy:
                 take = self._asked if delivery.payload[1:2] in tick.TYPES else self._control
-                take(delivery.key, delivery.payload)
+                try:
+                    take(delivery.key, delivery.payload)
+                except RunFailed as error:
+                    self._node.problems.append(str(error))
+                    self._report_problems()
+                    raise
 
     def _asked(self, key: str, raw: bytes) -> None:
         """Reply to one message of a tick, while no other thread calls the node."""
@@ -185,13 +194,15 @@ class NodeClient:
 
     def _at_once(self, key: str, raw: bytes) -> bool:
         """Reply to a Sense in the thread that brings it, unless the node is busy; a switch of threads costs as much as
-        the reply. Returns whether it replied.
+        the reply. Returns whether it replied; if not, `handle` gets the message.
         """
         if raw[1:2] not in tick.TYPES or not self._busy.acquire(False):
             return False
         try:
             self._asked(key, raw)
             return True
+        except RunFailed:
+            return False
         finally:
             self._busy.release()
 

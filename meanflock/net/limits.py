@@ -32,9 +32,11 @@ class Limits:
     """
 
     def __init__(self, plan: Plan) -> None:
-        """Raises BadInput if `init` of the controller or of the aggregation rule fails, or the radio delivers too few
-        whole models for the rule, or the rule may not fly beside a learner."""
+        """Raises BadInput if a coding fails, or `init` of the controller or of the rule does; if the radio delivers
+        too few whole models for the rule, or the rule may not fly beside a learner."""
         declared, uavs = plan.declared, plan.scenario.uavs
+        for codec in dict.fromkeys(hop.codec for hop in plan.hops):
+            codec.try_out()
         memory = max(len(_initial_memory(group)) for group in plan.groups)
         rule = Rule(plan)
         rule.check_radio(plan)

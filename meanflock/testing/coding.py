@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.codec import Codec, Cut, starts_of
+from meanflock.federation.coding import check_form
 from meanflock.federation.codings.base import COARSEST, FINEST, Coding, Models
 from meanflock.federation.memory import Feedback
 from meanflock.swarm import threads
+from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
 from meanflock.testing.error import (
     OTHER_THREADS,
@@ -99,14 +101,10 @@ class _Suite:
 
     def check_declared(self) -> None:
         """Check the attributes of the class, from which the sizes of messages follow."""
-        coding = self._coding
-        widths = (16, 32, 64) if coding.floats else (1, 2, 4, 8)
-        if coding.bits not in widths:
-            self.fail(
-                f"`bits` is {coding.bits}", f"of {'floats' if coding.floats else 'integers'} expected one of {widths}"
-            )
-        if not 0.0 < coding.largest < np.inf:
-            self.fail(f"`largest` is {coding.largest}", "expected a finite number greater than 0")
+        try:
+            check_form(self.made())
+        except BadInput as error:
+            self.fail(str(error), "no flight takes it")
 
     def models(self, size: int, number: int) -> Models:
         """Models of a round in fragments of `size` numbers: random ones of all sizes, zeros, and the largest."""

@@ -11,9 +11,9 @@ from meanflock.agent.node import Agent
 from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery, MemoryNetwork
 from meanflock.net.client import NodeClient, take_part
-from meanflock.swarm.errors import BusError, Refused, WorldGone
+from meanflock.swarm.errors import BusError, Refused, RunFailed, WorldGone
 from meanflock.swarm.wire import control
-from meanflock.swarm.wire.messages import Act, Join, Message, Refusal, Sense, Stop, Welcome
+from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Stop, Welcome
 from tests.polling import DEADLINE_S
 
 RUN = "client"
@@ -125,6 +125,22 @@ def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(mon
 
 
 # -- a part from its beginning to its end -------------------------------------------------------------------------
+
+
+def test_a_node_that_fails_for_good_tells_the_world_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, node = World(monkeypatch, WELCOME), Node()
+    world.join(node)
+    monkeypatch.setattr(node, "act", failing)
+    world.ask(0)
+    with pytest.raises(RunFailed, match="no such number"):
+        world.client.serve(lambda: False, lambda: False)
+    heard = [control.decode(world.hear().payload) for _ in ("ready", "event")]
+    assert isinstance(heard[-1], Event)
+    assert (heard[-1].kind, heard[-1].text) == ("failed", "coding 'good': no such number")
+
+
+def failing(_sense: Sense) -> Act:
+    raise RunFailed("coding 'good': no such number")
 
 
 def nowhere(_timeout_s: float) -> Bus:

@@ -1,4 +1,4 @@
-"""Each suite rejects each kind of mistake and names it; so does a flight, of channels and vehicles."""
+"""Each suite rejects each kind of mistake and names it; so does a flight, of channels, vehicles and codings."""
 
 import re
 from typing import Any
@@ -18,6 +18,7 @@ from tests.testing.good import (
     KINDS,
     GoodAggregator,
     GoodChannel,
+    GoodCoding,
     GoodController,
     GoodFilter,
     GoodVehicle,
@@ -330,7 +331,7 @@ def test_a_slow_controller_is_rejected_before_it_flies_the_trials() -> None:
     assert len(ticks) < 20
 
 
-# -- in a flight, which channels and vehicles end if they are wrong ----------------------------------------------------
+# -- in a flight, which channels, vehicles and codings end if they are wrong ------------------------------------------
 
 
 class Remembering(GoodChannel):
@@ -349,6 +350,15 @@ CANNOT_BEGIN: list[tuple[Any, str]] = [
     ),
     (having(Remembering, init=lambda *_: 1 / 0), "ZeroDivisionError"),
     (having(GoodVehicle, init=lambda *_: {"charge_J": np.full(3, 1.0)}), r"hidden\['charge_J'\] has shape \(3,\)"),
+    (having(GoodCoding, bits="8"), r"`bits` is '8'; of integers expected one of \(1, 2, 4, 8\)"),
+    (having(GoodCoding, largest="all"), "`largest` is 'all'; expected a finite number greater than 0"),
+    (failing(GoodCoding, "encode", ERROR), "`encode` failed: KeyError: 'weights'"),
+    (having(GoodCoding, encode=lambda *_: None), "`encode` returns a NoneType; expected numbers and scales"),
+    (part(GoodCoding, 0, lambda numbers, *_: numbers.tolist()), r"numbers: a list, expected uint8 \(1, 246\)"),
+    (part(GoodCoding, 0, lambda numbers, *_: numbers + np.uint8(200)), "of 4 bits expected numbers below 16"),
+    (part(GoodCoding, 1, lambda scales, *_: scales[:, :1]), r"scales: float32 \(1, 1\), expected float32 \(1, \d\)"),
+    (changed(GoodCoding, "decode", lambda _, found, *__: np.float32(found)), "weights: float32 .* expected float64"),
+    (having(GoodCoding, valid=lambda *_: True), "`valid` failed: TypeError: mask: a bool, expected bool"),
 ]
 GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodChannel, 0, lambda slots, *_: slots - 4), "slots from -3 to 0"),
@@ -364,6 +374,10 @@ GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodVehicle, 1, lambda *_: {}), r"hidden has \[\]"),
     (powered(lambda states: np.full(len(states), 1e39)), r"power has 1e\+39; expected numbers within ±1e\+30"),
     (powered(lambda states: 1.0 - np.arange(len(states)) % 5), "power of UAV 4: -3 W; expected 0 or more"),
+    (
+        changed(GoodCoding, "encode", lambda _, answer, models: answer if models.round < 2 else 1 / 0),
+        "`encode` failed: ZeroDivisionError: division by zero",
+    ),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
     (
         having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),
@@ -382,21 +396,23 @@ GOES_WRONG: list[tuple[Any, str]] = [
 
 
 def flown(plugin: Any) -> Engine:
-    key = "radio.model" if issubclass(plugin, GoodChannel) else "vehicle.model"
+    keys = {"channel": "radio.model", "vehicle": "vehicle.model", "coding": "federation.payload"}
+    key, method = keys[plugin.plugin_kind], "mfgfl-hf" if plugin.plugin_kind == "coding" else "hjb"
+    rounds = ["federation.period=10"] if plugin.plugin_kind == "coding" else []
     plugins.register(plugin)
-    return Engine(load(None, ["uavs=5", f"{key}=good", "duration=3"], method="hjb"), "wrong")
+    return Engine(load(None, ["uavs=5", f"{key}=good", "duration=3", *rounds], method=method), "wrong")
 
 
 @pytest.mark.parametrize(("wrong", "expected"), CANNOT_BEGIN)
-def test_a_channel_or_vehicle_that_cannot_begin_is_bad_input(wrong: Any, expected: str) -> None:
-    with pytest.raises(BadInput, match=f"(channel|vehicle) 'good': .*{expected}"):
+def test_a_channel_vehicle_or_coding_that_cannot_begin_is_bad_input(wrong: Any, expected: str) -> None:
+    with pytest.raises(BadInput, match=f"(channel|vehicle|coding) 'good': .*{expected}"):
         flown(wrong)
 
 
 @pytest.mark.parametrize(("wrong", "expected"), GOES_WRONG)
-def test_a_wrong_channel_or_vehicle_ends_the_run_with_its_mistake(wrong: Any, expected: str) -> None:
+def test_a_wrong_channel_vehicle_or_coding_ends_the_run_with_its_mistake(wrong: Any, expected: str) -> None:
     engine = flown(wrong)
-    with pytest.raises(RunFailed, match=f"(channel|vehicle) 'good': .*{expected}"), np.errstate(all="ignore"):
+    with pytest.raises(RunFailed, match=f"(channel|vehicle|coding) 'good': .*{expected}"), np.errstate(all="ignore"):
         engine.complete()
 
 
