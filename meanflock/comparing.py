@@ -1,7 +1,7 @@
 """`mf.compare` and `mf.sweep`: many flights, and a row of means for each point."""
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from meanflock.comparison import Comparison
 from meanflock.launch import memory
 from meanflock.launch.temporary import TemporaryFolder
+from meanflock.progress import Progress, told
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import before_take_off, study
 from meanflock.studies.store import Store
@@ -19,8 +20,6 @@ from meanflock.swarm import paths
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario, as_builtins
-
-Progress = Callable[[int, int], None]  # flights finished, and all flights
 
 
 @with_settings
@@ -90,6 +89,8 @@ def sweep(
         RunFailed: a process died.
     """
     load_plugins(plugin)
+    if not np.iterable(key) or not np.iterable(values):
+        raise BadInput(f"sweep: {key!r}: {values!r}; give a key, or a list of keys, and a list of values")
     keys, listed = ([key], [values]) if isinstance(key, str) else (list(key), list(values))
     listed = [each if isinstance(each, str) or not np.iterable(each) else list(each) for each in listed]
     named = _several(methods)
@@ -153,8 +154,8 @@ def _count(seeds: Any) -> int:
 
 
 def _hashable(value: Any) -> Any:
-    """A value as part of a point: a list as a tuple, a table as text."""
-    value = as_builtins(value)
+    """A value as part of a point: a list as a tuple, a table as text, the class of a plug-in as its name."""
+    value = value.name if isinstance(value, type) else as_builtins(value)  # type: ignore[attr-defined]
     if isinstance(value, dict):
         return str(value)
     return tuple(map(_hashable, value)) if isinstance(value, list) else value
@@ -168,7 +169,7 @@ def _fly(
     out: str | Path | None,
     progress: Progress | None,
 ) -> dict[Any, study.Summaries]:
-    show, count = progress or (lambda _done, _total: None), _count(seeds)
+    show, count = told(progress), _count(seeds)
     memory.check(scenarios.values())
     before_take_off.warn(names, scenarios)
     points = {at: study.seeded(flown, count) for at, flown in scenarios.items()}

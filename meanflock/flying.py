@@ -1,6 +1,6 @@
 """`mf.fly`: one flight in this process and thread."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,6 +10,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
+from meanflock.progress import Progress, told
 from meanflock.results.groups import run_name
 from meanflock.results.series import check_reports
 from meanflock.runs import Run
@@ -21,8 +22,6 @@ from meanflock.worldsim.reporting import BlockSink
 
 if TYPE_CHECKING:
     from meanflock.launch.outputs import Outputs
-
-Progress = Callable[[int, int], None]  # ticks flown, and the largest number of ticks
 
 
 @with_settings
@@ -54,7 +53,7 @@ def fly(
         out: folder in which the run creates its run folder, as `meanflock run` does; None: nothing is written.
         record: also write a Rerun recording there.
         progress: called every hundred ticks with the ticks flown and the largest number of ticks.
-        settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`.
+        settings: any dotted scenario key, as in `**{"wind.sigma": 0.2}`. A key that names a plug-in may be its class.
 
     Returns:
         The run: `.summary`, `.states`, `.events`, `.frame()`. UAVs whose controller failed are counted in
@@ -64,6 +63,7 @@ def fly(
         BadInput: an argument cannot be used; nothing was flown.
         RunFailed: the flight failed.
     """
+    tell = told(progress)
     load_plugins(plugin)
     options: dict[str, Any] = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     if learner is not None:
@@ -72,8 +72,8 @@ def fly(
     with ExitStack() as stack:
         flight = prepared(flown, out, record, stack)
         for tick in flight.engine.fly():
-            if progress is not None and tick % 100 == 0:
-                progress(tick, flown.max_ticks)
+            if tick % 100 == 0:
+                tell(tick, flown.max_ticks)
         return flight.finish()
 
 

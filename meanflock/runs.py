@@ -1,7 +1,7 @@
 """A finished run, flown in this process or read from its folder."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from meanflock.notebook import html_of_run
+from meanflock.progress import Progress, told
 from meanflock.results.event_log import row_of, stored_lines
 from meanflock.results.rounds_table import rounds_table, stored_rounds
 from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from meanflock.results.plots.run import RunPicture
 
 What: TypeAlias = Literal["paths", "curves"]
-Progress = Callable[[int, int], None]  # ticks written, and all ticks
 
 
 class Run:
@@ -133,7 +133,7 @@ class Run:
             RunFailed: the disk is full.
         """
         _check(per)
-        return write_csv(self._rows(), paths.given(path), per, progress or (lambda _done, _all: None))
+        return write_csv(self._rows(), paths.given(path), per, told(progress))
 
     def _rows(self) -> pa.Table:
         if self._blocks:

@@ -40,7 +40,7 @@ def load_plugins(given: str | Path | Sequence[str | Path] | None) -> None:
         BadInput: a file cannot be used.
     """
     if given is not None:
-        plugins.load_files(given if isinstance(given, Sequence) and not isinstance(given, str) else [given])
+        plugins.load_files(given if isinstance(given, Sequence) and not isinstance(given, str | bytes) else [given])
 
 
 def learner_named(given: str | Path | type, option: str = "--learner") -> str:
@@ -52,7 +52,7 @@ def learner_named(given: str | Path | type, option: str = "--learner") -> str:
         BadInput: it cannot be used, or the file has no learner, or several.
     """
     if isinstance(given, type):
-        return plugins.register(given).name
+        return plugins.name_of(option, given, "learner")
     if paths.given(given).suffix != ".py":
         return plugins.find("learner", str(given)).name
     plugins.load_files([given], option)

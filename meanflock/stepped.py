@@ -16,7 +16,8 @@ from meanflock.agent.learning.controller import Learning
 from meanflock.agent.step_checks import check_broadcasts
 from meanflock.agent.stepped import Command, External, refuse_groups
 from meanflock.federation.plan import plan_of
-from meanflock.flying import Progress, prepared
+from meanflock.flying import prepared
+from meanflock.progress import Progress, told
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
 from meanflock.swarm import threads
@@ -105,6 +106,7 @@ class Stepped:
         Raises:
             BadInput: an argument cannot be used; nothing was flown.
         """
+        self._tell = told(progress)
         load_plugins(plugin)
         options = {"parameters": parameters, "broadcast_numbers": broadcast_numbers}
         keys = {key: value for key, value in settings.items() if key.partition(".")[0] != "controller"}
@@ -117,7 +119,6 @@ class Stepped:
         chosen = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
         refuse_groups(chosen, "a stepped flight")
         self.scenario = plan_of(chosen).given
-        self._progress = progress
         self._take_off(out, record)
 
     @threads.limited()
@@ -163,8 +164,8 @@ class Stepped:
         assert isinstance(self._external, External)
         self._external.command = self._checked(acceleration, broadcasts, models)
         self._engine.move(self._senses)
-        if self._progress is not None and self.tick % 100 == 0:
-            self._progress(self.tick, self.scenario.max_ticks)
+        if self.tick % 100 == 0:
+            self._tell(self.tick, self.scenario.max_ticks)
         self._ask()
 
     @property

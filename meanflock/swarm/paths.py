@@ -5,6 +5,7 @@ import os
 import stat
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from meanflock.swarm.errors import BadInput, printable
 
@@ -20,9 +21,11 @@ def given(path: "str | os.PathLike[str]") -> Path:
         BadInput: it is no path, there is no such home folder, it is not UTF-8, as some libraries need, or contains NUL.
     """
     try:
-        text = os.fspath(path)
-    except TypeError as error:
-        raise BadInput(f"{path!r} is no path of a file; give a text or a Path") from error
+        text: Any = os.fspath(path)
+    except TypeError:
+        text = None
+    if not isinstance(text, str):
+        raise BadInput(f"{path!r} is no path of a file; give a text or a Path")
     shown = printable(text)
     found = Path(os.path.expanduser(text))
     if text.startswith("~") and found == Path(text):

@@ -27,6 +27,7 @@ from meanflock.comparison import Comparison
 from meanflock.results.quantities import DERIVED, SUMMARY
 from meanflock.studies import study
 from tests.commands import loaded, printed
+from tests.testing.good import GoodVehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
@@ -77,7 +78,8 @@ def test_any_thread_flies_and_no_signal_handler_is_touched() -> None:
 def test_a_class_is_a_method_and_values_of_numpy_are_values(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"wind.sigma": np.float64(0.2), "wind.mean": np.array([0.5, -0.5])}
     options: dict[str, Any] = {"uavs": np.int64(4), "seed": np.int32(3), "duration": np.float32(6.0)}
-    run = mf.fly(method=Still, out=tmp_path, record=True, **options, **settings)
+    run = mf.fly(method=Still, out=tmp_path, record=True, **options, **settings, **{"vehicle.model": GoodVehicle})
+    assert run.scenario.vehicle.model == "good"
     assert (run.scenario.seed, run.scenario.wind.sigma, run.scenario.wind.mean) == (3, 0.2, (0.5, -0.5))
     assert (run.summary["method"], run.summary["arrived"]) == ("still", 0)
     assert run.recording.stat().st_size > 0
@@ -109,6 +111,33 @@ OUT = {"out": "runs"}
         (lambda: mf.fly("paper", method=int, **OUT), "derive a class from meanflock.Controller"),
         (lambda: mf.fly("paper", method=object(), **OUT), "is neither the name nor the class of a controller"),
         (lambda: mf.compare(5, **FEW), "is neither the name nor the class of a controller"),
+        (
+            lambda: mf.fly("paper", method=GoodVehicle, **OUT),
+            "method: GoodVehicle is a vehicle; give the name or the class",
+        ),
+        (
+            lambda: mf.fly("paper", method="plan", learner=Still, **OUT),
+            "--learner: Still is a controller; give the name or",
+        ),
+        (
+            lambda: mf.fly("paper", **{"radio.model": Still}, **OUT),
+            "radio.model: Still is a controller; give the name or",
+        ),
+        (
+            lambda: mf.fly("paper", **{"wind.mean": {0.1, 0.2}}, **OUT),
+            "wind.mean: a scenario has no values of type set",
+        ),
+        (
+            lambda: mf.fly({"uavs": 2}, **OUT),
+            "scenario: {'uavs': 2}; give the name of a shipped one, a TOML file or a Sc",
+        ),
+        (lambda: mf.Scenario({"uavs": 2}), "scenario: {'uavs': 2}; give each key by its name: mf.Scenario(uavs=9)"),
+        (lambda: mf.fly("paper", progress=True, **OUT), "progress: True; give a function of two numbers"),
+        (lambda: mf.fly("paper", progress=len, **OUT), "progress: <built-in function len>; give a function of two"),
+        (lambda: mf.Stepped("paper", progress="yes"), "progress: 'yes'; give a function of two numbers"),
+        (lambda: mf.compare("mfg", progress=True, **FEW), "progress: True; give a function of two numbers"),
+        (lambda: mf.fly("paper", plugin=b"mine.py", **OUT), "b'mine.py' is no path of a file; give a text or a Path"),
+        (lambda: mf.fly("paper", out=b"runs"), "b'runs' is no path of a file; give a text or a Path"),
         (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
         (lambda: mf.fly("paper", plugin=5, **OUT), "5 is no path of a file"),
         (lambda: mf.fly("paper", learner=5, **OUT), "5 is no path of a file"),
@@ -128,6 +157,8 @@ OUT = {"out": "runs"}
         (lambda: mf.sweep(["wind.sigma", "uavs"], [0.1, 0.2], **FEW), "wind.sigma: 0.1; give a list"),
         (lambda: mf.sweep("method", "hjb", **FEW), "give a list"),
         (lambda: mf.sweep([], [], **FEW), "0 keys"),
+        (lambda: mf.sweep(3, [1], **FEW), "sweep: 3: [1]; give a key, or a list of keys, and a list of values"),
+        (lambda: mf.sweep("uavs", 3, **FEW), "sweep: 'uavs': 3; give a key, or a list of keys, and a list of values"),
         (lambda: env.vector_env("paper", reward={"speed": 1.0}), "no term 'speed'"),
         (lambda: env.vector_env("paper", neighbours=0), "neighbours: 0"),
         (lambda: env.vector_env("paper", message=99), "message: 99"),
@@ -147,6 +178,11 @@ def test_bad_input_is_one_line_and_nothing_flies(call: Any, says: str, tmp_path,
     assert says in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
     assert os.listdir(tmp_path) == []
+
+
+def test_classes_of_plugins_are_swept_by_their_names() -> None:
+    rows = mf.sweep("vehicle.model", ["point-mass", GoodVehicle], methods=Still, seeds=1, **FEW)
+    assert [row["vehicle.model"] for row in rows] == ["point-mass", "good"]
 
 
 def test_progress_is_reported() -> None:

@@ -145,6 +145,24 @@ def register(made: type) -> Plugin:
     return entry[0]
 
 
+def name_of(label: str, given: Any, kind: PluginKind) -> str:
+    """The name of a plug-in of a kind that is given by its name or as its class, which is then registered.
+
+    `label`: what it is given as, for an error.
+
+    Raises:
+        BadInput: it is neither, or of another kind, or its class cannot be used.
+    """
+    if isinstance(given, str):
+        return given
+    if not isinstance(given, type):
+        raise BadInput(f"{label}: {given!r} is neither the name nor the class of a {kind}; give one of these")
+    plugin = register(given)
+    if plugin.kind != kind:
+        raise BadInput(f"{label}: {plugin.reference} is a {plugin.kind}; give the name or the class of a {kind}")
+    return plugin.name
+
+
 def is_file(plugin: Plugin) -> bool:
     """Returns whether a plug-in was registered in this process, and is not of a package."""
     return (plugin.kind, plugin.name) in registered

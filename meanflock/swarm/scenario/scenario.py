@@ -25,7 +25,11 @@ _POSITION_SCALE_M, _WIDEST_M = 200.0, 250.0  # of the features, and the farthest
 class _Validating(msgspec.StructMeta):
     """Metaclass that validates the keys of a call of the class. Decoders validate too, and construct without a call."""
 
-    def __call__(cls, **keys: Any) -> "Scenario":
+    def __call__(cls, *given: Any, **keys: Any) -> "Scenario":
+        if given:
+            raise BadInput(
+                f"scenario: {given[0]!r}; give each key by its name: mf.Scenario(uavs=9), or mf.Scenario(**keys)"
+            )
         return with_keys({}, keys, cast("type[Scenario]", cls), "scenario")
 
 
@@ -171,7 +175,10 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
             BadInput: no such file or scenario, bad TOML, or an invalid scenario.
         """
         if not isinstance(source, str | Path):
-            raise BadInput(f"scenario: {source!r}; give the name of a shipped one, a TOML file or a Scenario")
+            raise BadInput(
+                f"scenario: {source!r}; give the name of a shipped one, a TOML file or a Scenario; of keys "
+                "mf.Scenario(**keys) makes one"
+            )
         path = paths.given(source)
         path = path if path.suffix else toml.FOLDER / f"{path}.toml"
         return with_keys(toml.read(path, "scenario"), settings, cls, str(source))

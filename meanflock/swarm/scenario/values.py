@@ -15,7 +15,17 @@ from meanflock.swarm.toml import put
 Kind = TypeVar("Kind")
 
 
-_CLASSES = {"method": "controller", "training.learner": "learner"}  # keys that may be a class
+_CLASSES: dict[str, plugins.PluginKind] = {  # keys that may be a class
+    "method": "controller",
+    "training.learner": "learner",
+    "federation.aggregation": "aggregator",
+    "federation.topology": "topology",
+    "federation.payload": "coding",
+    "federation.broadcast_payload": "coding",
+    "radio.model": "channel",
+    "vehicle.model": "vehicle",
+    "filter.kind": "filter",
+}
 
 
 def as_builtins(value: Any) -> Any:
@@ -24,6 +34,8 @@ def as_builtins(value: Any) -> Any:
     Raises:
         TypeError: the value has another type.
     """
+    if isinstance(value, set | frozenset):  # the order of its values is anyone's
+        raise TypeError("a scenario has no values of type set")
     return _with_lists(msgspec.to_builtins(value, enc_hook=_as_number_or_list))
 
 
@@ -44,19 +56,15 @@ def _with_lists(value: Any) -> Any:
 def with_keys(table: dict[str, Any], settings: Mapping[str, Any], kind: type[Kind], where: str) -> Kind:
     """The scenario that a table describes once dotted keys of it are set to Python values.
 
-    `method` may be a controller's class and `training.learner` a learner's; it is then registered.
+    A key that names a plug-in, such as `method`, may be its class, which is then registered.
 
     Raises:
         BadInput: a value has a type that a scenario cannot contain, a key leads through a value that is not a table, or
             the scenario is invalid, see `validated`.
     """
     for key, value in settings.items():
-        if key in _CLASSES and isinstance(value, type):
-            plugins.register(value)
-            value = value.name  # type: ignore[attr-defined]
-        elif key in _CLASSES and not isinstance(value, str):
-            plugin = _CLASSES[key]
-            raise BadInput(f"{key}: {value!r} is neither the name nor the class of a {plugin}; give one of these")
+        if key in _CLASSES and value is not None:
+            value = plugins.name_of(key, value, _CLASSES[key])
         try:
             put(table, key, as_builtins(value))
         except TypeError as error:
