@@ -23,6 +23,7 @@ from meanflock.swarm.faults import Interference, LeaderLoss
 from meanflock.swarm.plugins import PluginKind
 from meanflock.swarm.scenario import Scenario, Sharing, Until, as_builtins
 
+_NO_PLUGIN = (("learner", NO_LEARNER), ("filter", NO_FILTER))
 _PLAN = "plan"  # attribute of a scenario that keeps its plan
 LEADER, CLUSTERS = "leader", "clusters"  # topologies of a scenario that names none: of one cluster, and of more
 
@@ -346,26 +347,29 @@ def plugins_of(scenario: Scenario) -> tuple[tuple[PluginKind, str, str], ...]:
     Raises:
         BadInput: a plug-in is not installed here.
     """
-    wanted: list[tuple[PluginKind, str]] = []
-    if not scenario.every_group_has("method"):
-        wanted.append(("controller", scenario.method))
-    wanted += [("aggregator", scenario.federation.aggregation), ("channel", scenario.radio.model)]
-    if not scenario.every_group_has("vehicle"):
-        wanted.append(("vehicle", scenario.vehicle.model))
-    wanted.append(("topology", topology_of(scenario)))
-    wanted += [("coding", name) for name in dict.fromkeys((scenario.upload_payload, scenario.broadcast_payload))]
-    if scenario.training.learner != NO_LEARNER and not scenario.every_group_has("training"):
-        wanted.append(("learner", scenario.training.learner))
-    if scenario.filter.kind != NO_FILTER:
-        wanted.append(("filter", scenario.filter.kind))
+    own = scenario.every_group_has
+    named: list[tuple[PluginKind, str | None]] = [
+        ("controller", None if own("method") else scenario.method),
+        ("aggregator", scenario.federation.aggregation),
+        ("channel", scenario.radio.model),
+        ("vehicle", None if own("vehicle") else scenario.vehicle.model),
+        ("topology", topology_of(scenario)),
+        ("coding", scenario.upload_payload),
+        ("coding", scenario.broadcast_payload),
+        ("learner", None if own("training") else scenario.training.learner),
+        ("filter", scenario.filter.kind),
+    ]
     for group in scenario.groups:
-        if group.method is not None:
-            wanted.append(("controller", group.method))
-        if group.vehicle is not None:
-            wanted.append(("vehicle", group.vehicle.model))
-        if group.training is not None and group.training.learner != NO_LEARNER:
-            wanted.append(("learner", group.training.learner))
-    return tuple((kind, name, plugins.find(kind, name).fingerprint) for kind, name in dict.fromkeys(wanted))
+        named += [
+            ("controller", group.method),
+            ("vehicle", None if group.vehicle is None else group.vehicle.model),
+            ("learner", None if group.training is None else group.training.learner),
+        ]
+    return tuple(
+        (kind, name, plugins.find(kind, name).fingerprint)
+        for kind, name in dict.fromkeys(named)
+        if name is not None and (kind, name) not in _NO_PLUGIN
+    )
 
 
 def _with_starts(scenario: Scenario) -> Scenario:
