@@ -17,7 +17,7 @@ from meanflock.agent.step_checks import check_notes, checked_step
 from meanflock.federation.codec import carried_weights, check_weights
 from meanflock.federation.cut import bound_of_models
 from meanflock.swarm.declared import Declared, controller
-from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, last_line, plugin_line
 from meanflock.swarm.events.base import listed
 from meanflock.swarm.events.nodes import FailedController, Problem
 from meanflock.swarm.plugins.guard import as_floats, bounded_rows, check_bounded, check_memory, check_same_form
@@ -313,7 +313,8 @@ class Guarded:
         self.broken = self.or_broken(broken)
         if (fresh := broken & ~self._reported).any():
             error = errors[int(fresh.argmax())]
-            trace = error if isinstance(error, Exception) else None  # a `sys.exit()` needs no trace
+            # Lines of the plug-in. A `sys.exit()` needs no trace, nor does an answer that is refused here.
+            trace = error if isinstance(error, Exception) and plugin_line(error) else None
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
             self._report_problems(fresh, last_line(error))
 

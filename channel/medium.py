@@ -32,6 +32,7 @@ from meanflock.channel.meter import Links, Meter
 from meanflock.channel.serving import Serving
 from meanflock.federation.plan import Plan
 from meanflock.swarm import plugins, state
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.declared import most_memory
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.guard import check_array, check_memory
@@ -156,7 +157,10 @@ class Medium(Stateful):
     @property
     def clamped(self) -> int:
         """Number of links so far whose places were beyond what the channel's sources hold for."""
-        return self._channel.clamped(self.memory)
+        try:
+            return count_of("`clamped` returns", self._channel.clamped(self.memory), 0)
+        except FAILURES as error:
+            raise failed(self._scenario.radio.model, error) from error
 
     def due(self, tick: int) -> list[Frames]:
         """Frames delivered in this tick, oldest first; each with the links it arrived on."""

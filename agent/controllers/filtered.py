@@ -19,6 +19,7 @@ from meanflock.agent.controllers.sharing.base import NeighbourStates
 from meanflock.swarm import state
 from meanflock.swarm.declared import column_names
 from meanflock.swarm.errors import FAILURES, last_line
+from meanflock.swarm.plugins.guard import check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, Vectors, distinct
 
@@ -109,7 +110,8 @@ class Filter:
     ) -> tuple[Vectors, Floats]:
         """The result of `admit`, checked. Errors name the filter, not the controller."""
         try:
-            acceleration, reported = self.admit(own, others, uavs, wanted)
+            answer = self.admit(own, others, uavs, wanted)
+            acceleration, reported = check_values("admit", answer, 2, "the accelerations and the columns")
         except FAILURES as error:
             raise RuntimeError(f"filter {self.name!r}: {last_line(error)}") from error
         for part, table, shape in (

@@ -357,7 +357,7 @@ class Learning:
         learner, threads = self._learner(uav), started_threads()
         with seeded(config.seed, self._table.threads):
             learner.load(state)
-            measured = dict(learner.evaluate(self._form.join(base, kept), config))
+            measured = _numbers("result of `evaluate`", learner.evaluate(self._form.join(base, kept), config))
         with seeded(config.seed, self._table.threads):
             try:
                 trained = learner.fit(self._form.join(base, kept), config)
@@ -374,7 +374,7 @@ class Learning:
                 given = f"{len(raw)} bytes" if isinstance(raw, bytes) else f"a {type(raw).__name__}"
                 raise ValueError(f"its {label} is {given}; `{label}_bytes` declares {most} bytes")
         model, kept = self._form.split(trained.model)
-        metrics = {name: float(value) for name, value in (measured | trained.metrics).items()}
+        metrics = measured | _numbers("`metrics` of `fit`", trained.metrics)
         left = max(0, started_threads() - threads)
         examples = float(trained.examples)
         return TrainingResult(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
@@ -418,6 +418,12 @@ def _split(memory: Memory) -> tuple[Memory, Memory]:
     inner_memory = {name: array for name, array in memory.items() if not name.startswith(PREFIX)}
     mine = {name.removeprefix(PREFIX): array for name, array in memory.items() if name.startswith(PREFIX)}
     return inner_memory, mine
+
+
+def _numbers(label: str, given: Any) -> dict[str, float]:
+    if not isinstance(given, dict):
+        raise TypeError(f"{label}: a {type(given).__name__}; expected a dict of numbers by name")
+    return {name: float(value) for name, value in given.items()}
 
 
 def _packed(texts: Sequence[bytes], room: int) -> NDArray[np.uint8]:

@@ -17,6 +17,7 @@ from meanflock.federation.groups import Group, grouped
 from meanflock.federation.seat import name_of, seat
 from meanflock.federation.topology.base import Hop, linked
 from meanflock.swarm import mission, plugins
+from meanflock.swarm.counts import count_of
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
@@ -60,6 +61,7 @@ class Plan:
             )
         self._check_guided()
         self._check_codings()
+        self._check_rule()
         self._check_resumable()
         self._check_until()
         self._check_silence()
@@ -185,6 +187,13 @@ class Plan:
                     f"{cause}, and controller {group.scenario.method!r} flies to one goal only; take one "
                     "that is `guided`, for example cruise, orca or mfgfl-hf"
                 )
+
+    def _check_rule(self) -> None:
+        """Validates the numbers that the class of the aggregation rule declares."""
+        name = self.scenario.federation.aggregation
+        rule: Any = plugins.load("aggregator", name)
+        for declaration in ("note_bytes", "state_bytes", "complete"):
+            count_of(f"aggregator {name!r}: `{declaration}` is", getattr(rule, declaration, 0), 0)
 
     def _check_resumable(self) -> None:
         """Validates that no leader takes over a rule whose state it cannot get."""

@@ -166,16 +166,19 @@ def last_line(error: BaseException) -> str:
         return str(error)
     if isinstance(error, SyntaxError) and error.filename:  # raised by the compiler
         return f"{reason(error)} ({Path(error.filename).name}, line {error.lineno})"
+    place = plugin_line(error)
+    return reason(error) if place is None else f"{reason(error)} ({Path(place[0]).name}, line {place[1]})"
+
+
+def plugin_line(error: BaseException) -> tuple[str, int] | None:
+    """File and line of the plug-in in which an error arose; None: it arose in meanflock, which refused an answer."""
     places = [  # top-level module, file and line, the innermost last
         (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
     ]
     theirs = [place for place in places if place[0] not in _OURS]
     own = [place for place in theirs if place[0] == theirs[0][0]]  # without the libraries that it calls
-    if not own:
-        return reason(error)
-    _, file, line = own[-1]
-    return f"{reason(error)} ({Path(file).name}, line {line})"
+    return own[-1][1:] if own else None
 
 
 def reason(error: BaseException) -> str:

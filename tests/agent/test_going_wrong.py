@@ -302,3 +302,14 @@ def test_a_state_beyond_the_radio_s_floats_is_not_sent_and_the_others_are() -> N
         act = agent.act(nodes.sense(1, states=states))
     assert isinstance(wire.read_act(wire.write_act(act)), Act)
     assert ([batch.source.tolist() for batch in act.outbox], len(act.lost)) == ([[2, 5]], 0)
+
+
+@pytest.mark.parametrize(("mistake", "has_trace"), [("raises", True), ("returns nothing", False)])
+def test_a_trace_is_logged_where_it_has_lines_of_the_controller(
+    mistake: str, has_trace: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    methods, text = GOES_WRONG[mistake]
+    fly(flown(wrong(**methods)))
+    (failed,) = [record for record in caplog.records if "'stranger' failed" in record.getMessage()]
+    assert text in failed.getMessage()
+    assert (failed.exc_info is not None) == has_trace

@@ -350,6 +350,13 @@ CANNOT_BEGIN: list[tuple[Any, str]] = [
     ),
     (having(Remembering, init=lambda *_: 1 / 0), "ZeroDivisionError"),
     (having(GoodVehicle, init=lambda *_: {"charge_J": np.full(3, 1.0)}), r"hidden\['charge_J'\] has shape \(3,\)"),
+    (having(GoodVehicle, columns=("tilt",)), "a vehicle that declares `columns` must override `shown`"),
+    (
+        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),
+        "`shown` failed: ValueError: .*read-only",
+    ),
+    (having(GoodAggregator, state_bytes="4"), "`state_bytes` is '4'; expected a whole number of at least 0"),
+    (having(GoodAggregator, note_bytes=-1), "`note_bytes` is -1; expected a whole number of at least 0"),
     (having(GoodCoding, bits="8"), r"`bits` is '8'; of integers expected one of \(1, 2, 4, 8\)"),
     (having(GoodCoding, largest="all"), "`largest` is 'all'; expected a finite number greater than 0"),
     (failing(GoodCoding, "encode", ERROR), "`encode` failed: KeyError: 'weights'"),
@@ -362,6 +369,8 @@ CANNOT_BEGIN: list[tuple[Any, str]] = [
 ]
 GOES_WRONG: list[tuple[Any, str]] = [
     (part(GoodChannel, 0, lambda slots, *_: slots - 4), "slots from -3 to 0"),
+    (having(GoodChannel, clamped=lambda *_: 1 / 0), "failed: ZeroDivisionError"),
+    (having(GoodChannel, clamped=lambda *_: "no"), "`clamped` returns 'no'; expected a whole number of at least 0"),
     (having(GoodChannel, expected=lambda *_: "many"), "`expected` returns 'many'"),
     (having(Remembering, carry=lambda *_: {}), "`carry` returns a dict; expected memory, slots and delivered"),
     (changed(Remembering, "carry", lambda _, answer, *__: ({}, *answer[1:])), r"memory has \[\]; of `init` it had"),
@@ -380,10 +389,6 @@ GOES_WRONG: list[tuple[Any, str]] = [
     ),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
     (
-        having(GoodVehicle, columns=("tilt",), shown=lambda _, hidden: hidden["thrust"].__iadd__(1.0)[:, :1]),
-        "`shown` failed: ValueError: .*read-only",
-    ),
-    (
         changed(
             having(GoodVehicle, rest=lambda _, hidden: {"thrust": np.nan * hidden["thrust"]}),
             "step",
@@ -396,7 +401,12 @@ GOES_WRONG: list[tuple[Any, str]] = [
 
 
 def flown(plugin: Any) -> Engine:
-    keys = {"channel": "radio.model", "vehicle": "vehicle.model", "coding": "federation.payload"}
+    keys = {
+        "aggregator": "federation.aggregation",
+        "channel": "radio.model",
+        "coding": "federation.payload",
+        "vehicle": "vehicle.model",
+    }
     key, method = keys[plugin.plugin_kind], "mfgfl-hf" if plugin.plugin_kind == "coding" else "hjb"
     rounds = ["federation.period=10"] if plugin.plugin_kind == "coding" else []
     plugins.register(plugin)
@@ -404,8 +414,8 @@ def flown(plugin: Any) -> Engine:
 
 
 @pytest.mark.parametrize(("wrong", "expected"), CANNOT_BEGIN)
-def test_a_channel_vehicle_or_coding_that_cannot_begin_is_bad_input(wrong: Any, expected: str) -> None:
-    with pytest.raises(BadInput, match=f"(channel|vehicle|coding) 'good': .*{expected}"):
+def test_a_plugin_of_the_world_or_the_leader_that_cannot_begin_is_bad_input(wrong: Any, expected: str) -> None:
+    with pytest.raises(BadInput, match=f"(aggregator|channel|vehicle|coding) 'good': .*{expected}"):
         flown(wrong)
 
 

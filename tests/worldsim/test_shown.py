@@ -102,6 +102,11 @@ def test_names_that_cannot_be_columns_are_refused_before_take_off(names: Any, ex
         (lambda _, hidden: {}["tilt"], r"`shown` failed: KeyError: 'tilt'"),
     ],
 )
-def test_numbers_that_cannot_be_shown_end_the_run(shown: Any, expected: str) -> None:
-    with pytest.raises(RunFailed, match=f"vehicle 'good': {expected}"):
+def test_numbers_that_cannot_be_shown_are_refused_before_take_off_and_end_a_run(shown: Any, expected: str) -> None:
+    def later(self: Any, hidden: Any) -> Any:
+        return shown(self, hidden) if hidden["thrust"].any() else hidden["thrust"][:, :1]
+
+    with pytest.raises(BadInput, match=f"vehicle 'good': {expected}"):
         flight(having(GoodVehicle, **SHOWS | {"shown": shown}))
+    with pytest.raises(RunFailed, match=f"vehicle 'good': {expected}"):
+        flight(having(GoodVehicle, **SHOWS | {"shown": later}))

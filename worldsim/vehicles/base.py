@@ -79,7 +79,7 @@ class Vehicle:
         Time series, recordings, plots and exports contain them. With `roll_rad`, `pitch_rad` and `yaw_rad` exports
         show the attitude.
         """
-        raise NotImplementedError
+        raise NotImplementedError("a vehicle that declares `columns` must override `shown`")
 
     @abstractmethod
     def step(

@@ -7,6 +7,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
+from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.plugins import load
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask
@@ -58,10 +59,15 @@ class FlownVehicles:
                 self.limit[uavs] = np.inf if limit is None else limit
 
     def init(self) -> Hidden:
-        """The hidden state of all UAVs at take-off; raises BadInput if `init` of a vehicle fails."""
-        if len(self._kinds) == 1:
-            return self._kinds[0].physics.init()
-        return self._joined([kind.physics.init() for kind in self._kinds])
+        """The hidden state of all UAVs at take-off; raises BadInput if `init` or `shown` of a vehicle fails."""
+        parts = [kind.physics.init() for kind in self._kinds]
+        hidden = parts[0] if len(parts) == 1 else self._joined(parts)
+        if self._shape[1]:
+            try:
+                self.shown({name: part.copy() for name, part in hidden.items()})
+            except RunFailed as error:
+                raise BadInput(str(error)) from error
+        return hidden
 
     def felt(self, accelerations: state.Vectors, gust: state.Vectors | None) -> state.Vectors:
         """Commands (N, d), with gusts (N, d) of UAVs whose vehicle does not take these apart, m/s²."""

@@ -236,6 +236,10 @@ def test_names_of_the_filter_are_refused_in_the_memory_of_the_controller_and_in_
         (lambda *_: 1 / 0, r"filter 'open': ZeroDivisionError: division by zero \(test_sharing.py, line \d+\)"),
         (lambda _, own, *__: (own, own[:, :1]), r"filter 'open': .* accelerations \(6, 4\); expected \(6, 2\)"),
         (lambda *given: (given[-1], None), r"filter 'open': `admit` returns columns \(\); expected \(6, 1\)"),
+        (
+            lambda *given: given[-1],
+            "filter 'open': TypeError: `admit` returns a ndarray; expected the accelerations and th",
+        ),
     ],
 )
 def test_an_error_of_a_filter_names_the_filter_and_not_the_controller(admit: Any, text: str) -> None:

@@ -233,6 +233,7 @@ def of_uav_1(change: Any) -> Any:
     [
         (lambda t: mf.Trained(t.model | {"weights": np.zeros((3, 1), np.float32)}, 1.0), "'weights' has shape (3, 1)"),
         (lambda t: mf.Trained(t.model, 0.0), "`examples` has 0"),
+        (lambda t: mf.Trained(t.model, 1.0, None), "`metrics` of `fit`: a NoneType; expected a dict of numbers"),
         (lambda t: mf.Trained(t.model, float("nan")), "`examples` has nan"),
         (lambda t: mf.Trained(t.model, 1.0, note=b"too long"), "its note is 8 bytes; `note_bytes` declares 0 bytes"),
         (lambda t: t.model, "`fit` returns a dict; expected mf.Trained(model, examples) or None"),
