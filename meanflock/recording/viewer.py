@@ -245,12 +245,16 @@ def _render(viewer: "subprocess.Popen[bytes]", url: str, at_s: float | None, vie
             seen = client.get_state()
             if not seen.recordings or not seen.recordings[0].timelines or seen.loading:
                 continue
-            if not prepared:
-                client.set_time(blueprint.TIMELINE, duration=_second(seen.recordings[0], at_s), play_state="paused")
-                client.run_command("ui.toggle_top_panel")  # its only message is that it renders in software
-                if view != "all":
-                    _fill(client, _found(seen.views, view))
-                prepared = True
+            second = np.timedelta64(round(_second(seen.recordings[0], at_s) * 1e9), "ns")
+            second = np.timedelta64(round(_second(seen.recordings[0], at_s) * 1e9), "ns")
+            if not prepared or seen.recordings[0].current_time != second.astype(int):  # at first the viewer plays
+                client.set_time(blueprint.TIMELINE, duration=second, play_state="paused")
+                pictures.clear()
+                if not prepared:
+                    client.run_command("ui.toggle_top_panel")  # its only message is that it renders in software
+                    if view != "all":
+                        _fill(client, _found(seen.views, view))
+                    prepared = True
                 continue
             picture = client.take_screenshot()
         except (RuntimeError, ConnectionError):
