@@ -189,7 +189,8 @@ class Blocks:
 
     def _flush(self) -> None:
         """End the block, with the next part of a checkpoint if there is one. Others follow after the next ticks."""
-        n = self._filled
+        energy = self._world.flight.books.take_energies(self._filled)
+        n = len(energy)  # without the rows of ticks whose power the vehicle could not tell, which ends the flight
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
         self._mailer.add(
             Telemetry(
@@ -197,7 +198,7 @@ class Blocks:
                 block=self.block,
                 first_tick=self._first_tick,
                 **{name: column[:n].copy() for name, column in self._columns.items()},
-                energy=self._world.flight.books.take_energies(n).astype(np.float32),
+                energy=energy.astype(np.float32),
                 links=np.concatenate([np.zeros((0, len(LinkColumn)), dtype=np.int32), *self._links]),
                 report_ticks=np.array(ticks, dtype=np.int32),
                 reports=np.array(reports, dtype=np.float32).reshape(len(reports), self._declared.weights),

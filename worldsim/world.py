@@ -120,6 +120,7 @@ class World(Stateful):
         self.over_duty: set[int] = set()
         self.batteries_empty = 0
         self._all = np.ones(scenario.uavs, dtype=bool)
+        self._awake: Mask = self._all  # UAVs that took part in the tick that was asked for last
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
         if resume is not None:
             self._resume(resume)
@@ -181,6 +182,7 @@ class World(Stateful):
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
         flight, tick = self.flight, self.flight.tick
         killed, leaders_killed, awake = self._begin_faults(tick)
+        self._awake = awake
         present = self._present(tick, awake)
         due = self.ledger.deliver(tick, self.backhaul.gathered(self.air.due(tick), present), present)
         report = tick % REPORT_EVERY_TICKS == 0
@@ -263,9 +265,8 @@ class World(Stateful):
         self.flight.events.append(event)
 
     def learn(self, news: Iterable[FlightEvent], reports: Reports) -> None:
-        """Take what became of the nodes in the tick that was asked for: UAVs are lost or rejoin, and all else is
-        recorded. Take the failures that nodes report."""
-        assert self._senses is not None
+        """Take what became of the nodes: UAVs are lost or rejoin, and all else is recorded. Take the failures that
+        nodes report of the tick that was asked for last."""
         for event in news:
             match event:
                 case Lost():
@@ -274,7 +275,7 @@ class World(Stateful):
                     self.flight.rejoin(np.array(event.uavs, dtype=np.intp), event.node)
                 case _:
                     self.note(event)
-        self.flight.events += reports.events(self.tick, self._senses.awake, self.plan.groups)
+        self.flight.events += reports.events(self.tick, self._awake, self.plan.groups)
         if reports.leader_failed:
             self.ledger.fail()
         self.ledger.fail_at(reports.unaveraged)

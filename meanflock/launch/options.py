@@ -1,4 +1,4 @@
-"""FlightOptions of a flight."""
+"""Options of a flight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightOptions:
-    """FlightOptions of a flight; they do not change the trajectory."""
+    """Options of a flight; they do not change the trajectory."""
 
     out: Path
     in_process: bool = False

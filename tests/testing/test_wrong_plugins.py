@@ -14,6 +14,8 @@ from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import load
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.testing import ConformanceError
+from tests.memory_swarm import MemorySwarm
+from tests.telemetry import Record
 from tests.testing.good import (
     KINDS,
     GoodAggregator,
@@ -424,6 +426,22 @@ def test_a_wrong_channel_vehicle_or_coding_ends_the_run_with_its_mistake(wrong: 
     engine = flown(wrong)
     with pytest.raises(RunFailed, match=f"(channel|vehicle|coding) 'good': .*{expected}"), np.errstate(all="ignore"):
         engine.complete()
+
+
+@pytest.mark.parametrize("method", ["power", "step"])
+def test_a_vehicle_that_fails_in_flight_ends_a_flight_with_messages_with_its_mistake(method: str) -> None:
+    def fail(_self: Any, answer: Any, states: Any, *_rest: Any) -> Any:
+        return answer if states[:, 0].max() < 4.0 else 1 / 0
+
+    plugins.register(changed(GoodVehicle, method, fail))
+    flight = load(None, ["uavs=5", "vehicle.model=good", "duration=5"], method="hjb")
+    record = Record()
+    swarm = MemorySwarm(flight, "wrong", sinks=[record])
+    with pytest.raises(RunFailed, match=r"vehicle 'good': .*ZeroDivisionError") as failed:
+        swarm.complete()
+    assert record.texts[-1] == str(failed.value)
+    assert swarm.station is not None
+    assert not swarm.station.dropped
 
 
 def test_a_checkpoint_with_another_memory_of_a_channel_is_refused() -> None:
