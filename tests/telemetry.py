@@ -20,7 +20,7 @@ from meanflock.swarm.events import (
     NodesJoined,
 )
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.checkpoint import Resumption, decoded
 
 
 class Record(StoredTelemetry):
@@ -49,7 +49,7 @@ class Record(StoredTelemetry):
         carriers = [number for number, block in enumerate(self.blocks) if block.checkpoint]
         states = [np.concatenate([block.states for block in self.blocks[: number + 1]]) for number in carriers]
         raws = [self.blocks[number].checkpoint for number in carriers]
-        return [Resumption.decode(raw, history) for raw, history in zip(raws, states, strict=True)]
+        return [Resumption(decoded(raw), history) for raw, history in zip(raws, states, strict=True)]
 
 
 def fly(scenario: Scenario, rows: int | None = None, **more: Any) -> tuple[dict[str, Any], Record]:

@@ -169,15 +169,6 @@ class Resumption:
         return control.encode_record({"checkpoint": dict(self.checkpoint), "history": self.history})
 
     @staticmethod
-    def decode(body: bytes, history: Floats) -> "Resumption":
-        """Read a checkpoint, as telemetry carries it.
-
-        Raises:
-            BadInput: not a checkpoint of this version.
-        """
-        return Resumption(_checked(_record(body, "checkpoint")), history)
-
-    @staticmethod
     def load(path: Path) -> "Resumption":
         """Read a file with the bytes of `encode`.
 
@@ -204,6 +195,15 @@ def encoded(scenario: Scenario, parts: Mapping[str, Any]) -> bytes:
             **parts,
         }
     )
+
+
+def decoded(body: bytes) -> Mapping[str, Any]:
+    """Read a checkpoint, as telemetry carries it.
+
+    Raises:
+        BadInput: not a checkpoint of this version.
+    """
+    return _checked(_record(body, "checkpoint"))
 
 
 def _record(raw: bytes, what: str) -> dict[str, Any]:

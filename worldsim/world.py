@@ -281,7 +281,7 @@ class World(Stateful):
         self.ledger.fail_at(reports.unaveraged)
 
     def checkpoint(self, memories: Memories, wall_s: float, block: int) -> bytes:
-        """The state between two ticks, which `Resumption.decode` reads.
+        """The state between two ticks, which `checkpoint.decoded` reads.
 
         Args:
             memories: of the controllers. wall_s: wall-clock time flown so far. block: number of the block of telemetry

@@ -13,7 +13,7 @@ from meanflock.results.timeseries_file import Past, past
 from meanflock.swarm import scenario
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.scenario import Scenario
-from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.checkpoint import Resumption, decoded
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,9 @@ def back(folder: Path) -> Back:
             "process; fly it again"
         )
     saved = read_checkpoint(folder)
+    checkpoint = decoded(saved["body"])  # first, because other versions have rows of another form, too
     rows = past(folder, saved["tick"]).rows
-    start = Resumption.decode(saved["body"], states_of(rows))
+    start = Resumption(checkpoint, states_of(rows))
     if start.checkpoint.get("scenario") != flown.sha256():
         raise BadInput(f"{folder / SCENARIO}: not the scenario that was flown, by its checkpoint; bring that file back")
     flown_plugins.check_unchanged(folder, flown, start.checkpoint.get("plugins", ()))

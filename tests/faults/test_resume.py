@@ -1,6 +1,7 @@
 """A run that died or filled its disk goes on to the end it would have had; of a damaged folder there is a verdict."""
 
 import errno
+import hashlib
 import json
 import os
 import resource
@@ -23,11 +24,13 @@ from meanflock.recording import viewer
 from meanflock.recording.replay import recorded, verify
 from meanflock.results.event_log import row_of
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, RunFolder, read_checkpoint
-from meanflock.results.timeseries_file import past
+from meanflock.results.timeseries_file import SPOOL, past
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.events import FlightFinished
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.wire import control
+from meanflock.worldsim.checkpoint import SCHEMA
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
@@ -161,6 +164,16 @@ def over(folder: Path) -> None:
         events.write(json.dumps(row_of(FlightFinished(300, 2, 6), 0.1)) + "\n")
 
 
+def of_another_version(folder: Path) -> None:
+    """Gives a folder a checkpoint and rows that another version wrote."""
+    saved = read_checkpoint(folder)
+    body = control.encode_record({**control.decode_record(saved["body"]), "schema": SCHEMA - 1})
+    record = control.encode_record({**saved, "body": body})
+    whole = {"sha256": hashlib.sha256(record).digest(), "record": record}
+    (folder / CHECKPOINT).write_bytes(control.encode_record(whole))
+    (folder / SPOOL).write_bytes(b"rows of another form")
+
+
 DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a part of the verdict
     "no checkpoint": (lambda folder: (folder / CHECKPOINT).unlink(), "hundred ticks"),
     "half a checkpoint": (changed(CHECKPOINT, lambda content: content[:-7]), "meanflock run"),
@@ -179,6 +192,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a p
     ),
     "no checkpoint but a summary": (lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY), "hundred ticks"),
     "the end of a flight": (over, "finished"),
+    "a folder of another version": (of_another_version, "resume the run with the version that flew it"),
     "no scenario": (lambda folder: (folder / "scenario.toml").unlink(), "no run"),
 }
 

@@ -17,7 +17,7 @@ from meanflock.swarm.scenario import Scenario, decode, encode, load
 from meanflock.swarm.seeds import generator
 from meanflock.swarm.stateful import restore, state_of
 from meanflock.worldsim.books import Noise
-from meanflock.worldsim.checkpoint import Resumption
+from meanflock.worldsim.checkpoint import Resumption, decoded
 from meanflock.worldsim.flight import Flight
 from meanflock.worldsim.vehicles.base import Hidden, MeanWind
 from meanflock.worldsim.vehicles.point_mass import PointMass
@@ -190,7 +190,7 @@ def test_the_hidden_state_of_a_vehicle_goes_on_with_a_resumed_flight() -> None:
     carrier = next(block for block in kept.blocks if block.checkpoint)
     tick = carrier.first_tick + len(carrier.states) - 1
     states = np.concatenate([block.states for block in kept.blocks])[: tick + 1]
-    resumed = Engine(flown, "glide", resume=Resumption.decode(carrier.checkpoint, states))
+    resumed = Engine(flown, "glide", resume=Resumption(decoded(carrier.checkpoint), states))
     hidden = resumed.world.flight.hidden
     assert hidden["flown"].dtype == np.int32
     assert (hidden["flown"] == tick).all()
