@@ -29,7 +29,7 @@ class Account(msgspec.Struct, array_like=True):
         retries: fragments of uploads that were transmitted again.
         ticks: of each upload of `sent`, ticks from the opening until its last part arrived or will; -1: nothing did.
         parts: of each upload of `sent`, fragments that were there when the round was averaged.
-        waits: whether the aggregation rule waits for more models at an agent's UAV that averages.
+        waits, fails: whether the aggregation rule waits for more models, or failed, at an agent's UAV that averages.
     """
 
     participants: int
@@ -42,6 +42,7 @@ class Account(msgspec.Struct, array_like=True):
     ticks: list[int] = []
     parts: list[int] = []
     waits: bool = False
+    fails: bool = False
 
     def __post_init__(self) -> None:
         """Begin with nothing of each upload."""

@@ -291,8 +291,9 @@ class Ledger(Stateful):
             self._receive(hop, box, number)
             senders = {uav for batch in frames if batch.kind == hop.label for uav in batch.source.tolist()}
             received = box.receivers(number) & awake
-            if (account := self._accounts.get(number)) is not None:
+            if hop.role == "agent" and (account := self._accounts.get(number)) is not None:
                 account.waits |= bool(received[self._waiting].any())
+                account.fails |= bool(received[self._failed].any())
             if hop.is_local:
                 isolated = int(np.count_nonzero((awake & ~received)[hop.senders]))
                 received[self._failed] = received[self._waiting] = False
@@ -313,6 +314,8 @@ class Ledger(Stateful):
                         reason = "its relay is lost" if uav in lost else "its head is silent"
                         if uav in self._waiting:
                             reason = "its aggregation rule waits for more models"
+                        elif uav in self._failed:
+                            reason = "its aggregation rule failed"
                         note(ClusterLeftOut(tick, number, uav, reason))
             box.close(number)
         self._refused.clear()
@@ -403,7 +406,7 @@ class Ledger(Stateful):
         seat = self._plan.seat(number)
         has_others = bool(received - account.refused - {seat})
         leads, is_awake = hop.role == "leader", bool(awake[self._plan.senders(hop, number)].any())
-        has_failed = self._has_failed if leads else bool(self._failed)
+        has_failed = account.fails or (leads and self._has_failed)
         waits = account.waits or (leads and hop.averages == "models" and has_others and not has_failed)
         outcome: Literal["averaged", "waiting", "void"] = "void"
         reason = ""

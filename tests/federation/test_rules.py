@@ -20,7 +20,7 @@ from meanflock.leader.node import Leader
 from meanflock.results.rounds_table import rounds_table
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import AverageFailed, RoundEnded
+from meanflock.swarm.events import AverageFailed, ClusterLeftOut, RoundEnded
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import FrameKind, Frames
 from tests.agent import nodes
@@ -129,6 +129,10 @@ FAILURES: list[tuple[Any, str]] = [
     (lambda _state, _model: None, "`step` returns a NoneType; expected the state and the model"),
     (lambda state, model: (state | {"models": model}, model), "state has ['change', 'model', 'models', 'rounds']"),
     (lambda state, model: (state | {"change": model * np.inf}, model), "state['change'] is not finite"),
+    (
+        lambda state, model: (state | {"rounds": np.float64(1.0)}, model),
+        "state['rounds'] is () float64, no array; of `init` it was (1,) float64",
+    ),
     (lambda state, model: (state, model[:-1]), "the model has shape (107,); expected (108,)"),
     (lambda state, model: (state, model * np.nan), "the model is not finite"),
     (lambda state, model: (state, model * 1j), "the model is complex128 (108,); expected real numbers (108,)"),
@@ -237,6 +241,32 @@ def test_heads_where_a_rule_waits_send_nothing_and_the_leader_waits_if_all_do(
     expected = [(0, 1), (2, 1), (2, 2), (0, 3), (2, 4)]
     assert [event.text for event in record.events if event.kind == "void"] == [
         f"round {number} goes on without the cluster of UAV {head}: {reason}" for head, number in expected
+    ]
+
+
+@pytest.mark.parametrize("swarm", [Engine, MemorySwarm])
+def test_heads_where_a_rule_fails_send_nothing_and_the_round_is_void_if_all_fail(
+    swarm: type[Engine | MemorySwarm],
+) -> None:
+    """It fails at one of two heads in round 2, and at both in round 3."""
+
+    def step(self: Momentum, state: State, uploads: Uploads) -> Any:
+        (own,) = uploads.uavs[uploads.slots == 0]
+        if uploads.round == 3 or (own, uploads.round) == (2, 2):
+            fails()
+        return state, uploads.mean
+
+    record = Record()
+    clusters = ("federation.clusters=2", "federation.leader=0", "federation.fraction=1", "radio.target_snr_db=60")
+    case = flown(wrong(step=step, bears_means=True), *clusters, "duration=5")
+    summary = swarm(case, "failing", uavs_per_node=2, sinks=[record]).complete()
+    ended = [(outcome, reason) for _, outcome, reason, *_ in ends_of_rounds(record)]
+    assert ended == [("averaged", ""), ("averaged", ""), ("void", "the aggregation rule failed"), ("averaged", "")]
+    assert (summary["rounds"], summary["rounds_void"], summary["dropped_messages"]) == (3, 1, {})
+    left_out = [event.text for event in record.events if isinstance(event, ClusterLeftOut)]
+    assert left_out == [
+        f"round {number} goes on without the cluster of UAV {head}: its aggregation rule failed"
+        for head, number in [(2, 2), (0, 3), (2, 3)]
     ]
 
 

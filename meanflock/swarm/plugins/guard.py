@@ -112,6 +112,8 @@ def check_same_form(label: str, after: Any, before: Mapping[str, NDArray[Any]]) 
             not isinstance(array, np.ndarray) or array.dtype != first.dtype or array.shape != first.shape
         ):
             found = f"{np.shape(array)} {getattr(array, 'dtype', type(array).__name__)}"
+            if not isinstance(array, np.ndarray):
+                found += ", no array"
             raise ValueError(f"{label}[{name!r}] is {found}; of `init` it was {first.shape} {first.dtype}")
 
 
