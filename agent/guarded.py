@@ -209,17 +209,16 @@ class Guarded:
                 self._break(dict.fromkeys(bad.tolist(), error))
 
     def note_beyond(self, commands: Floats, rows: Mask) -> None:
-        """Complain of `rows` (M,) whose commands (M, 2 + K) are beyond all bounds, and name a number of the first.
+        """Complain of `rows` (M,) whose commands (M, 2 + K) are beyond all bounds, and name a number of each.
 
         Rows that are broken already had their complaint.
         """
-        rows = rows & ~self._reported
-        if not rows.any():
-            return
-        first = commands[np.flatnonzero(rows)[0]]
-        column = int(np.flatnonzero(~(np.abs(first) < BEYOND_SENSE))[0])
-        name = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)[column]
-        self._report_problems(rows, f"its {name} is {first[column]:g}")
+        names = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)
+        fresh = np.flatnonzero(rows & ~self._reported)
+        columns = (~(np.abs(commands[fresh]) < BEYOND_SENSE)).argmax(axis=1)
+        numbers = commands[fresh, columns].tolist()
+        found = zip(fresh.tolist(), columns.tolist(), numbers, strict=True)
+        self._report_problems({row: f"its {names[column]} is {number:g}" for row, column, number in found})
 
     def _step_rows(
         self, memory: Memory, tick: int, own: Floats, received: Sequence[Received]
@@ -305,7 +304,7 @@ class Guarded:
             )
 
     def _break(self, errors: Mapping[int, BaseException]) -> None:
-        """Mark rows as broken, and complain of those that had no complaint, with the error of the first of these."""
+        """Mark rows as broken, and complain of those that had no complaint. Log the error of the first of these."""
         broken = np.zeros(len(self._uavs), dtype=bool)
         broken[[*errors]] = True
         if self.asleep is not None:
@@ -316,12 +315,16 @@ class Guarded:
             # Lines of the plug-in. A `sys.exit()` needs no trace, nor does an answer that is refused here.
             trace = error if isinstance(error, Exception) and plugin_line(error) else None
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
-            self._report_problems(fresh, last_line(error))
+            texts = {id(error): last_line(error) for error in {id(one): one for one in errors.values()}.values()}
+            self._report_problems({row: texts[id(errors[row])] for row in np.flatnonzero(fresh).tolist()})
 
-    def _report_problems(self, rows: Mask, reason: str) -> None:
-        """Report rows that had no complaint."""
-        self._reported = self._reported | rows
-        self._problems.append(FailedController(tuple(self._uavs[rows].tolist()), reason))
+    def _report_problems(self, reasons: Mapping[int, str]) -> None:
+        """Report rows that had no complaint: those of each reason together."""
+        uavs: dict[str, list[int]] = {}
+        for row, reason in reasons.items():
+            uavs.setdefault(reason, []).append(int(self._uavs[row]))
+        self._reported[[*reasons]] = True
+        self._problems += [FailedController(tuple(named), reason) for reason, named in uavs.items()]
 
 
 def choose(mask: Mask, chosen: Memory, others: Memory) -> Memory:

@@ -1,5 +1,6 @@
 """Failures that nodes report in a tick, and their events."""
 
+import re
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -14,6 +15,7 @@ from meanflock.swarm.state import Mask
 
 Failure: TypeAlias = LeaderFailed | AgentFailed | AverageFailed | FitFailed
 
+_NUMBER = re.compile(r"\d[\d.e+-]*")
 _ORDER = (LeaderFailed, AgentFailed, AverageFailed, FitFailed)  # of the events of a tick
 
 
@@ -43,8 +45,10 @@ class Reports:
         """The events of the reports, sorted by kind and first UAV: their order depends on no node and no network.
 
         A node computes all of its UAVs if one of them is `awake` (N,), and is not asked if none is. Therefore events
-        leave out UAVs that are not.
+        leave out UAVs that are not. Failures of a controller that differ in numbers only are one event, with the text
+        of the first UAV.
         """
+        of_controllers: dict[tuple[str, str, str], dict[int, str]] = {}  # failures by UAV; by node, method and text
         found: list[tuple[int, int, Failure]] = []
         for node, own, problem in self._reports:
             event: Failure
@@ -60,9 +64,14 @@ class Reports:
                         event = AverageFailed(tick, node, problem.failure, uavs)
                     case _:
                         method = groups[group_number(groups, own)].scenario.method
-                        failure = f"controller {method!r} failed with {listed(uavs)}: {problem.failure}"
-                        event = AgentFailed(tick, node, failure)
+                        alike = node, method, _NUMBER.sub("", problem.failure)
+                        of_controllers.setdefault(alike, {}).update(dict.fromkeys(uavs, problem.failure))
+                        continue
             else:
                 continue
             found.append((_ORDER.index(type(event)), first, event))
+        for (node, method, _), failures in of_controllers.items():
+            uavs = tuple(sorted(failures))
+            failure = f"controller {method!r} failed with {listed(uavs)}: {failures[uavs[0]]}"
+            found.append((_ORDER.index(AgentFailed), uavs[0], AgentFailed(tick, node, failure)))
         return [event for *_, event in sorted(found, key=lambda one: one[:2])]

@@ -62,6 +62,18 @@ def test_events_are_those_of_one_node_in_the_same_order(form: str, flown: Scenar
     assert comparable(FORMS[form](flown).events) == comparable(fly(flown)[1].events)
 
 
+@pytest.mark.parametrize("form", [None, *FORMS])
+def test_an_event_has_the_error_of_the_first_uav_that_it_names_and_not_of_one_that_was_lost(
+    form: str | None, flown: Scenario
+) -> None:
+    lost = flown.replace(faults=[{"kind": "kill", "tick": 9, "uavs": [1, 6]}])
+    record = FORMS[form](lost) if form else fly(lost)[1]
+    told = [event.failure for event in record.events if isinstance(event, AgentFailed) and "gives up" in event.failure]
+    assert [failure.partition(" (troubled.py")[0] for failure in told] == [
+        "controller 'troubled' failed with UAV 5: RuntimeError: UAV 5 gives up"
+    ]
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_events_do_not_depend_on_the_order_in_which_reports_come(
     form: str, flown: Scenario, monkeypatch: pytest.MonkeyPatch
