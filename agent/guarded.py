@@ -213,7 +213,8 @@ class Guarded:
 
         Rows that are broken already had their complaint.
         """
-        names = ("acceleration along x", "acceleration along y", *self._declared.diagnostics)
+        axes = "xyz"[: commands.shape[1] - len(self._declared.diagnostics)]
+        names = (*(f"acceleration along {axis}" for axis in axes), *self._declared.diagnostics)
         fresh = np.flatnonzero(rows & ~self._reported)
         columns = (~(np.abs(commands[fresh]) < BEYOND_SENSE)).argmax(axis=1)
         numbers = commands[fresh, columns].tolist()

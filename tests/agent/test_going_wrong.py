@@ -207,6 +207,23 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
 
 
+@pytest.mark.parametrize(("column", "name"), [(2, "acceleration along z"), (3, "heard")])
+def test_a_number_beyond_all_bounds_is_named_also_in_space(column: int, name: str) -> None:
+    class InSpace(Controller):
+        name, dimensions, diagnostics = "in-space", (3,), ("heard",)
+
+        def init(self, uavs: np.ndarray, plan: np.ndarray) -> Memory:
+            return {"uav": uavs.copy()}
+
+        def step(self, memory: Memory, tick: int, own: np.ndarray, received: Sequence[Received]) -> Step:
+            numbers = np.zeros((len(own), 4))
+            numbers[memory["uav"] == BAD, column] = 1e40
+            return Step(memory, numbers[:, :3], numbers[:, 3:])
+
+    _, sink = fly(flown(InSpace, "space.dimensions=3"))
+    assert f"agent-0: controller 'in-space' failed with UAV {BAD}: its {name} is 1e+40" in sink.texts
+
+
 def test_a_uav_that_refuses_itself_is_not_lost_and_writing_to_the_numbers_of_init_does_no_harm() -> None:
     def init(self: Honest, uavs: np.ndarray, plan: np.ndarray) -> Memory:
         memory = Honest.init(self, uavs, plan)
