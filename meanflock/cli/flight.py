@@ -151,7 +151,7 @@ def _fly(
     if as_json:
         click.echo(json.dumps(done.summary))
     else:
-        Console().print(summary_table(done.summary))
+        Console().print(summary_table(done.summary, flown.until))
         if groups := done.summary["groups"]:
             from meanflock.cli.tables import print_table  # only here: the module loads SciPy
 

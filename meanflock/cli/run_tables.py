@@ -114,7 +114,7 @@ def print_run(run: StoredFolder) -> None:
         keys.add_row(escape(key), escape(setting(value)), escape(setting(default)))
     _print_titled(f"Keys that differ from the paper's scenario: {keys.row_count or 'none'}", keys)
     if run.summary:
-        results = summary_table(run.summary)
+        results = summary_table(run.summary, run.keys.get("until"))
         results.title = None
         results.box = None
         results.pad_edge = False

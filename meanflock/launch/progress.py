@@ -12,7 +12,7 @@ from rich.table import Column, Table
 from meanflock.channel.meter import TRAFFIC
 from meanflock.results.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
 from meanflock.results.series import BITS_SENT, COLUMN
-from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario import Scenario, Until
 from meanflock.swarm.wire.messages import Telemetry
 
 _BAR, _BAR_NARROW = 24, 10  # columns
@@ -93,8 +93,11 @@ class FlightProgress:
         self._bar.update(self._task, completed=tick, description="flying", detail=detail)
 
 
-def summary_table(summary: dict[str, object]) -> Table:
-    """Table of the summary for a terminal."""
+def summary_table(summary: dict[str, object], until: str | None) -> Table:
+    """Table of the summary for a terminal.
+
+    `until`: the key of the scenario.
+    """
     table = Table(title=f"{summary['method']}, {summary['uavs']} UAVs, seed {summary['seed']}", show_header=False)
     table.add_column(style="bold")
     table.add_column(justify="right")
@@ -157,9 +160,9 @@ def summary_table(summary: dict[str, object]) -> Table:
             "slots" if theory is None else f"slots, closed form {theory:.2f}",
         )
     add("rounds", summary["rounds"], f"{void} more were void" if (void := summary["rounds_void"]) else "")
-    if isinstance(target := summary.get("until"), dict):
+    if until is not None and isinstance(target := summary.get("until"), dict):
         cost = f"in round {target['round']}, after {target['time_s']:g} s" if target["reached"] else ""
-        table.add_row(f"{target['metric']} {target['value']:g}", "reached" if cost else "not reached", cost)
+        table.add_row(str(Until.of_text(until)), "reached" if cost else "not reached", cost)
     for field, name in _UPLOADS.items():
         if summary[field]:
             add(name, summary[field], "uploads")

@@ -6,6 +6,7 @@ from typing import Any
 from meanflock.results.scenario_keys import nearest
 from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm.errors import printable
+from meanflock.swarm.scenario import Until
 
 UNKNOWN = "–"
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
@@ -89,9 +90,10 @@ def outcome(run: StoredFolder) -> str:
 
 def _target(run: StoredFolder) -> list[str]:
     """A sentence that says whether a round reached the bound of `until`; none for a flight without a bound."""
-    if (metric := run.figure("until.metric")) is None:
+    until = run.keys.get("until")
+    if until is None or run.figure("until.metric") is None:
         return []
-    bound, when = f"{metric} {number(run.figure('until.value'))}", run.figure("until.time_s")
+    bound, when = Until.of_text(until), run.figure("until.time_s")
     if when is None:
         return [f"No round reached {bound}."]
     cost = f"after {number(when)} s and {bits(run.figure('until.bits'))}"

@@ -87,7 +87,7 @@ def test_the_line_and_the_table_have_late_commands_in_real_time_alone(realtime: 
             engine.world.counters.late(1234)
     line = str(bar._bar.tasks[0].fields["detail"])
     out = io.StringIO()
-    Console(file=out, width=120).print(summary_table(engine.finish()))
+    Console(file=out, width=120).print(summary_table(engine.finish(), None))
     table = out.getvalue()
     assert "arrived" in line
     assert ("held 1234 in 1 late ticks" in line, "held" in line) == (realtime is not None, realtime is not None)
@@ -106,7 +106,7 @@ def test_the_line_and_the_table_have_late_commands_in_real_time_alone(realtime: 
 def test_the_first_line_of_a_summary_says_that_agents_began_anew(lost: int, rejoined: int, says: str) -> None:
     engine = Engine(FLOWN, "shown")
     engine.world.counters.nodes_lost, engine.world.counters.nodes_rejoined = lost, rejoined
-    table = summary_table(engine.complete())
+    table = summary_table(engine.complete(), None)
     names, numbers, remarks = (list(column.cells) for column in table.columns)
     assert (names[0] == "processes lost") == (lost > 0)
     assert ((numbers[0], remarks[0]) == (str(lost), says)) == (lost > 0)

@@ -82,7 +82,7 @@ def test_the_notation_has_every_name_with_its_unit_and_fields() -> None:
 def test_the_tables_and_plots_of_a_run_and_of_a_recording_use_the_names(runs: dict[str, Path]) -> None:
     summary: dict[str, Any] = json.loads((runs["mfgfl-hf"] / "summary.json").read_text())
     console = Console(file=io.StringIO(), width=200)
-    console.print(summary_table(summary))
+    console.print(summary_table(summary, None))
     table = console.file.getvalue()
     for field in ("t_avg_s", "energy_mean_J", "phi_A", "phi_C_distinct", "collisions", "distance_mean_m", "outages"):
         assert f"│ {FIELDS[field].name}" in table

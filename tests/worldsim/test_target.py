@@ -35,13 +35,13 @@ def test_a_flight_ends_with_the_round_that_reaches_the_bound_and_says_what_it_co
 def test_a_flight_that_reached_its_bound_has_finished_and_says_so(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     flags = ("--uavs=5", "--duration=60", "--set=federation.period=50", "--method=mfgfl-hf", "--in-process")
-    for bound, said, told in (
-        ("phi_G<=1e9", "reached", "Round 1 reached phi_G 1e+09, after 5.1 s and"),
-        ("phi_G>=1e9", "not reached", "No round reached phi_G 1e+09."),
+    for bound, sign, said, told in (
+        ("phi_G<=1e9", "≤", "reached", "Round 1 reached phi_G ≤ 1e+09, after 5.1 s and"),
+        ("phi_G>=1e9", "≥", "not reached", "No round reached phi_G ≥ 1e+09."),
     ):
         assert main(["run", *flags, "--until", bound, "--no-record", "--quiet"]) == 0
         assert re.search(
-            rf"phi_G 1e\+09 +│ +{said} │ {'in round 1, after 5.1 s' if said == 'reached' else ''}",
+            rf"phi_G {sign} 1e\+09 +│ +{said} │ {'in round 1, after 5.1 s' if said == 'reached' else ''}",
             capsys.readouterr().out,
         )
         assert not list(tmp_path.glob("runs/*/checkpoint.msgpack"))

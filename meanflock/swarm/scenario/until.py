@@ -31,6 +31,10 @@ class Until(NamedTuple):
                 f"`until` is {text!r}; expected a metric and a bound, as in accuracy=0.9 (at least) or loss<=0.3"
             ) from None
 
+    def __str__(self) -> str:
+        """The condition in symbols: `accuracy ≥ 0.9`."""
+        return f"{self.metric} {'≤' if self.is_upper else '≥'} {self.value:.6g}"
+
     def is_met(self, value: float) -> bool:
         """Returns whether a value reaches the bound."""
         return value <= self.value if self.is_upper else value >= self.value
