@@ -10,7 +10,8 @@ import click
 
 from meanflock.cli.study_arguments import ResultsOptions
 from meanflock.cli.tables import groups_table, means_table, payload_table, print_table, rounds_table, tradeoff_table
-from meanflock.results import flown_plugins
+from meanflock.federation.plan import plan_of
+from meanflock.results import flown_file, flown_plugins
 from meanflock.results.plots import comparison, learning, plotstyle
 from meanflock.results.plots import tradeoff as tradeoff_plot
 from meanflock.results.points import labels
@@ -51,6 +52,8 @@ class StudyResults:
         firsts = [flights[0] for flights in scenarios.values()]
         self.objectives: list[Objective] = [objective(text, firsts, "--pareto") for text in wanted.pareto or ()]
         self._plugins = {name: raw for flown in firsts for name, raw in flown_plugins.files(flown).items()}
+        planned = (plan_of(flown).scenario for flown in firsts)
+        self._read = {place: raw for flown in planned for place, raw in flown_file.contents(flown, True).items()}
 
     def warn(self) -> None:
         """Warn if some points look alike in figures."""
@@ -93,6 +96,7 @@ class StudyResults:
             *plotstyle.write(self._figures(flown, found), out, self._wanted.figures),
         ]
         flown_plugins.keep(out, self._plugins)
+        flown_file.keep(out, self._read)
         command = shlex.join(["meanflock", *click.get_current_context().obj])
         record = study_file.study_record(command, self._names, self._scenarios, flown, out)
         return [*written, study_file.write(record, out)]

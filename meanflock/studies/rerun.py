@@ -6,10 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from meanflock.results import flown_plugins
+from meanflock.results import flown_file, flown_plugins
 from meanflock.studies import study
 from meanflock.studies.flight_table import FLIGHTS, flight_table
 from meanflock.studies.store import Store
@@ -22,6 +23,7 @@ from meanflock.studies.study_file import (
     sha256_of,
 )
 from meanflock.swarm.errors import BadInput
+from meanflock.swarm.scenario import Scenario
 
 Point = tuple[Any, ...]
 RERUN = "rerun"  # folder beside study.json for flights of an interrupted rerun
@@ -52,9 +54,10 @@ class Study:
                     f"{table}: not the table of the study: its SHA-256 differs from that in {file}; restore it"
                 )
         try:
-            self.scenarios = self.record.scenarios()
+            scenarios = self.record.scenarios()
         except BadInput as error:
             raise BadInput(f"{file}: {error}") from error
+        self.scenarios = {point: _from_copies(file.parent, flights) for point, flights in scenarios.items()}
         try:
             here = plugins_that_fly(self.scenarios)
         except BadInput as error:
@@ -100,6 +103,12 @@ class Study:
                 for field in dict.fromkeys((*before, *row)) if before else ():
                     if before.get(field) != row.get(field) and field not in was.__struct_fields__:
                         yield FlightDifference(values, was.seed, field, before.get(field), row.get(field))
+
+
+def _from_copies(out: Path, flights: Sequence[Scenario]) -> list[Scenario]:
+    """The flights of a point, whose vehicles read the copies of files in the folder of the study."""
+    first = flown_file.from_copies(out, flights[0], of_study=True)
+    return [msgspec.structs.replace(first, seed=flown.seed) for flown in flights]
 
 
 def _copies(out: Path) -> str:

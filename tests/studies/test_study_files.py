@@ -187,6 +187,29 @@ def test_a_study_flies_again_and_is_the_same(copy: Path, capsys: pytest.CaptureF
     assert {path.name: path.read_bytes() for path in copy.iterdir()} == before
 
 
+def test_a_study_of_recorded_movement_flies_again_elsewhere_by_its_copies_of_the_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two files have the same name, and both are gone."""
+    monkeypatch.chdir(tmp_path)
+    for folder, x in (("slow", 20), ("fast", 40)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "trace.csv").write_text(f"t_s,uav,x_m,y_m\n0,0,9,9\n9,0,{x},9\n0,1,9,30\n")
+    files = "vehicle.options.file=slow/trace.csv,fast/trace.csv"
+    flags = ("--methods", "cruise", "--set", "vehicle.model=trace", "--uavs", "2", *SHORT[2:], "--seeds", "1")
+    assert main(["sweep", files, *flags, "--out", "out"]) == EXIT_DONE
+    for folder in ("slow", "fast"):
+        shutil.rmtree(tmp_path / folder)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    capsys.readouterr()
+    assert main(["study", "rerun", str(tmp_path / "out/study.json"), "--jobs", "1", "--quiet"]) == EXIT_DONE
+    assert capsys.readouterr().out == "All 2 flights are the same.\n"
+    shutil.rmtree(tmp_path / "out/vehicle")
+    assert main(["study", "rerun", str(tmp_path / "out/study.json"), "--jobs", "1", "--quiet"]) == EXIT_BAD_INPUT
+    assert f"from the working folder {tmp_path / 'elsewhere'} on" in capsys.readouterr().err
+
+
 def test_the_record_alone_is_enough_and_an_interrupted_rerun_flies_the_rest(
     copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

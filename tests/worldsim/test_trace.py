@@ -205,7 +205,10 @@ def test_a_file_that_is_not_there_or_of_another_format_is_refused(tmp_path: Path
     text = tmp_path / "text.parquet"
     text.write_text(GOOD)
     for path, expected in (
-        (tmp_path / "none.csv", "No such file or directory; `vehicle.options.file` names a file"),
+        (
+            tmp_path / "none.csv",
+            "No such file or directory; name a file of this machine in `vehicle.options.file`, from the working folder",
+        ),
         (text, "not a parquet file.; give a valid Parquet file"),
         (tmp_path / "way.txt", r"the format is unknown; give a file whose name ends in .parquet or .csv"),
         (tmp_path, "the format is unknown"),

@@ -81,7 +81,8 @@ def read(path: Path, axes: int) -> tuple[TraceRows, str]:
         content = paths.read(path, paths.LOG_BYTES)
     except OSError as error:
         raise BadInput(
-            f"trace {path}: {error.strerror}; `vehicle.options.file` names a file of this machine"
+            f"trace {path}: {error.strerror}; name a file of this machine in `vehicle.options.file`, from "
+            f"the working folder {Path.cwd()} on or with its whole path"
         ) from error
     with available("vehicle 'trace'", "fly"):
         import pyarrow as pa
