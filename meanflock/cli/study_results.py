@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.cli.study_arguments import ResultsOptions
-from meanflock.cli.tables import groups_table, means_table, payload_table, print_table, rounds_table, tradeoff_table
+from meanflock.cli.tables import (
+    counts_table,
+    groups_table,
+    means_table,
+    payload_table,
+    print_table,
+    rounds_table,
+    tradeoff_table,
+)
 from meanflock.federation.plan import plan_of
 from meanflock.results import flown_file, flown_plugins
 from meanflock.results.plots import comparison, learning, plotstyle
@@ -72,6 +80,7 @@ class StudyResults:
         title = f"{self._verb}: {sizes.pop()} UAVs" if len(sizes) == 1 else self._verb
         shown = [
             means_table(means, title, [one.duration for one in firsts]),
+            counts_table(means),
             payload_table(means),
             rounds_table(means),
             groups_table(means),

@@ -35,6 +35,16 @@ MEANS = (
     "Means over {n} flight{s} each and all UAVs. Travel time: a UAV that never arrived counts with the duration{time}. "
     "Lower is better everywhere but in arrivals."
 )
+_COUNTS = {  # fields of the summary, and their headings
+    "lost": "lost\n(UAVs)",
+    "landed": "landed\n(UAVs)",
+    "obstacle_hits": "obstacle\nhits",
+    "grounded": "grounded\n(UAVs)",
+    "altitude_violations": "altitude\nviolations",
+    "waypoints_reached": "waypoints\nreached",
+    "turned_back": "turned\nback\n(UAVs)",
+    "batteries_empty": "batteries\nempty",
+}
 _MARKS = {"best": "*", "undecided": "?"}
 VERDICTS = " * is significantly better than every {rival}, ? is undecided (paired by seed, Holm's method)."
 _EQUAL = " No number differs between the rows."
@@ -77,6 +87,19 @@ def _verdicts(means: Means, n: int) -> str:
     if n == 1 and len(means.points) > 1:
         return _ONE_FLIGHT
     return _EQUAL if found == {"equal"} else ""
+
+
+def counts_table(means: Means) -> Table | None:
+    """Table of the mean counts that any flight has, as of lost UAVs and hits of obstacles; None if all are zero."""
+    points = means.points
+    counted = [field for field in _COUNTS if any(each.get(field) for flights in points.values() for each in flights)]
+    shown = _empty(means, "\nfurther counts: means over the flights", "")
+    for field in counted:
+        shown.add_column(_COUNTS[field], justify="right", no_wrap=True)
+    for values, flights in points.items():
+        numbers = ([each.get(field) for each in flights if each.get(field) is not None] for field in counted)
+        shown.add_row(*_named(means, values), *(f"{fmean(each):.4g}" if each else "–" for each in numbers))
+    return shown if counted else None
 
 
 def payload_table(means: Means) -> Table:

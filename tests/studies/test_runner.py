@@ -10,7 +10,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.cli.tables import means_table, payload_table, print_table
+from meanflock.cli.tables import counts_table, means_table, payload_table, print_table
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
@@ -200,11 +200,22 @@ def test_table_and_csv_have_the_means_of_the_flights(run, tmp_path) -> None:
         assert f"out/{name}" in out
 
 
-LARGE = {"uavs": 25, "arrived": 25, "rounds": 0, "rounds_void": 0}
+LARGE = {"uavs": 25, "arrived": 25, "lost": 0, "obstacle_hits": 0, "rounds": 0, "rounds_void": 0}
 LARGE |= {"t_avg_censored_s": 161.3456, "energy_mean_J": 148.2859, "collisions": 99.875}
 LARGE |= {"phi_A": 1.23456, "phi_C_distinct": 1.234567e-5}
 LARGE["payload_bits"] = {"uplink": 9e8, "relay": 0, "broadcast": 0, "state": 87_654_321, "total": 987_654_321}
 DISCS = "[{'x': 10.0, 'y': 20.0, 'radius': 3.0}, {'x': 30.0, 'y': 20.0, 'radius': 3.0}]"
+
+
+def test_further_counts_are_shown_if_any_flight_has_one(capsys: pytest.CaptureFixture[str]) -> None:
+    flights = {("orca",): [LARGE, LARGE], ("cruise",): [LARGE | {"lost": 1}, LARGE | {"obstacle_hits": 5, "lost": 2}]}
+    assert counts_table(Means(("method",), {("orca",): [LARGE]})) is None
+    table = counts_table(Means(("method",), flights))
+    assert table is not None
+    print_table(table)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines[2:4] == [["lost", "obstacle"], ["method", "(UAVs)", "hits"]]
+    assert lines[5:] == [["orca", "0", "0"], ["cruise", "1.5", "2.5"]]
 
 
 @pytest.mark.parametrize("columns", [20, 80])
