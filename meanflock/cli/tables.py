@@ -97,7 +97,7 @@ def counts_table(means: Means) -> Table | None:
     for field in counted:
         shown.add_column(_COUNTS[field], justify="right", no_wrap=True)
     for values, flights in points.items():
-        numbers = ([each.get(field) for each in flights if each.get(field) is not None] for field in counted)
+        numbers = ([each[field] for each in flights if each[field] is not None] for field in counted)
         shown.add_row(*_named(means, values), *(f"{fmean(each):.4g}" if each else "–" for each in numbers))
     return shown if counted else None
 
