@@ -342,7 +342,8 @@ def plan_of(scenario: Scenario, where: str = "scenario") -> Plan:
     try:
         return plan or Plan(scenario)
     except BadInput as error:
-        raise BadInput(f"{where}: {error}") from error
+        text = str(error).removeprefix("scenario: ")  # of a scenario that the plan made
+        raise BadInput(f"{where}: {text}") from error
 
 
 def topology_of(scenario: Scenario) -> str:

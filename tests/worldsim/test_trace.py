@@ -314,6 +314,12 @@ def grouped(path: Path, **keys: Any) -> Scenario:
     return Scenario().replace(**chosen, groups=groups)
 
 
+def test_a_refusal_of_a_scenario_with_the_starts_of_a_file_names_its_source_once(tmp_path: Path) -> None:
+    given = grouped(written(tmp_path / "way.csv", winding(2))).replace(**{"energy.battery_J": 1e-3})
+    with pytest.raises(BadInput, match=r"^mine.toml: `energy.battery_J` 0.001 J leaves"):
+        plan_of(given, "mine.toml")
+
+
 def test_a_group_moves_as_its_file_says_beside_others(tmp_path: Path) -> None:
     path = written(tmp_path / "way.csv", winding(2))
     given = grouped(path)
