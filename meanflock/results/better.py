@@ -24,7 +24,9 @@ _LESS = (
 
 @cache
 def better(key: str) -> Better | None:
-    """The better end of a field; None if neither is, or nobody knows."""
+    """The better end of a field; None if neither is, or nobody knows. A field of a group has that of the swarm."""
+    if key.startswith("groups."):
+        key = key.split(".", 2)[-1]
     if any(fnmatchcase(key, pattern) for pattern in _MORE):
         return "more"
     return "less" if any(fnmatchcase(key, pattern) for pattern in _LESS) else None

@@ -1,6 +1,7 @@
 """Objectives of a study: numbers of its flights, each with the end that is better."""
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -25,6 +26,8 @@ SHORT = {  # short names of fields of the summary
 }
 ROUNDING = 1e-6  # relative difference below which two numbers are equal: models on the air are rounded
 _ENDS = ("less", "more")
+_OF_GROUPS = "groups.*."
+_GROUP_FIELD = re.compile(r"groups\.(?P<group>[^.]+)\.(?P<field>.+)")
 _UNTIL = "until."  # begins the fields of flights that end at a metric
 
 
@@ -50,6 +53,8 @@ class Objective:
         key = self.keys[0]
         if key in FIELDS:
             return full_label(key)
+        if (of_group := _GROUP_FIELD.fullmatch(key)) and of_group["field"] in FIELDS:
+            return f"{of_group['group']}: {full_label(of_group['field'])}"
         unit = unit_of(key)
         return self.name if unit in ("", "1") else f"{self.name.removesuffix(f'_{unit}')} ({unit})"
 
@@ -69,7 +74,7 @@ def objective(text: str, scenarios: Collection[Scenario], flag: str) -> Objectiv
     name, equals, end = (part.strip() for part in text.partition("="))
     if equals and end not in _ENDS:
         raise BadInput(f"{flag} {text}: write NAME, NAME=less or NAME=more")
-    key, fields = SHORT.get(name, name), _fields()
+    key, fields = SHORT.get(name, name), _fields(scenarios)
     if key in fields and key.startswith(_UNTIL) and all(flown.until is None for flown in scenarios):
         raise BadInput(f"{flag} {text}: no flight ends at a metric; add --until, for example --until accuracy=0.9")
     if key in fields:
@@ -88,9 +93,12 @@ def objective(text: str, scenarios: Collection[Scenario], flag: str) -> Objectiv
     return Objective(name, keys, cast(Better, end))
 
 
-def _fields() -> set[str]:
-    """The fields of a summary that are numbers."""
+def _fields(scenarios: Collection[Scenario]) -> set[str]:
+    """The fields of the summaries of flights that are numbers."""
     found = {field.key for field in (*SUMMARY, *DERIVED) if field.unit}
+    of_groups = {key for key in found if key.startswith(_OF_GROUPS)}
+    groups = {group.name for flown in scenarios for group in flown.groups}
+    found = (found - of_groups) | {key.replace("*", name, 1) for key in of_groups for name in groups}
     for key in [key for key in found if "*" in key]:
         found.remove(key)
         found |= {key.replace("*", kind) for kind in (*TRAFFIC.values(), "total") if key.count("*") == 1}

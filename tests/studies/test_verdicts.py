@@ -15,6 +15,7 @@ from meanflock.studies.verdicts import verdicts
 COST = Objective("cost", ("cost",), "less")
 GAIN = Objective("gain", ("last_round.metric_gain", "last_round.mean_gain"), "more")
 PLAN, LEARNS = mf.Scenario(method="plan"), mf.Scenario(method="fed-lspi")
+GROUPED = mf.Scenario(uavs=4, method="plan", groups=[{"name": "bold", "count": 2}, {"name": "wary", "count": 2}])
 
 
 def flights(**columns: list[float]) -> list[dict[str, Any]]:
@@ -114,10 +115,13 @@ def test_one_flight_each_leaves_the_front_undecided_and_equal_points_share_a_pla
         ("payload_bits.uplink", "payload_bits.uplink", "less"),
         ("tracking_cost", "last_round.metric_tracking_cost", "less"),
         ("k1=less", "last_round.metric_k1", "less"),
+        ("groups.wary.energy_mean_J", "groups.wary.energy_mean_J", "less"),
+        ("groups.bold.payload_bits.state", "groups.bold.payload_bits.state", "less"),
+        ("groups.bold.arrived", "groups.bold.arrived", "more"),
     ],
 )
 def test_a_field_is_found_by_its_key_a_short_name_or_what_methods_report(text: str, key: str, end: str) -> None:
-    found = objective(text, [PLAN, LEARNS], "--pareto")
+    found = objective(text, [PLAN, LEARNS, GROUPED], "--pareto")
     assert (found.keys[0], found.better) == (key, end)
 
 
@@ -132,17 +136,20 @@ def test_a_field_is_found_by_its_key_a_short_name_or_what_methods_report(text: s
         ("seed", "Write seed=less or seed=more"),
         ("k1", "Write k1=less or k1=more"),
         ("bits=fewer", "NAME=less or NAME=more"),
+        ("groups.wry.energy_mean_J", "did you mean 'groups.wary.energy_mean_J'"),
     ],
 )
 def test_a_field_that_no_flight_has_is_refused_with_advice(text: str, said: str) -> None:
     with pytest.raises(mf.BadInput, match=f"--pareto {text}: .*{said}"):
-        objective(text, [PLAN, LEARNS], "--pareto")
+        objective(text, [PLAN, LEARNS, GROUPED], "--pareto")
 
 
 def test_the_short_names_are_labelled_by_what_they_measure() -> None:
     labels = {name: objective(f"{name}=less", [PLAN, LEARNS], "--pareto").label for name in SHORT}
     assert labels["energy"] == "energy of all UAVs, whole flight (J)"
     assert labels["bits"] == "payload (bits)"
+    of_group = objective("groups.wary.energy_mean_J", [GROUPED], "--pareto")
+    assert of_group.label == "wary: energy until own arrival (J)"
     assert len({*labels.values(), objective("energy_mean_J", [PLAN, LEARNS], "--pareto").label}) == len(SHORT) + 1
 
 
