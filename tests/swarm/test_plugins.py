@@ -39,6 +39,8 @@ def test_a_misspelt_name_is_answered_with_the_one_that_is_meant(kind: plugins.Pl
             plugins.find(kind, name.replace("-", "") + "_")
     with pytest.raises(BadInput, match="is not installed here; install its package, or name its file"):
         plugins.find(kind, "/etc/passwd")
+    with pytest.raises(BadInput, match=r"load the file with --plugin my/own.py, and give the `name` of its class"):
+        plugins.find(kind, "my/own.py")
 
 
 @pytest.mark.parametrize("method", ["/etc/passwd", "mine.py", "os:system", ""])

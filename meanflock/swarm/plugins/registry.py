@@ -99,6 +99,11 @@ def find(kind: PluginKind, name: str) -> Plugin:
     key = (kind, name)
     candidates = [*_packaged().get(key, ()), *([registered[key][0]] if key in registered else [])]
     if not candidates:
+        if name.endswith(".py"):
+            raise BadInput(
+                f"{kind} {name!r} is not installed here; a key takes a name and no file: load the file with "
+                f"--plugin {name}, and give the `name` of its class"
+            )
         suggested, option = meant(name, names(kind)), "--learner" if kind == "learner" else "--plugin"
         found = f"there are {', '.join(names(kind))}" if names(kind) else "no other is installed"
         raise BadInput(
