@@ -184,8 +184,8 @@ class Plan:
                     "`energy.battery_J` sends UAVs home" if self.scenario.energy.battery_J else "there are waypoints"
                 )
                 raise BadInput(
-                    f"{cause}, and controller {group.scenario.method!r} flies to one goal only; take one "
-                    "that is `guided`, for example cruise, orca or mfgfl-hf"
+                    f"{cause}, and controller {group.scenario.method!r} flies to one goal only; leave that out, or "
+                    "take a controller that is `guided`, for example cruise, orca or mfgfl-hf"
                 )
 
     def _check_rule(self) -> None:

@@ -165,7 +165,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"destination": {"waypoints": SQUARE[:2], "times_s": [1.0, 2.0]}}, "must ascend from 0"),
     ({"destination": {"waypoints": SQUARE, "goals": "common"}}, "`destination.goals` are both given"),
     ({"destination": {"waypoints": [[0.0, 0.0, 1.0]]}}, "the flight is in the plane"),
-    ({"destination": {"waypoints": SQUARE}, "method": "offline"}, "'offline' flies to one goal only"),
+    (
+        {"destination": {"waypoints": SQUARE}, "method": "offline"},
+        "'offline' flies to one goal only; leave that out, or",
+    ),
     ({"energy": {"battery_J": 99.0}, "method": "plan"}, "`energy.battery_J` sends UAVs home"),
     ({"energy": {"reserve": 0.3}}, "`energy.reserve` has no effect without `energy.battery_J`"),
     ({"energy": {"battery_J": 0.0}}, "battery_J"),
