@@ -61,7 +61,8 @@ class Study:
         try:
             here = plugins_that_fly(self.scenarios)
         except BadInput as error:
-            raise BadInput(f"{file}: {error}{_copies(file.parent)}") from error
+            copies = _copies(file.parent)
+            raise BadInput(f"{file}: {str(error).partition(';')[0] if copies else error}{copies}") from error
         for flew, found in zip(self.record.plugins, here, strict=True):
             if flew != found:
                 raise BadInput(

@@ -21,6 +21,7 @@ from meanflock.results.rounds_table import COLUMNS, OF_UAVS
 from meanflock.studies import study
 from meanflock.studies.study_file import sha256_of
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm.plugins import registry
 from tests.studies.conftest import rows
 
 GRID = ("radio.access=fdma,tdma", "federation.topology=leader,neighbours", "--methods", "fed-lspi")
@@ -94,7 +95,9 @@ def test_a_round_is_a_row_with_the_same_keys_and_the_numbers_of_the_run_alone(gr
     assert [{name: row[name] for name in expected[0]} for row in rounds] == expected
 
 
-def test_a_learner_is_a_key_of_the_grid_and_a_column(run: Any, undrawn: Any, tmp_path: Path) -> None:
+def test_a_learner_is_a_key_of_the_grid_and_a_column(
+    run: Any, undrawn: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name, rate in (("slow", 0.1), ("fast", 0.5)):
         (tmp_path / f"{name}.py").write_text(LEARNERS.format(name=name, rate=rate))
     keys = ("--set", "federation.period=20", "--set", "federation.fraction=1")
@@ -113,6 +116,12 @@ def test_a_learner_is_a_key_of_the_grid_and_a_column(run: Any, undrawn: Any, tmp
     assert re.search(r"3 +fast +2 .*front", out)
     code, _, _ = run("study", "rerun", "out/study.json", "--jobs", "1", "--quiet")
     assert code == EXIT_DONE  # this process has the learners
+    with monkeypatch.context() as another:  # a process without them
+        another.setattr(registry, "registered", {})
+        code, _, err = run("study", "rerun", "out/study.json", "--jobs", "1", "--quiet")
+    assert code == EXIT_BAD_INPUT
+    copies = "--plugin out/plugins/fast.py --plugin out/plugins/slow.py"
+    assert f"is not installed here; read the copies of what flew, and name them: {copies}" in err
     assert run("sweep", "uavs=3,4", "--learners", "slow.py", "--learner", "fast.py", *SHORT[2:])[0] == EXIT_BAD_INPUT
     code, _, _ = run(
         "sweep", "training.learner=slow,fast", "--uavs", "3", "--methods", "plan", *SHORT[2:], *keys, "--seeds", "1"
