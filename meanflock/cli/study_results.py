@@ -17,6 +17,7 @@ from meanflock.cli.tables import (
     print_table,
     rounds_table,
     tradeoff_table,
+    until_table,
 )
 from meanflock.federation.plan import plan_of
 from meanflock.results import flown_file, flown_plugins
@@ -81,6 +82,7 @@ class StudyResults:
         shown = [
             means_table(means, title, [one.duration for one in firsts]),
             counts_table(means),
+            until_table(means),
             payload_table(means),
             rounds_table(means),
             groups_table(means),

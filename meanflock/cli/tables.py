@@ -102,6 +102,36 @@ def counts_table(means: Means) -> Table | None:
     return shown if counted else None
 
 
+def until_table(means: Means) -> Table | None:
+    """Table of what it cost to reach the bound of `until`; None if no flight has a bound."""
+    if all(each.get("until") is None for flights in means.points.values() for each in flights):
+        return None
+    scale, prefix = _scale(list(means.rows()))
+    shown = _empty(means, "\nbound of --until: means over the flights that reached it", "")
+    for head in (
+        "flights",
+        "round",
+        "time\n(s)",
+        f"payload\n({prefix}bit)",
+        "airtime\n(s)",
+        "energy of\nall UAVs\n(J)",
+    ):
+        shown.add_column(head, justify="right", no_wrap=True)
+    for values, flights in means.points.items():
+        bounds = [each["until"] for each in flights if each["until"] is not None]
+        reached = [each for each in bounds if each["reached"]]
+        numbers = (
+            [each["round"] for each in reached],
+            [each["time_s"] for each in reached],
+            [each["bits"] / scale for each in reached],
+            [each["airtime_s"] for each in reached],
+            [each["energy_J"] for each in reached],
+        )
+        cells = (f"{fmean(each):.4g}" if each else "–" for each in numbers)
+        shown.add_row(*_named(means, values), f"{len(reached)}/{len(bounds)}", *cells)
+    return shown
+
+
 def payload_table(means: Means) -> Table:
     """Table of the mean payload by kind of traffic, of those that any flight has."""
     rows = list(means.rows())

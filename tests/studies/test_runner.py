@@ -10,7 +10,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.cli.tables import counts_table, means_table, payload_table, print_table
+from meanflock.cli.tables import counts_table, means_table, payload_table, print_table, until_table
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
@@ -216,6 +216,23 @@ def test_further_counts_are_shown_if_any_flight_has_one(capsys: pytest.CaptureFi
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert lines[2:4] == [["lost", "obstacle"], ["method", "(UAVs)", "hits"]]
     assert lines[5:] == [["orca", "0", "0"], ["cruise", "1.5", "2.5"]]
+
+
+def test_what_it_cost_to_reach_a_bound_is_a_mean_over_the_flights_that_reached_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    cost = {"round": 3, "time_s": 15.1, "bits": 4e8, "airtime_s": 0.5, "energy_J": 70.0}
+    flights = [LARGE | {"until": {"reached": at is not None} | (cost | {"round": at})} for at in (3, 4, None)]
+    assert until_table(Means(("method",), {("hjb",): [LARGE | {"until": None}]})) is None
+    table = until_table(Means(("method",), {("fast",): flights, ("slow",): flights[2:]}))
+    assert table is not None
+    print_table(table)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines[-2:] == [
+        ["fast", "2/3", "3.5", "15.1", "400", "0.5", "70"],
+        ["slow", "0/1", "–", "–", "–", "–", "–"],
+    ]
+    assert ["method", "flights", "round", "(s)", "(Mbit)", "(s)", "(J)"] in lines
 
 
 @pytest.mark.parametrize("columns", [20, 80])
