@@ -114,7 +114,7 @@ def _tell(board: "Board") -> None:
     for course in board.courses:
         print_table(terminal.table(course))
         conditions = tables.conditions(course, board.policies).replace("`", "")
-        for note in (conditions, *tables.notes(course), *tables.mixed(course)):
+        for note in filter(None, (conditions, *tables.notes(course), *tables.mixed(course))):
             console.print(note, style="dim", markup=False, highlight=False)
         console.print()
     console.print(terminal.CAPTION, style="dim italic", highlight=False)

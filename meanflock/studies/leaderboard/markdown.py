@@ -55,7 +55,7 @@ def columns() -> str:
 def section(course: Course, policies: Sequence[str], plots: Mapping[str, str], maps: Mapping[str, str]) -> list[str]:
     """Heading, words, map, table, notes and plots of a mission."""
     conditions = tables.conditions(course, policies)
-    parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {conditions}"]
+    parts = [f"## {course.title}", f"`{course.name}`: {course.about or course.title}. {conditions}".rstrip()]
     if course.name in maps:
         parts.append(f"![{tables.MAP.format(course.title)}]({maps[course.name]})")
     if course.standings:

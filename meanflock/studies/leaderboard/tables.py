@@ -46,7 +46,12 @@ def measures(course: Course) -> list[Measure]:
 
 
 def conditions(course: Course, policies: Sequence[str]) -> str:
-    """Conditions of all rows of a mission: number of UAVs, limit of acceleration, policy of communication."""
+    """Conditions of all rows of a mission: number of UAVs, limit of acceleration, policy of communication.
+
+    Empty if no row flew it.
+    """
+    if not course.standings:
+        return ""
     parts = [f"{course.uavs} UAVs."]
     if course.acceleration_max_m_s2 is not None:
         parts.append(f"Acceleration is limited to {course.acceleration_max_m_s2:g} m/s².")

@@ -152,6 +152,17 @@ def test_a_learner_trains_under_rows_without_a_model_and_the_others_are_left_out
     assert (code, "nothing can be flown: shares a model of its own" in err) == (EXIT_BAD_INPUT, True)
 
 
+def test_a_mission_that_no_row_can_fly_has_the_reason_and_no_conditions(run, tmp_path, small) -> None:
+    (tmp_path / "battery.toml").write_text("uavs = 3\nduration = 4.0\n[energy]\nbattery_J = 200.0\n")
+    code, out, _ = run("leaderboard", "--missions", "near.toml", "battery.toml", "--controllers", "plan", *BOARD)
+    assert code == EXIT_DONE
+    assert [len(course.standings) for course in board.read(tmp_path / "out/leaderboard.json").courses] == [1, 0]
+    for text in (out, (tmp_path / "out/leaderboard.md").read_text(), (tmp_path / "out/leaderboard.html").read_text()):
+        assert "3 UAVs." in text
+        assert "0 UAVs." not in text
+    assert "not flown: plan (scenario: `energy.battery_J` sends UAVs home" in " ".join(out.split())
+
+
 def test_all_missions_are_flown_over_the_radio_of_another_scenario(run, tmp_path, small, monkeypatch) -> None:
     flown: list[Any] = []
     fly = study._fly
