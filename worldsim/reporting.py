@@ -188,9 +188,14 @@ class Blocks:
         self._reports: list[tuple[int, Floats, float]] = []
 
     def _flush(self) -> None:
-        """End the block, with the next part of a checkpoint if there is one. Others follow after the next ticks."""
+        """End the block, with the next part of a checkpoint if there is one. Others follow after the next ticks.
+
+        Without rows there is no block: a flight may be interrupted in the tick of a checkpoint.
+        """
         energy = self._world.flight.books.take_energies(self._filled)
         n = len(energy)  # without the rows of ticks whose power the vehicle could not tell, which ends the flight
+        if not n:
+            return
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
         self._mailer.add(
             Telemetry(

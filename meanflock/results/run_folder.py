@@ -185,8 +185,7 @@ class RunFolder:
             with suppress(OSError):
                 self._events.truncate(size)
             raise self._failed(error) from error
-        if len(block.states):
-            self.last_tick = block.first_tick + len(block.states) - 1
+        self.last_tick = block.first_tick + len(block.states) - 1
         self._over |= any(isinstance(event, FlightFinished) for event in block.events)
 
     def _append(self, block: Telemetry) -> None:

@@ -19,6 +19,7 @@ import meanflock as mf
 from meanflock.cli.command import main
 from meanflock.launch.engine import Engine
 from meanflock.launch.processes import free_endpoint
+from meanflock.launch.progress import FlightProgress
 from meanflock.launch.resume import back
 from meanflock.recording import viewer
 from meanflock.recording.replay import recorded, verify
@@ -83,15 +84,19 @@ def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undist
     assert not list(folder.glob(".*"))
 
 
-def test_an_interrupted_run_that_has_its_summary_goes_on_too(undisturbed: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("last", [201, 250])  # the tick of a checkpoint, and another
+def test_an_interrupted_run_that_has_its_summary_goes_on_too(
+    last: int, undisturbed: dict[str, Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     flown = scenario(LATER)
     folder = RunFolder(tmp_path / "dead", "run", flown)
-    engine = Engine(flown, "run", sinks=[folder])
+    engine = Engine(flown, "run", sinks=[folder, FlightProgress(flown, quiet=True)])
     for tick in engine.fly():
-        if tick == 250:
+        if tick == last:
             break
     with folder:
         folder.summarise(engine.finish())
+    assert not caplog.records
     assert (folder.path / "timeseries.parquet").exists()
     assert "finished" not in [event["kind"] for event in events(folder.path)]
     assert steady(resumed(folder.path)) == steady(undisturbed)
