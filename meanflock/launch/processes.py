@@ -17,7 +17,7 @@ from meanflock.net.access import STATION, Address, Identity
 from meanflock.net.process import READY, Restarts, end_all, how_it_ended
 from meanflock.net.session import LEASE, ZenohBus
 from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied, RunFailed
 
 log = logging.getLogger("meanflock.launch")
 
@@ -135,11 +135,19 @@ class Swarm(Family):
             if child.process.poll() and not child.given_up:
                 self._replace(child)
 
-    def check_world(self) -> None:
-        """Copy the output of the processes; raises RunFailed if the world has crashed."""
+    def check_ends(self) -> None:
+        """Copy the output of the processes after the flight.
+
+        Raises:
+            RunFailed: the world has crashed, or a node has ended with bad input, perhaps in the last ticks.
+        """
         self._pass_on()
-        if self._children[0].process.poll():
-            raise _failed(self._children[0])
+        world, *nodes = self._children
+        if world.process.poll():
+            raise _failed(world)
+        for node in nodes:
+            if node.process.poll() == EXIT_BAD_INPUT:
+                raise RunFailed(str(_failed(node)))
 
     def _check_forker(self) -> None:
         if self._forker is not None and self._forker.died:

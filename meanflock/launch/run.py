@@ -254,10 +254,11 @@ def _processes(
             dimensions=scenario.dimensions,
         )
         _listen(bus, station, swarm, interrupted, outputs)
-    except BadInput as error:
+    except BadInput as error:  # of a node that starts, or in flight
+        _hear_the_end(bus, station, swarm)
         if outputs.folder.last_tick < 0:
             raise
-        raise RunFailed(str(error)) from error  # of a restarted node
+        raise RunFailed(str(error)) from error
     finally:
         bus.close()
     assert station.summary is not None
@@ -270,8 +271,20 @@ def _processes(
             WARNING,
         )
     if not (interrupted or every_uav_was_lost(scenario, station.summary)):  # otherwise it ends with an error too
-        swarm.check_world()
+        swarm.check_ends()
     return station.summary
+
+
+def _hear_the_end(bus: "ZenohBus", station: "RecordingStation", swarm: "Swarm") -> None:
+    """Let the world end the flight now, and take the telemetry up to there."""
+    swarm.interrupt()
+    end = time.monotonic() + _LAST_WORDS_S
+    while station.summary is None and time.monotonic() < end:
+        delivery = bus.receive(0.05)
+        if delivery is not None:
+            station.handle(delivery)
+        elif swarm.world_ended:
+            return
 
 
 def _await_world(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> None:

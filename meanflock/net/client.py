@@ -67,6 +67,7 @@ class NodeClient:
         self._last_act = b""
         # One thread at a time calls the node; on a memory bus the same thread may call again.
         self._busy = threading.RLock()
+        self._failure: RunFailed | None = None  # in a thread of the bus
         self.stopped: Stop | None = None  # the world's last message
         self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
@@ -133,7 +134,7 @@ class NodeClient:
         """Handle one delivery. An invalid message is dropped, counted and logged, and changes nothing.
 
         Raises:
-            RunFailed: the node failed for good; the world gets the reason.
+            BadInput: a plug-in failed that all nodes need, and would fail in others too; the world gets the reason.
         """
         if delivery.kind == "gone":
             self._gone = True
@@ -141,11 +142,13 @@ class NodeClient:
             with self._busy:
                 take = self._asked if delivery.payload[1:2] in tick.TYPES else self._control
                 try:
+                    if self._failure is not None:
+                        raise self._failure
                     take(delivery.key, delivery.payload)
                 except RunFailed as error:
                     self._node.problems.append(str(error))
                     self._report_problems()
-                    raise
+                    raise BadInput(str(error)) from error
 
     def _asked(self, key: str, raw: bytes) -> None:
         """Reply to one message of a tick, while no other thread calls the node."""
@@ -201,7 +204,8 @@ class NodeClient:
         try:
             self._asked(key, raw)
             return True
-        except RunFailed:
+        except RunFailed as error:
+            self._failure = error  # `handle` raises it; a tick that failed is not computed again
             return False
         finally:
             self._busy.release()

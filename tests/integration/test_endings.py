@@ -93,6 +93,37 @@ def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(command, mo
     until(lambda: not processes_of(str(command.out.parent)), "the end of all processes", SOON_S)
 
 
+CODING = """import meanflock as mf
+import numpy as np
+
+class Mine(mf.Coding):
+    name = "mine"
+
+    def encode(self, models):
+        if models.round == {last} and 1 in models.uavs:
+            raise KeyError("table")
+        numbers = np.clip(np.rint(models.numbers * 8), -127, 127).astype("i1")
+        return numbers, np.ones((len(numbers), len(models.starts)), np.float32)
+
+    def decode(self, numbers, scales):
+        return numbers / 8.0
+"""
+
+
+@pytest.mark.parametrize("duration_s", [100.0, 4.6], ids=["in the middle", "in the last tick"])
+def test_a_coding_that_fails_ends_the_flight_as_in_one_process(duration_s, command, tmp_path, capsys) -> None:
+    (plugin := tmp_path / "mine.py").write_text(CODING.format(last=3), encoding="utf-8")
+    settings = ("federation.payload=mine", "federation.period=15", "federation.fraction=1", "stop=duration")
+    words = [word for setting in settings for word in ("--set", setting)]
+    flags = ("--uavs", "3", "--duration", str(duration_s), "--no-record", "--out", str(command.out), *words)
+    said = []
+    for mode in ("--in-process", "--uavs-per-process=2"):
+        assert main(["run", "--quiet", "--plugin", str(plugin), mode, *flags]) == 1
+        said += capsys.readouterr().err.splitlines()[-1:]
+    assert said == ["error: coding 'mine': `encode` failed: KeyError: 'table' (mine.py, line 9)"] * 2
+    assert not list(command.out.glob("*/summary.json"))
+
+
 def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypatch) -> None:
     flags = ("--uavs", "2", "--duration", "5", "--no-record")
     expected = command.summary("--in-process", *flags)

@@ -11,7 +11,7 @@ from meanflock.agent.node import Agent
 from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery, MemoryNetwork
 from meanflock.net.client import NodeClient, take_part
-from meanflock.swarm.errors import BusError, Refused, RunFailed, WorldGone
+from meanflock.swarm.errors import BadInput, BusError, Refused, RunFailed, WorldGone
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Act, Event, Join, Message, Refusal, Sense, Stop, Welcome
 from tests.polling import DEADLINE_S
@@ -130,9 +130,10 @@ def test_a_tick_is_answered_in_the_thread_that_asks_and_never_beside_another(mon
 def test_a_node_that_fails_for_good_tells_the_world_why(monkeypatch: pytest.MonkeyPatch) -> None:
     world, node = World(monkeypatch, WELCOME), Node()
     world.join(node)
-    monkeypatch.setattr(node, "act", failing)
+    answers = [failing, node.act]  # a second call would succeed
+    monkeypatch.setattr(node, "act", lambda sense: answers.pop(0)(sense))
     world.ask(0)
-    with pytest.raises(RunFailed, match="no such number"):
+    with pytest.raises(BadInput, match="no such number"):  # so that no other takes its place
         world.client.serve(lambda: False, lambda: False)
     heard = [control.decode(world.hear().payload) for _ in ("ready", "event")]
     assert isinstance(heard[-1], Event)

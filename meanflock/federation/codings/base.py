@@ -59,7 +59,10 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Coding:
-    """Base class of codings; override `encode` and `decode`. A row of its tables depends on its own model alone."""
+    """Base class of codings; override `encode` and `decode`. A row of its tables depends on its own model alone.
+
+    A coding that raises or returns something else in flight ends the run: exit code 1, and a line that names it.
+    """
 
     plugin_kind: ClassVar[Literal["coding"]] = "coding"
     name: ClassVar[str] = ""  # value of `federation.payload` and `federation.broadcast_payload`
