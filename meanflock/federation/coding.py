@@ -52,6 +52,8 @@ class CheckedCoding:
         with self._reported("decode"):
             weights = self._coding.decode(numbers, scales)
             check_array("weights", weights, numbers.shape, np.float64)
+            if not np.isfinite(weights).all() and np.isfinite(numbers).all() and np.isfinite(scales).all():
+                raise ValueError("the weights of finite numbers and scales are not finite")
         return weights
 
     def valid(self, numbers: NDArray[Any]) -> Mask:

@@ -15,7 +15,16 @@ import numpy as np
 from meanflock.net import keys, tick
 from meanflock.net.bus import Bus, Delivery
 from meanflock.swarm import plugins, threads
-from meanflock.swarm.errors import BadInput, BusError, MessageRejected, Refused, RunFailed, WorldGone
+from meanflock.swarm.errors import (
+    BadInput,
+    BusError,
+    MeanflockError,
+    MessageRejected,
+    Refused,
+    RunFailed,
+    WorldGone,
+    last_line,
+)
 from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
@@ -56,6 +65,14 @@ class Node(Protocol):
         """Reply to a Sense; MessageRejected leaves the node unchanged."""
 
 
+class _NodeFailed(Exception):
+    """The node raised `error`, in this tick or in one before, and cannot go on."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__(last_line(error))
+        self.error = error
+
+
 class NodeClient:
     """Connection of a node to the world, over a bus."""
 
@@ -67,7 +84,7 @@ class NodeClient:
         self._last_act = b""
         # One thread at a time calls the node; on a memory bus the same thread may call again.
         self._busy = threading.RLock()
-        self._failure: RunFailed | None = None  # in a thread of the bus
+        self._failure: BaseException | None = None  # of the node, in any thread
         self.stopped: Stop | None = None  # the world's last message
         self._gone = False  # whether the world vanished without a Stop
         self.dropped: Counter[str] = Counter()
@@ -134,7 +151,8 @@ class NodeClient:
         """Handle one delivery. An invalid message is dropped, counted and logged, and changes nothing.
 
         Raises:
-            BadInput: a plug-in failed that all nodes need, and would fail in others too; the world gets the reason.
+            BadInput: a plug-in failed that all nodes need, and would fail in others too.
+            BaseException: the node failed otherwise. Of each failure the world gets the reason.
         """
         if delivery.kind == "gone":
             self._gone = True
@@ -142,13 +160,14 @@ class NodeClient:
             with self._busy:
                 take = self._asked if delivery.payload[1:2] in tick.TYPES else self._control
                 try:
-                    if self._failure is not None:
-                        raise self._failure
                     take(delivery.key, delivery.payload)
-                except RunFailed as error:
-                    self._node.problems.append(str(error))
+                except _NodeFailed as failed:
+                    has_text = isinstance(failed.error, MeanflockError)
+                    self._node.problems.append(str(failed.error if has_text else failed))
                     self._report_problems()
-                    raise BadInput(str(error)) from error
+                    if isinstance(failed.error, RunFailed):
+                        raise BadInput(str(failed.error)) from failed
+                    raise failed.error from None
 
     def _asked(self, key: str, raw: bytes) -> None:
         """Reply to one message of a tick, while no other thread calls the node."""
@@ -159,7 +178,7 @@ class NodeClient:
             if sense.tick < self._last_tick:
                 raise MessageRejected("stale", f"tick {sense.tick} after {self._last_tick}")
             if sense.tick > self._last_tick:
-                self._last_act = tick.write_act(self._node.act(sense))
+                self._last_act = tick.write_act(self._computed(sense))
                 self._last_tick = sense.tick
                 if self._node.problems:
                     self._report_problems()
@@ -167,6 +186,17 @@ class NodeClient:
             self._bus.put(self._act_key, self._last_act)
         except MessageRejected as error:
             self._drop(key, error)
+
+    def _computed(self, sense: Sense) -> Act:
+        """The reply of the node. After a failure it computes nothing, because a part of the tick may be done."""
+        if self._failure is None:
+            try:
+                return self._node.act(sense)
+            except MessageRejected:
+                raise
+            except BaseException as error:  # as plug-ins may raise
+                self._failure = error
+        raise _NodeFailed(self._failure)
 
     def _drop(self, key: str, error: MessageRejected) -> None:
         self.dropped[error.reason] += 1
@@ -204,8 +234,7 @@ class NodeClient:
         try:
             self._asked(key, raw)
             return True
-        except RunFailed as error:
-            self._failure = error  # `handle` raises it; a tick that failed is not computed again
+        except _NodeFailed:  # `handle` gets the message, and fails in the thread that ends the process
             return False
         finally:
             self._busy.release()

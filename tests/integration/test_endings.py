@@ -124,6 +124,36 @@ def test_a_coding_that_fails_ends_the_flight_as_in_one_process(duration_s, comma
     assert not list(command.out.glob("*/summary.json"))
 
 
+VEHICLE = """import meanflock as mf
+import numpy as np
+
+class Mine(mf.Vehicle):
+    name = "mine"
+
+    def init(self, uavs):
+        return {"ticks": np.zeros(uavs)}
+
+    def step(self, states, hidden, acceleration, noise):
+        return states, {"ticks": hidden["ticks"] + 1}
+
+    def power(self, states, hidden, acceleration):
+        if hidden["ticks"].max() > 120:
+            raise ValueError("flat")
+        return np.ones(len(states))
+"""
+
+
+def test_the_power_of_a_vehicle_that_fails_is_the_error_and_the_last_event_of_the_flight(command, capsys) -> None:
+    (plugin := command.out.parent / "mine.py").write_text(VEHICLE, encoding="utf-8")
+    flags = ("--plugin", str(plugin), "--set", "vehicle.model=mine", "--uavs", "2", "--method", "hjb", "--no-record")
+    assert main(["run", "--quiet", "--out", str(command.out), "--uavs-per-process", "2", *flags]) == 1
+    failure = "vehicle 'mine': `power` failed: ValueError: flat (mine.py, line 15)"
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: world ended with exit code 1; its last lines:\n    error: {failure}"), said
+    last = json.loads((command.folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])
+    assert (last["event"], last["fields"]["reason"].startswith(failure)) == ("flight-failed", True)
+
+
 def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypatch) -> None:
     flags = ("--uavs", "2", "--duration", "5", "--no-record")
     expected = command.summary("--in-process", *flags)

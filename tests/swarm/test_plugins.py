@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 import meanflock as mf
@@ -196,6 +197,12 @@ def test_a_file_that_cannot_be_read_or_has_another_ending_is_bad_input(tmp_path:
     (folder := tmp_path / f"a{os.pathsep}b").mkdir()
     with pytest.raises(BadInput, match="may be in its path; give the file another place"):
         plugins.load_files([written(folder, GOOD)])
+
+
+def test_how_numpy_treats_errors_stays_as_it_was_when_a_file_sets_it(tmp_path: Path) -> None:
+    before = np.geterr()
+    plugins.load_file(written(tmp_path, f"{GOOD}\nimport numpy as np\nnp.seterr(all='raise')\n"))
+    assert np.geterr() == before
 
 
 def test_a_file_that_changed_within_a_second_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

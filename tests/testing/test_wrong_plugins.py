@@ -389,6 +389,10 @@ GOES_WRONG: list[tuple[Any, str]] = [
         changed(GoodCoding, "encode", lambda _, answer, models: answer if models.round < 2 else 1 / 0),
         "`encode` failed: ZeroDivisionError: division by zero",
     ),
+    (
+        changed(GoodCoding, "decode", lambda self, weights, *_: weights * (1.0 if calls(self) < 2 else np.inf)),
+        "`decode` failed: ValueError: the weights of finite numbers and scales are not finite",
+    ),
     (writing(GoodVehicle, "step", 0), "ValueError: .*read-only"),
     (
         changed(

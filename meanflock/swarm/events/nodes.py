@@ -32,7 +32,7 @@ class FlightResumed(BaseEvent, frozen=True):
 class FlightFailed(BaseEvent, frozen=True):
     """The flight cannot go on."""
 
-    meanings = {"failed": "every agent was lost and none came back; the flight ends"}
+    meanings = {"failed": "the flight ends: every agent was lost and none came back, or a plug-in of the world failed"}
     reason: str
 
     @property

@@ -8,6 +8,8 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
+import numpy as np
+
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.paths import given as given_path
@@ -52,7 +54,7 @@ def load_file(path: Path | str, option: str = "--plugin") -> list[Plugin]:
     module = sys.modules[name] = ModuleType(name)
     module.__file__ = str(path)
     try:
-        with threads.pinned_torch():
+        with threads.pinned_torch(), np.errstate():  # `np.seterr` of a file would hold for all others
             SourceRead(name, path, source).exec_module(module)
     except FAILURES as error:
         del sys.modules[name]
