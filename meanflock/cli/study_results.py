@@ -90,6 +90,18 @@ class StudyResults:
         ]
         for table in filter(None, shown):
             print_table(table)
+        self._warn_of_failures([summary for summaries in flown.values() for summary in summaries])
+
+    def _warn_of_failures(self, summaries: Sequence[Mapping[str, Any]]) -> None:
+        """Warn of flights that lost UAVs without a fault script, and of those that federated nothing."""
+        has_faults = any(flight.faults for flights in self._scenarios.values() for flight in flights)
+        lost = [] if has_faults else [summary["lost"] for summary in summaries if summary["lost"]]
+        void = [summary for summary in summaries if summary["rounds_void"] and not summary["rounds"]]
+        every, one = len(summaries), "`meanflock run` with the values of one says why"
+        if lost:
+            logs.note(f"flights that lost UAVs: {len(lost)} of {every}, {sum(lost)} UAVs; {one}", logging.WARNING)
+        if void:
+            logs.note(f"flights whose rounds were all void: {len(void)} of {every}; {one}", logging.WARNING)
 
     def write(self, flown: Points, out: Path) -> list[Path]:
         """Write all files; study.json last, when the others are whole. Returns their paths.

@@ -71,6 +71,22 @@ def test_several_keys_are_a_grid_with_a_row_for_each_flight(run, tmp_path: Path)
         assert f"out/{name}" in out
 
 
+RULE = "\nclass Rule(mf.Aggregator):\n    name = 'mine'\n\n    def step(self, state, uploads):\n        return 1 / 0\n"
+
+
+def test_flights_that_lost_uavs_or_whose_rounds_were_all_void_are_counted(run, tmp_path) -> None:
+    step = "if 1 in memory['uav']:\n    raise KeyError('rare')\nreturn mf.Step(memory, own[:, :2])"
+    plugin = controller_file(tmp_path, "mine", step)
+    init = "    def init(self, uavs, plan):\n        return {'uav': uavs}\n"
+    plugin.write_text(plugin.read_text() + init + RULE)
+    _, _, err = run("sweep", "uavs=2,3", "--methods", "mine", "--plugin", plugin.name, "--seeds", "2", *QUICK)
+    why = "`meanflock run` with the values of one says why"
+    assert f"warning: flights that lost UAVs: 4 of 4, 4 UAVs; {why}" in err.splitlines()
+    rounds = ("--set", "federation.aggregation=mine", "--set", "federation.period=10", "--methods", "mfgfl-hf")
+    _, _, err = run("sweep", "uavs=2,3", *rounds, "--plugin", plugin.name, "--seeds", "2", *QUICK[:-1], "void")
+    assert err.splitlines()[-1:] == [f"warning: flights whose rounds were all void: 4 of 4; {why}"]
+
+
 @pytest.mark.parametrize(
     ("swept", "label"),
     [("wind.sigma=0.1,0.2", "wind.sigma (m/s/√s)"), ("radio.fading=amplitude,power", "radio.fading")],
