@@ -8,8 +8,6 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
-import numpy as np
-
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, PLUGIN_MODULE, BadInput, last_line
 from meanflock.swarm.paths import given as given_path
@@ -43,6 +41,8 @@ def load_file(path: Path | str, option: str = "--plugin") -> list[Plugin]:
     Raises:
         BadInput: the file cannot be read or run, or has no plug-in.
     """
+    import numpy as np  # only here: the help of a command loads none
+
     where, path = f"{option} {path}", _resolved(path)
     try:
         source = read(path)
