@@ -11,7 +11,7 @@ from meanflock.federation.groups import group_number
 from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.swarm import faults, mission
-from meanflock.swarm.declared import PRESENT, most_memory
+from meanflock.swarm.declared import MEMORY_TICKS, PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events.base import listed
 from meanflock.swarm.events.nodes import Problem
@@ -103,7 +103,7 @@ class Agent:
             commands[controller.asleep] = 0.0
             self._memory = choose(controller.asleep, before, self._memory)
         # 4. A row with a diverged number is reported and sends nothing; the other rows continue.
-        if sense.checkpoint:
+        if tick % MEMORY_TICKS == 0:  # whether or not a checkpoint is due: flights with and without them are the same
             controller.break_not_finite(self._memory)
         learned = controller.report(self._memory) if sense.report and self._reports else None
         if controller.broken is not None:

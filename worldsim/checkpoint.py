@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from meanflock.federation.groups import Group, group_number
 from meanflock.federation.plan import plugins_of
 from meanflock.swarm import __version__
-from meanflock.swarm.declared import PRESENT, most_memory
+from meanflock.swarm.declared import MEMORY_TICKS, PRESENT, most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire import control
 
 SCHEMA = 16
-EVERY_TICKS = 100
+EVERY_TICKS = MEMORY_TICKS
 PART_BYTES = 8 * 2**20  # of a checkpoint in a block of telemetry; longer ones are sent in parts
 _WORLD_SHARE = 2  # of a checkpoint, by the memories that it may have: the rest is of the world, and mail of rounds
 _PART = struct.Struct(">BHH")  # mark, number, parts

@@ -17,6 +17,7 @@ MAX_BROADCASTS = 16  # of a controller in a tick
 MAX_BROADCAST_NUMBERS = 4096  # of a UAV in a tick
 NO_FILTER = NO_LEARNER = "none"
 _MEMORY_BYTES, _UAV_MEMORY_BYTES = 256 * 2**20, 2**13  # of a swarm, and of a UAV of a large swarm
+MEMORY_TICKS = 100  # memories are checked in multiples of it, in which checkpoints are due
 PRESENT = "meanflock.present"  # (M,) in the memory of a node: rows that have one; the others begin anew
 MAX_NOTE_BYTES = 65_000  # of a note that is sent with a model
 MAX_STATE_BYTES = 24 * 2**20  # of an aggregation rule

@@ -207,6 +207,14 @@ def test_a_controller_that_goes_wrong_costs_its_own_uav_in_one_process_as_in_man
         np.testing.assert_array_equal(one.diagnostics, other.diagnostics)
 
 
+def test_a_memory_that_is_not_finite_costs_its_uav_also_in_a_flight_without_checkpoints() -> None:
+    spoil = stepping(memory=lambda good: good.memory | {"aside": spoiled(good, good.memory["aside"], np.nan)})
+    case = flown(wrong(**spoil), QUIET)
+    without, (with_, _) = Engine(case, "none").complete(), fly(case, rows=1)
+    assert without["lost"] == 1
+    assert without["trajectory_sha256"] == with_["trajectory_sha256"]
+
+
 @pytest.mark.parametrize(("column", "name"), [(2, "acceleration along z"), (3, "heard")])
 def test_a_number_beyond_all_bounds_is_named_also_in_space(column: int, name: str) -> None:
     class InSpace(Controller):
@@ -260,6 +268,7 @@ def test_a_controller_that_fails_for_all_rows_together_and_for_none_alone_loses_
 @pytest.fixture(autouse=True)
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "_checkpoint_every", lambda *_: 10)
+    monkeypatch.setattr(node, "MEMORY_TICKS", 10)
 
 
 def test_a_checkpoint_of_another_version_of_the_plugin_is_refused_by_name() -> None:
