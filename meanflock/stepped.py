@@ -106,7 +106,6 @@ class Stepped:
         Raises:
             BadInput: an argument cannot be used; nothing was flown.
         """
-        self._tell = told(progress)
         load_plugins(plugin)
         options = {"parameters": parameters, "broadcast_numbers": broadcast_numbers}
         keys = {key: value for key, value in settings.items() if key.partition(".")[0] != "controller"}
@@ -119,10 +118,11 @@ class Stepped:
         chosen = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
         refuse_groups(chosen, "a stepped flight")
         self.scenario = plan_of(chosen).given
-        self._take_off(out, record)
+        self._take_off(out, record, progress)
 
     @threads.limited()
-    def _take_off(self, out: str | Path | None, record: bool) -> None:
+    def _take_off(self, out: str | Path | None = None, record: bool = False, progress: Progress | None = None) -> None:
+        self._tell = told(progress)
         self._run: Run | None = None
         with ExitStack() as stack:
             self._flight = prepared(self.scenario, out, record, stack, is_stepped=True)

@@ -88,14 +88,13 @@ class Episode(Stepped):
 
     def __init__(self, form: Form, seed: int) -> None:
         self.scenario = plan_of(form.scenario.replace(seed=seed)).given
-        self._progress = None
         self._form = form
         self._terms = Terms(self.scenario)
         self._perception = Perception(self.scenario, form.neighbours, form.message)
         everyone = np.arange(self.scenario.uavs)
         plan = missions.starts(self.scenario).astype(FLOAT_OF_BITS[self.scenario.radio.bits_per_float])  # as by radio
         self._memory: Memory = self._perception.init(everyone, plan.astype(np.float64))
-        self._take_off(None, False)
+        self._take_off()
         self.observations = self._observe()
 
     @property

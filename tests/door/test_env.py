@@ -22,7 +22,7 @@ from meanflock.swarm.scenario import encode
 from meanflock.swarm.wire.messages import Welcome
 from tests.sources import ROOT
 
-SMALL: dict[str, Any] = {"uavs": 5, "duration": 8.0}
+SMALL: dict[str, Any] = {"uavs": 5, "duration": 10.5}  # beyond the hundredth tick
 NEIGHBOURS, MESSAGE = 3, 2
 
 
