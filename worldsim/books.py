@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from meanflock.swarm import state
+from meanflock.swarm.errors import RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator, random_state, set_random_state
 from meanflock.swarm.state import Floats, Mask
@@ -134,7 +135,12 @@ class Books(Stateful):
         for block in (self._states, self._hidden, self._commands, self._felt):
             block.clear()
         self._hash.add(states)
-        power = self._vehicles.power(states, hidden, felt).reshape(shape)
+        try:
+            power = self._vehicles.power(states, hidden, felt).reshape(shape)
+        except RunFailed:  # the last block of telemetry still has these ticks, with the energy before them
+            if self._energies is not None:
+                self._energies.append(np.repeat(self.energy[None], shape[0], axis=0))
+            raise
         if self._waiting is not None:
             power = np.where(self._waiting, 0.0, power)
         energies = sums(self.energy, power * self._dt)

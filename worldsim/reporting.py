@@ -192,9 +192,7 @@ class Blocks:
 
         Without rows there is no block: a flight may be interrupted in the tick of a checkpoint.
         """
-        energy = self._world.flight.books.take_energies(self._filled)
-        n = len(energy)  # without the rows of ticks whose power the vehicle could not tell, which ends the flight
-        if not n:
+        if not (n := self._filled):
             return
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())
         self._mailer.add(
@@ -203,7 +201,7 @@ class Blocks:
                 block=self.block,
                 first_tick=self._first_tick,
                 **{name: column[:n].copy() for name, column in self._columns.items()},
-                energy=energy.astype(np.float32),
+                energy=self._world.flight.books.take_energies(n).astype(np.float32),
                 links=np.concatenate([np.zeros((0, len(LinkColumn)), dtype=np.int32), *self._links]),
                 report_ticks=np.array(ticks, dtype=np.int32),
                 reports=np.array(reports, dtype=np.float32).reshape(len(reports), self._declared.weights),
