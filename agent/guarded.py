@@ -316,8 +316,9 @@ class Guarded:
             # Lines of the plug-in. A `sys.exit()` needs no trace, nor does an answer that is refused here.
             trace = error if isinstance(error, Exception) and plugin_line(error) else None
             log.warning("controller %r failed: %s", self._method, last_line(error), exc_info=trace)
-            texts = {id(error): last_line(error) for error in {id(one): one for one in errors.values()}.values()}
-            self._report_problems({row: texts[id(errors[row])] for row in np.flatnonzero(fresh).tolist()})
+            different = {id(each): each for each in errors.values()}  # thousands of rows may share an error
+            reasons = {name: last_line(each) for name, each in different.items()}
+            self._report_problems({row: reasons[id(errors[row])] for row in np.flatnonzero(fresh).tolist()})
 
     def _report_problems(self, reasons: Mapping[int, str]) -> None:
         """Report rows that had no complaint: those of each reason together."""

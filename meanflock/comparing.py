@@ -11,7 +11,7 @@ import numpy as np
 from meanflock.comparison import Comparison
 from meanflock.launch import memory
 from meanflock.launch.temporary import TemporaryFolder
-from meanflock.progress import Progress, told
+from meanflock.progress import Progress, checked_progress
 from meanflock.settings import load_plugins, scenario_of, with_settings
 from meanflock.studies import before_take_off, study
 from meanflock.studies.store import Store
@@ -169,7 +169,7 @@ def _fly(
     out: str | Path | None,
     progress: Progress | None,
 ) -> dict[Any, study.Summaries]:
-    show, count = told(progress), _count(seeds)
+    show, count = checked_progress(progress), _count(seeds)
     memory.check(scenarios.values())
     before_take_off.warn(names, scenarios)
     points = {at: study.seeded(flown, count) for at, flown in scenarios.items()}

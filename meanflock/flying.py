@@ -10,7 +10,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
-from meanflock.progress import Progress, told
+from meanflock.progress import Progress, checked_progress
 from meanflock.results.groups import run_name
 from meanflock.results.series import check_reports
 from meanflock.runs import Run
@@ -63,7 +63,7 @@ def fly(
         BadInput: an argument cannot be used; nothing was flown.
         RunFailed: the flight failed.
     """
-    tell = told(progress)
+    tell = checked_progress(progress)
     load_plugins(plugin)
     options: dict[str, Any] = {"method": method, "uavs": uavs, "seed": seed, "duration": duration}
     if learner is not None:

@@ -8,7 +8,7 @@ from meanflock.swarm.errors import BadInput
 Progress = Callable[[int, int], None]  # what is done, and all there is to do: ticks, or flights
 
 
-def told(progress: Progress | None) -> Progress:
+def checked_progress(progress: Progress | None) -> Progress:
     """The function to tell; None: one that does nothing.
 
     Raises:

@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from meanflock.notebook import html_of_run
-from meanflock.progress import Progress, told
+from meanflock.progress import Progress, checked_progress
 from meanflock.results.event_log import row_of, stored_lines
 from meanflock.results.rounds_table import rounds_table, stored_rounds
 from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
@@ -133,7 +133,7 @@ class Run:
             RunFailed: the disk is full.
         """
         _check(per)
-        return write_csv(self._rows(), paths.given(path), per, told(progress))
+        return write_csv(self._rows(), paths.given(path), per, checked_progress(progress))
 
     def _rows(self) -> pa.Table:
         if self._blocks:

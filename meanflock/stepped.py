@@ -17,7 +17,7 @@ from meanflock.agent.step_checks import check_broadcasts
 from meanflock.agent.stepped import Command, External, refuse_groups
 from meanflock.federation.plan import plan_of
 from meanflock.flying import prepared
-from meanflock.progress import Progress, told
+from meanflock.progress import Progress, checked_progress
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
 from meanflock.swarm import threads
@@ -122,7 +122,7 @@ class Stepped:
 
     @threads.limited()
     def _take_off(self, out: str | Path | None = None, record: bool = False, progress: Progress | None = None) -> None:
-        self._tell = told(progress)
+        self._tell = checked_progress(progress)
         self._run: Run | None = None
         with ExitStack() as stack:
             self._flight = prepared(self.scenario, out, record, stack, is_stepped=True)

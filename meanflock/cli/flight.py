@@ -163,13 +163,13 @@ def _fly(
         failures = Failures.of_run(done.folder)
         if failures.rules:
             rounds = f"rounds void, for any reason: {void}"
-            logs.show(f"warning: the aggregation rule failed: {failures.rules[0]}; {rounds}; {events}", logging.WARNING)
+            logs.note(f"the aggregation rule failed: {failures.rules[0]}; {rounds}; {events}", logging.WARNING)
         elif void and not done.summary["rounds"]:
             why = "no model of another UAV arrived"
             if refused := done.summary["uploads_refused"]:
                 why = f"uploads that arrived and could not be averaged: {refused}"
             rounds = "the only round was" if void == 1 else f"all {void} rounds were"
-            logs.show(f"warning: nothing was federated: {why}; {rounds} void", logging.WARNING)
+            logs.note(f"nothing was federated: {why}; {rounds} void", logging.WARNING)
         *declared, examples = plan_of(flown).declared.measured or ("",)
         if declared and done.summary["rounds"] and done.summary["diagnostics_mean"][examples] is None:
             logs.note(
@@ -179,7 +179,7 @@ def _fly(
             )
         if failed := failures.trainings:
             trainings = f"{len(failed)} training{'s' * (len(failed) > 1)} failed"
-            logs.show(f"warning: {trainings}; the first: {failed[0]}", logging.WARNING)
+            logs.note(f"{trainings}; the first: {failed[0]}", logging.WARNING)
         if (lost := done.summary["lost"]) and failures.losses:
             logs.show(f"UAVs lost: {lost}; the first event: {failures.losses[0]}; {events}", logging.WARNING)
         logs.show(f"run folder {done.folder}")

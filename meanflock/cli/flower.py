@@ -171,16 +171,14 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
             if name.startswith((METRIC, MEAN))
         }
         if ended and (metric := target["metric"]) not in names:
-            logs.show(f"warning: no round has a metric {metric!r}{meant(metric, names)}", logging.WARNING)
+            logs.note(f"no round has a metric {metric!r}{meant(metric, names)}", logging.WARNING)
         if target["reached"]:
             return
     if done.summary["ticks"] >= done.scenario.max_ticks:  # the ServerApp has not ended
-        logs.show(
-            f"warning: the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "
+        logs.note(
+            f"the flight ended after {len(ended)} rounds while the ServerApp waited for replies; fly longer "
             "with --duration, or open rounds more often with --set federation.period=TICKS",
             logging.WARNING,
         )
     elif len(ended) < rounds:
-        logs.show(
-            f"warning: the ServerApp ended after {len(ended)} rounds; num-server-rounds is {rounds}", logging.WARNING
-        )
+        logs.note(f"the ServerApp ended after {len(ended)} rounds; num-server-rounds is {rounds}", logging.WARNING)

@@ -65,7 +65,7 @@ def means_table(means: Means, title: str, durations_s: Sequence[float]) -> Table
         shown.add_column(_heading(quantities.quantity(metric), prefix), justify="right", no_wrap=True)
     for values, row in rows:
         row["payload_bits"] /= scale
-        cells = ["–" if (mean := row[quantities.table_column(metric)]) is None else f"{mean:.4g}" for metric in METRICS]
+        cells = [_number(row[quantities.table_column(metric)]) for metric in METRICS]
         cells[0] += f"/{row['uavs']}"  # of the arrivals
         marks = [_MARKS.get(str(row[f"{quantities.table_column(metric)}_verdict"]), "") for metric in METRICS]
         shown.add_row(*_named(means, values), *map("".join, zip(cells, marks, strict=True)))
@@ -98,7 +98,7 @@ def counts_table(means: Means) -> Table | None:
         shown.add_column(_COUNTS[field], justify="right", no_wrap=True)
     for values, flights in points.items():
         numbers = ([each[field] for each in flights if each[field] is not None] for field in counted)
-        shown.add_row(*_named(means, values), *(f"{fmean(each):.4g}" if each else "–" for each in numbers))
+        shown.add_row(*_named(means, values), *map(_mean, numbers))
     return shown if counted else None
 
 
@@ -120,16 +120,18 @@ def until_table(means: Means) -> Table | None:
     for values, flights in means.points.items():
         bounds = [each["until"] for each in flights if each["until"] is not None]
         reached = [each for each in bounds if each["reached"]]
-        numbers = (
-            [each["round"] for each in reached],
-            [each["time_s"] for each in reached],
-            [each["bits"] / scale for each in reached],
-            [each["airtime_s"] for each in reached],
-            [each["energy_J"] for each in reached],
-        )
-        cells = (f"{fmean(each):.4g}" if each else "–" for each in numbers)
-        shown.add_row(*_named(means, values), f"{len(reached)}/{len(bounds)}", *cells)
+        costs = {"round": 1.0, "time_s": 1.0, "bits": scale, "airtime_s": 1.0, "energy_J": 1.0}  # units, by field
+        numbers = ([each[field] / unit for each in reached] for field, unit in costs.items())
+        shown.add_row(*_named(means, values), f"{len(reached)}/{len(bounds)}", *map(_mean, numbers))
     return shown
+
+
+def _mean(values: Sequence[float]) -> str:
+    return _number(fmean(values) if values else None)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
 
 
 def payload_table(means: Means) -> Table:
@@ -157,7 +159,7 @@ def rounds_table(means: Means) -> Table | None:
     for head in ("rounds", "void", "n", *(column_heading(name.removeprefix(begin)) for name in last)):
         shown.add_column(head, justify="right", overflow="fold")
     for values, row in rows:
-        cells = ["–" if row[name] is None else f"{row[name]:.4g}" for name in (*ROUNDS, f"{begin}n", *last)]
+        cells = [_number(row[name]) for name in (*ROUNDS, f"{begin}n", *last)]
         shown.add_row(*_named(means, values), *cells)
     return shown
 

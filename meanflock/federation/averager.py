@@ -75,9 +75,9 @@ class Averager:
         self._rule = Rule(plan) if hop.averages == "models" else None
         state = {} if self._rule is None else self._rule.begin()
         if self._rule is not None and hop.role != "leader" and (self._rule.state_bytes or not self._rule.resumable):
-            kept = "whose length changes" if self._rule.state_bytes else "that is not in checkpoints"
+            fault = "whose length changes" if self._rule.state_bytes else "that is not in checkpoints"
             raise BadInput(
-                f"`federation.aggregation` {plan.scenario.federation.aggregation} has a state {kept}, which a leader "
+                f"`federation.aggregation` {plan.scenario.federation.aggregation} has a state {fault}, which a leader "
                 "keeps, and no other UAV; set `federation.topology` to leader"
             )
         self._places = node.searchsorted(uavs) if len(node) else np.zeros(len(uavs), dtype=np.intp)

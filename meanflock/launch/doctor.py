@@ -108,7 +108,7 @@ def tell_if_slow() -> None:
     """Warn on standard error if the compiled kernels are missing."""
     finding = compiled()
     if finding.verdict != "ok":
-        logs.show(f"warning: kernels {finding.found}; {finding.remedy}", logging.WARNING)
+        logs.note(f"kernels {finding.found}; {finding.remedy}", logging.WARNING)
 
 
 def models(scenario: Scenario) -> list[Finding]:

@@ -63,7 +63,7 @@ def _ended(processes: Forks, restarts: Restarts) -> list[int]:
         if not code:
             continue
         if restarts.again(number):
-            logs.show(f"warning: agent process {number} {how_it_ended(code)}; another takes its place", WARNING)
+            logs.note(f"agent process {number} {how_it_ended(code)}; another takes its place", WARNING)
             due.append(number)
             continue
         logs.show(f"error: agent process {number} {how_it_ended(code)}, too often: it is not started again", ERROR)

@@ -265,8 +265,8 @@ def _processes(
     some_lost = station.summary["nodes_lost"] > 0
     left = swarm.wait(_LOST_NODES_S if some_lost else _LAST_WORDS_S)
     if left and not some_lost:
-        logs.show(
-            f"warning: the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
+        logs.note(
+            f"the flight is complete, but not all processes ended within {_LAST_WORDS_S:g} s of it; "
             f"ended now: {', '.join(left)}",
             WARNING,
         )

@@ -168,7 +168,7 @@ class RemoteCrew:
         return acts, absent
 
     def last_news(self) -> tuple[list[FlightEvent], Reports]:
-        """What became of the nodes since the last answer, and what they report."""
+        """The events of nodes since the last answer, and the failures that nodes report."""
         news, self._news[:] = list(self._news), []
         reports, self._admission.reports = self._admission.reports, Reports()
         return news, reports

@@ -68,8 +68,10 @@ def test_an_event_has_the_error_of_the_first_uav_that_it_names_and_not_of_one_th
 ) -> None:
     lost = flown.replace(faults=[{"kind": "kill", "tick": 9, "uavs": [1, 6]}])
     record = FORMS[form](lost) if form else fly(lost)[1]
-    told = [event.failure for event in record.events if isinstance(event, AgentFailed) and "gives up" in event.failure]
-    assert [failure.partition(" (troubled.py")[0] for failure in told] == [
+    failures = [
+        event.failure for event in record.events if isinstance(event, AgentFailed) and "gives up" in event.failure
+    ]
+    assert [failure.partition(" (troubled.py")[0] for failure in failures] == [
         "controller 'troubled' failed with UAV 5: RuntimeError: UAV 5 gives up"
     ]
 

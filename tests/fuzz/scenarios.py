@@ -18,6 +18,7 @@ from meanflock.launch.engine import Engine
 from meanflock.swarm import plugins
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario import Scenario
+from meanflock.swarm.scenario.values import PLUGIN_KEYS
 from meanflock.swarm.threads import limited
 from meanflock.worldsim.checkpoint import EVERY_TICKS
 from tests.golden.flights import steady
@@ -30,16 +31,7 @@ _SHARE = 0.12  # of all keys that are set
 _SHARE_OF_TABLE = 0.3  # likewise, in the tables of a list
 _OFTEN = {"method": 1.0, "filter.kind": 0.3, "space.dimensions": 0.3, "groups": 0.4, "faults": 0.5, "radio.model": 0.3}
 _OFTEN |= {"obstacles": 0.3, "stations": 0.3, "energy.battery_J": 0.3, "destination.waypoints": 0.3}
-_NAMED: dict[str, Any] = {  # kinds of plug-ins by the keys that name one
-    "method": "controller",
-    "filter.kind": "filter",
-    "federation.aggregation": "aggregator",
-    "federation.topology": "topology",
-    "federation.payload": "coding",
-    "federation.broadcast_payload": "coding",
-    "radio.model": "channel",
-    "vehicle.model": "vehicle",
-}
+_NAMED = {key: kind for key, kind in PLUGIN_KEYS.items() if kind != "learner"}  # no learner is built in
 _IDENTITY = {"kind", "name", "count", "method"}  # keys that stay as long as their table does
 _UNSET = object()
 

@@ -15,7 +15,7 @@ from meanflock.swarm.toml import put
 Kind = TypeVar("Kind")
 
 
-_CLASSES: dict[str, plugins.PluginKind] = {  # keys that may be a class
+PLUGIN_KEYS: dict[str, plugins.PluginKind] = {  # keys that name a plug-in, and may be its class
     "method": "controller",
     "training.learner": "learner",
     "federation.aggregation": "aggregator",
@@ -63,8 +63,8 @@ def with_keys(table: dict[str, Any], settings: Mapping[str, Any], kind: type[Kin
             the scenario is invalid, see `validated`.
     """
     for key, value in settings.items():
-        if key in _CLASSES and value is not None:
-            value = plugins.name_of(key, value, _CLASSES[key])
+        if key in PLUGIN_KEYS and value is not None:
+            value = plugins.name_of(key, value, PLUGIN_KEYS[key])
         try:
             put(table, key, as_builtins(value))
         except TypeError as error:
