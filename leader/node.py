@@ -6,6 +6,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.federation.rounds import Rounds
 from meanflock.swarm.events.nodes import Problem
 from meanflock.swarm.scenario import decode
+from meanflock.swarm.state import NO_UAV
 from meanflock.swarm.wire.messages import Act, Sense, Welcome
 
 
@@ -17,7 +18,7 @@ class Leader:
         self.problems: list[Problem] = []  # texts for the world that were not sent yet
         plan = plan_of(decode(welcome.scenario))
         self._no_commands = np.zeros((0, plan.scenario.dimensions))
-        self._rounds = Rounds(plan, "leader", np.zeros(0, dtype=np.intp), self.problems)
+        self._rounds = Rounds(plan, "leader", NO_UAV, self.problems)
 
     def act(self, sense: Sense) -> Act:
         """Compute one tick.

@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import state
-from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
+from meanflock.swarm.state import BEYOND_SENSE, NO_UAV, Floats, Mask
 from meanflock.swarm.stateful import Stateful
 from meanflock.worldsim.books import block_ticks, sums
-
-_NOBODY = np.zeros(0, dtype=np.intp)
 
 
 class Commands(Stateful):
@@ -75,7 +73,7 @@ class Commands(Stateful):
             The UAVs that replied with a diverged number; their rows are not stored.
         """
         stored, axes = replied & awake, self.accelerations.shape[1]
-        diverged = _NOBODY
+        diverged = NO_UAV
         if b"\0" in stored.tobytes() or not kernels.largest(numbers) < BEYOND_SENSE:
             bounded = np.logical_and.reduce(np.abs(numbers) < BEYOND_SENSE, axis=1)
             stored &= bounded

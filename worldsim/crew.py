@@ -15,7 +15,7 @@ from meanflock.leader.node import Leader
 from meanflock.swarm import mission
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.events import FlightEvent, FlightResumed, LeaderTookOver, NodeLost, NodesJoined
-from meanflock.swarm.state import Floats, Mask, contains
+from meanflock.swarm.state import NO_UAV, Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
 from meanflock.swarm.workers import each, free_cores
@@ -124,7 +124,6 @@ def place_of(uavs: NDArray[np.intp]) -> Place:
     return slice(first, end) if end - first == len(uavs) else uavs
 
 
-_NO_UAV = np.zeros(0, dtype=np.intp)
 MANY_UAVS = 4096  # from which on a crew uses the cores of its process
 
 
@@ -288,7 +287,7 @@ class LocalCrew:
         if reply.memory:
             acts.rule_record = reply.memory
         for problem in leader.problems:
-            acts.reports.add(_name(self._led), _NO_UAV, problem)
+            acts.reports.add(_name(self._led), NO_UAV, problem)
         leader.problems.clear()
 
     def _lose_leader(self, tick: int, acts: Acts) -> None:

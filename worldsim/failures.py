@@ -48,6 +48,8 @@ class Reports:
         leave out UAVs that are not. Failures of a controller that differ in numbers only are one event, with the text
         of the first UAV.
         """
+        if not self._reports:
+            return []
         of_controllers: dict[tuple[str, str, str], dict[int, str]] = {}  # failures by UAV; by node, method and text
         found: list[tuple[int, int, Failure]] = []
         for node, own, problem in self._reports:

@@ -48,7 +48,7 @@ class Script:
     def killed(self, tick: int) -> NDArray[np.intp]:
         """UAVs that are killed at the beginning of a tick, ascending."""
         dying = {uav for fault in self._acting(tick) if isinstance(fault, Kill) for uav in fault.uavs}
-        return np.array(sorted(dying), dtype=np.intp)
+        return np.array(sorted(dying), dtype=np.intp) if dying else state.NO_UAV
 
     def leaders_lost(self, tick: int) -> int:
         """Number of leaders that are lost at the beginning of a tick."""

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import mission, state
 from meanflock.swarm.scenario import Scenario
-from meanflock.swarm.state import Floats, Mask
+from meanflock.swarm.state import NO_UAV, Floats, Mask
 from meanflock.swarm.stateful import Stateful
-
-_NO_UAVS = np.zeros(0, dtype=np.intp)
 
 
 class _Way(NamedTuple):
@@ -48,7 +46,7 @@ class Guide(Stateful):
                 places = np.array(scenario.space.vectors(table.waypoints, scenario.start.height))
                 self._ways.append(_Way(rows, places, np.array(table.times_s), table.patrol))
         self.is_there = scenario.is_guided
-        self._no_news = _NO_UAVS, np.zeros((0, scenario.dimensions))
+        self._no_news = NO_UAV, np.zeros((0, scenario.dimensions))
         self.goals = mission.goal_states(scenario)
         self.leg = np.zeros(uavs, dtype=np.int64)
         self.reached = 0

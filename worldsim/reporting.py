@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.swarm.events import FlightEvent
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
-from meanflock.swarm.wire.messages import SWARM_COLUMNS, FrameKind, LinkColumn, Telemetry, has_or_none
+from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Telemetry, has_or_none
 from meanflock.worldsim.checkpoint import most_bytes, split
 from meanflock.worldsim.clocks import Stopwatch
 from meanflock.worldsim.tick import Row
@@ -106,7 +106,6 @@ class Blocks:
             "accelerations": np.zeros((rows, uavs, scenario.dimensions), dtype=np.float32),
             "diagnostics": np.zeros((rows, uavs, len(self._names)), dtype=np.float32),
             "status": np.zeros((rows, uavs), dtype=np.uint8),
-            "swarm": np.zeros((rows, len(SWARM_COLUMNS))),
         }
         self._outages = -1.0  # at the last row; below any count, so that the first row is looked at
         world.flight.books.keep_energies(with_first=block == 0)
@@ -126,16 +125,18 @@ class Blocks:
         columns["diagnostics"][k] = row.diagnostics
         columns["status"][k] = row.status
         *_, outages, _ = radio = world.air.meter.figures()
-        columns["swarm"][k] = (
-            *radio,
-            flight.phi_a,
-            flight.phi_c,
-            flight.phi_c_distinct or 0.0,
-            flight.collisions,
-            np.count_nonzero(flight.arrival_tick >= 0),
-            world.ledger.rounds,
-            counters.held,
-            counters.deadline_misses,
+        self._swarm.append(
+            (
+                *radio,
+                flight.phi_a,
+                flight.phi_c,
+                flight.phi_c_distinct or 0.0,
+                flight.collisions,
+                int(np.count_nonzero(flight.arrival_tick >= 0)),
+                world.ledger.rounds,
+                counters.held,
+                counters.deadline_misses,
+            )
         )
         links = row.links
         if len(links) and row.tick % STATE_LINKS_EVERY_TICKS:
@@ -183,6 +184,7 @@ class Blocks:
         self.block = block
         self._first_tick = first_tick
         self._filled = 0
+        self._swarm: list[tuple[float, ...]] = []
         self._events: list[FlightEvent] = []
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
@@ -201,6 +203,7 @@ class Blocks:
                 block=self.block,
                 first_tick=self._first_tick,
                 **{name: column[:n].copy() for name, column in self._columns.items()},
+                swarm=np.array(self._swarm),
                 energy=self._world.flight.books.take_energies(n).astype(np.float32),
                 links=np.concatenate([np.zeros((0, len(LinkColumn)), dtype=np.int32), *self._links]),
                 report_ticks=np.array(ticks, dtype=np.int32),

@@ -7,6 +7,7 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from meanflock import kernels
 from meanflock.channel.medium import NO_LINKS, Medium
 from meanflock.federation.account import ModelsHash
 from meanflock.federation.backhaul import Backhaul
@@ -217,7 +218,7 @@ class World(Stateful):
             absent: (N,), UAVs without an answer; they keep their last command.
         """
         assert self._senses is not None
-        flight, ledger, (tick, states, awake, present, *_) = self.flight, self.ledger, self._senses
+        flight, (tick, states, awake, present, *_) = self.flight, self._senses
         self.learn(acts.news, acts.reports)
         self._take(acts)
         if len(self._senses.guided):
@@ -225,24 +226,10 @@ class World(Stateful):
         diverged = self.commands.store(acts.commands, ~absent, awake, flight.on_way)
         if len(diverged):
             flight.lose(diverged, Diverged, "an answer beyond all bounds")
-        frames, rejected = self._merger.merged(tick, acts.outbox, present, self.air.meter)
-        for error, where in rejected:
-            self._drop(error, where)
         if flight.idle is not None:
             self.commands.accelerations[flight.idle] = 0.0
-        self.models.add(frames)
-        cut, noise = self._script.cut(tick, states), self._script.noise(tick)
         self.air.serve(tick, states, present)
-        on_air = ledger.transmitted(tick, frames, present, partial(self.air.acknowledge, tick, states, cut, noise))
-        clamped = self.air.clamped
-        links = self.air.send(tick, self.backhaul.spread(on_air, self.air.serving.node, awake), states, cut, noise)
-        if self.air.clamped > clamped == 0:
-            self.note(LinksClamped(tick, self.air.clamped))
-        for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):
-            completed = self._completed(ended, awake & ~absent)
-            flight.events.append(completed)
-            if self.target.is_met(completed):
-                self.target.reach(completed, self.energies()["energy_total_J"])
+        links = self._transmit(acts, absent) if acts.outbox or self.ledger.is_busy(tick) else NO_LINKS
         gust = self._downwash.added(self._script.gust(tick, states), states, flight.waiting)
         flight.advance(self.commands.accelerations, gust)
         self._watch_duty()
@@ -255,6 +242,28 @@ class World(Stateful):
             memories = None
         self._senses = None
         return self._row(links, weights, memories)
+
+    def _transmit(self, acts: Acts, absent: Mask) -> np.ndarray:
+        """Transmit the frames of this tick and the rest of earlier ones, and close the hops of rounds; returns the
+        links that were used, (K, 7)."""
+        assert self._senses is not None
+        air, ledger, (tick, states, awake, present, *_) = self.air, self.ledger, self._senses
+        frames, rejected = self._merger.merged(tick, acts.outbox, present, air.meter)
+        for error, where in rejected:
+            self._drop(error, where)
+        self.models.add(frames)
+        cut, noise = self._script.cut(tick, states), self._script.noise(tick)
+        on_air = ledger.transmitted(tick, frames, present, partial(air.acknowledge, tick, states, cut, noise))
+        clamped = air.clamped
+        links = air.send(tick, self.backhaul.spread(on_air, air.serving.node, awake), states, cut, noise)
+        if air.clamped > clamped == 0:
+            self.note(LinksClamped(tick, air.clamped))
+        for ended in ledger.close(tick, frames, on_air, links, present, acts.has_leader, self.note):
+            completed = self._completed(ended, awake & ~absent)
+            self.note(completed)
+            if self.target.is_met(completed):
+                self.target.reach(completed, self.energies()["energy_total_J"])
+        return links
 
     def begun(self) -> Row:
         """The row of the tick at which the flight begins."""
@@ -437,7 +446,8 @@ class World(Stateful):
 
     def _learned(self, models: Floats, alive: Mask) -> tuple[Floats, float] | None:
         """The weights of the leader's UAV, and the spread of the models (N, W) of all UAVs that are `alive` (N,)."""
-        bounded = (models.max(axis=1) < BEYOND_SENSE) & (models.min(axis=1) > -BEYOND_SENSE)  # false for NaN
+        is_bounded = kernels.largest(models) < BEYOND_SENSE  # false for NaN, too
+        bounded: Mask = self._all if is_bounded else np.logical_and.reduce(np.abs(models) < BEYOND_SENSE, axis=1)
         counted = bounded & alive
         if not counted.any():
             return None

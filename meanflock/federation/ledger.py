@@ -107,6 +107,10 @@ class Ledger(Stateful):
         """The mail that waits to be averaged; see `mailbox.mail_for`."""
         return tuple(letter for box in self._mailboxes for letter in box.letters)
 
+    def is_busy(self, tick: int) -> bool:
+        """Returns whether models may be on the air in a tick, or a hop of a round closes after it."""
+        return bool(self._transmissions) or self._schedule.is_busy(tick)
+
     def leader_is_due(self, tick: int, awake: NDArray[np.bool_]) -> bool:
         """Returns whether the leader has anything to do in this tick. It has not while its UAV or station is lost or
         paused."""

@@ -9,7 +9,7 @@ from meanflock.federation.plan import Plan
 from meanflock.federation.topology.base import Hop
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.seeds import generator
-from meanflock.swarm.state import contains
+from meanflock.swarm.state import NO_UAV, contains
 from meanflock.swarm.wire.messages import FrameKind
 
 _DRAWN_AHEAD, _UAVS_AHEAD = 128, 2**16  # rounds, and UAVs in them, at most: some 5 ms and half a MiB
@@ -29,7 +29,7 @@ class Schedule:
         """`uavs`: (M,) ascending, those that `rows` speaks of; None for none."""
         self._scenario = scenario = plan.scenario
         self._members, self._participants = scenario.members, scenario.participants
-        self._uavs = np.zeros(0, dtype=np.intp) if uavs is None else uavs
+        self._uavs = NO_UAV if uavs is None else uavs
         self.hops: tuple[Hop, ...] = plan.hops
         self.period = plan.period_ticks if self.hops else 0
         self._phases = {hop.after % self.period for hop in self.hops}

@@ -133,13 +133,28 @@ static PyObject *nearest_of_all(PyObject *module, PyObject *args) {
 
 /* ---- largest and columns ---- */
 
-static double largest(const char *numbers, Py_ssize_t count) {
-    double most = 0.0, number;
-    for (Py_ssize_t k = 0; k < count && most == most; k++) { /* NaN stays NaN */
-        memcpy(&number, numbers + k * D, D);
-        if (!(fabs(number) <= most)) most = fabs(number);
+#define LANES 8 /* numbers that are compared at once */
+
+static inline void compare(const char *numbers, double *most, long long *is_nan) {
+    double number[LANES];
+    memcpy(number, numbers, sizeof number);
+    for (int lane = 0; lane < LANES; lane++) {
+        most[lane] = fabs(number[lane]) > most[lane] ? fabs(number[lane]) : most[lane];
+        is_nan[lane] |= number[lane] != number[lane];
     }
-    return most;
+}
+
+static double largest(const char *numbers, Py_ssize_t count) {
+    double most[LANES] = {0.0}, rest[LANES] = {0.0};
+    long long is_nan[LANES] = {0};
+    for (; count >= LANES; count -= LANES, numbers += LANES * D) compare(numbers, most, is_nan);
+    memcpy(rest, numbers, count * D);
+    compare((char *)rest, most, is_nan);
+    for (int lane = 0; lane < LANES; lane++) {
+        if (is_nan[lane]) return NAN;
+        if (most[lane] > most[0]) most[0] = most[lane];
+    }
+    return most[0];
 }
 
 static PyObject *largest_of_all(PyObject *module, PyObject *numbers) {

@@ -21,8 +21,6 @@ from meanflock.swarm.state import Floats, States, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS
 from meanflock.swarm.wire.messages import Act, FrameKind, Frames, Sense
 
-_NOBODY = np.zeros(0, dtype=np.intp)
-
 
 class Replies:
     """Reader of the Acts of a run. Nothing behind it checks a reply's size, shape or sender again."""

@@ -32,6 +32,7 @@ from meanflock.kernels.state import (  # noqa: F401
     velocity,
 )
 
+NO_UAV: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 PLANE, SPACE = 2, 3  # numbers of axes; code that has a scenario asks it, code that has an array asks that
 
 

@@ -181,9 +181,6 @@ class Moved(NamedTuple):
     diverged: NDArray[np.intp]
 
 
-_NOBODY = np.zeros(0, dtype=np.intp)
-
-
 class Physics:
     """The vehicle of a scenario, and the UAVs that have it."""
 
@@ -268,7 +265,7 @@ class Physics:
             RunFailed: see `step`.
         """
         for part in hidden.values():
-            part.flags.writeable = False
+            part.setflags(write=False)
         try:
             shown = self._asked("shown", hidden)
             check_array("shown", shown, (self._uavs, columns), np.dtype(float))
@@ -286,14 +283,14 @@ class Physics:
         waiting: NDArray[np.bool_] | None,
     ) -> Moved:
         for array in (states, *hidden.values()):
-            array.flags.writeable = False
+            array.setflags(write=False)
         answer = self._asked("step", states, dict(hidden), *arguments)
         moved, changed = check_values("step", answer, 2, "states and hidden state")
         check_array("states", moved, states.shape, states.dtype)
         check_same_form("hidden", changed, hidden)
         for name, part in changed.items():
             _check_finite(f"hidden[{name!r}]", part, self._names)
-        moved, diverged = np.ascontiguousarray(moved), _NOBODY
+        moved, diverged = np.ascontiguousarray(moved), state.NO_UAV
         if not kernels.largest(moved) < BOUND:
             far = ~(np.abs(moved) < BOUND).all(axis=-1)  # NaN is below nothing
             finite = np.isfinite(arguments[0]).all(axis=-1)
