@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from meanflock.federation.plan import plan_of
 from meanflock.net.limits import Limits
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import FlightFinished
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.events import FlightFailed, FlightFinished
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.threads import limited, renew_if_loaded
 from meanflock.swarm.wire.messages import Telemetry
@@ -113,14 +113,20 @@ class Engine:
         """Fly; yields the number of each tick, so that the caller can stop after any.
 
         Raises:
-            RunFailed: the vehicle failed.
+            RunFailed: a plug-in of the world failed; the sinks have the telemetry up to there, and an event says so.
         """
         self.watch.restart()
-        with limited():
-            for row in fly(self.world, self._answering, self._sinks):
-                renew_if_loaded()
-                yield row.tick
-            self.world.flight.books.settle()
+        try:
+            with limited():
+                for row in fly(self.world, self._answering, self._sinks):
+                    renew_if_loaded()
+                    yield row.tick
+                self.world.flight.books.settle()
+        except RunFailed as error:
+            self.world.note(FlightFailed(self.world.tick, str(error)))
+            if self._blocks is not None:
+                self._blocks.finish()
+            raise
 
     def move(self, senses: Senses) -> None:
         """Fly the tick that was asked for and heard, by the crew's answer."""

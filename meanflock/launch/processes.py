@@ -17,7 +17,7 @@ from meanflock.net.access import STATION, Address, Identity
 from meanflock.net.process import READY, Restarts, end_all, how_it_ended
 from meanflock.net.session import LEASE, ZenohBus
 from meanflock.swarm import logs
-from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied, RunFailed
+from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, ProcessDied
 
 log = logging.getLogger("meanflock.launch")
 
@@ -147,7 +147,7 @@ class Swarm(Family):
             raise _failed(world)
         for node in nodes:
             if node.process.poll() == EXIT_BAD_INPUT:
-                raise RunFailed(str(_failed(node)))
+                raise ProcessDied(str(_failed(node)))
 
     def _check_forker(self) -> None:
         if self._forker is not None and self._forker.died:

@@ -52,7 +52,10 @@ class EndedRun:
 
 
 class RunStopped(RunFailed):
-    """A run that was interrupted, or lost a process. `ended` has the part that was flown; its summary may be empty."""
+    """A run that was interrupted or lost a process, or a plug-in of it failed.
+
+    `ended` has the part that was flown; its summary may be empty.
+    """
 
     def __init__(self, text: str, ended: EndedRun) -> None:
         super().__init__(text)
@@ -69,8 +72,8 @@ def fly(scenario: Scenario, options: FlightOptions, back: "Back | None" = None) 
 
     Raises:
         BadInput: an option cannot be used; nothing was written.
-        RunFailed: a process crashed, or the run was interrupted; the folder has the part that was flown. It is a
-            `RunStopped` if the outputs are complete.
+        RunFailed: a process crashed, a plug-in failed, or the run was interrupted; the folder has the part that was
+            flown. It is a `RunStopped` if the outputs are complete.
     """
     scenario = plan_of(scenario).given
     folder = new_run(scenario, options.out, options.mission) if back is None else nullcontext(back.folder)
@@ -105,7 +108,7 @@ def _fly(
         options = replace(options, steer=_steered(options))
     doctor.tell_if_slow()
     start = None if back is None else back.start
-    died: ProcessDied | None = None
+    failure: RunFailed | None = None
     with ExitStack() as stack:
         # First, because the world begins beside the outputs, whose libraries take as long to load.
         swarm = None if options.in_process else stack.enter_context(_begun(scenario, run_id, options, start))
@@ -122,12 +125,16 @@ def _fly(
             else:
                 with swarm:
                     outputs.summary = _processes(swarm, scenario, run_id, options, outputs, interrupted, start)
-        except ProcessDied as error:
-            died = error
+        except RunFailed as error:
+            if swarm is not None and not isinstance(error, ProcessDied):
+                raise
+            failure = error
     ended = EndedRun(scenario, outputs.folder.path, outputs.summary)
-    if died is not None or interrupted:
-        reason = "interrupted; " if died is None else f"{died}\n"
-        raise RunStopped(f"{reason}{ended.folder} has the part that was flown; {go_on(ended.folder)}", ended) from died
+    if failure is not None or interrupted:
+        reason = "interrupted; " if failure is None else f"{failure}\n"
+        raise RunStopped(
+            f"{reason}{ended.folder} has the part that was flown; {go_on(ended.folder)}", ended
+        ) from failure
     return ended
 
 
@@ -258,7 +265,7 @@ def _processes(
         _hear_the_end(bus, station, swarm)
         if outputs.folder.last_tick < 0:
             raise
-        raise RunFailed(str(error)) from error
+        raise ProcessDied(str(error)) from error
     finally:
         bus.close()
     assert station.summary is not None

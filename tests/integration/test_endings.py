@@ -1,11 +1,13 @@
 """The end of commands and their processes, also before take-off; the variables that they inherit."""
 
 import json
+import os
 import signal
 import tempfile
 from pathlib import Path
 
 import psutil
+import pyarrow.parquet as pq
 import pytest
 
 from meanflock.cli.command import main
@@ -119,7 +121,9 @@ def test_a_coding_that_fails_ends_the_flight_as_in_one_process(duration_s, comma
     said = []
     for mode in ("--in-process", "--uavs-per-process=2"):
         assert main(["run", "--quiet", "--plugin", str(plugin), mode, *flags]) == 1
-        said += capsys.readouterr().err.splitlines()[-1:]
+        error, folder = capsys.readouterr().err.splitlines()[-2:]
+        assert folder.startswith(f"{command.out}{os.sep}"), folder
+        said.append(error)
     assert said == ["error: coding 'mine': `encode` failed: KeyError: 'table' (mine.py, line 9)"] * 2
     assert not list(command.out.glob("*/summary.json"))
 
@@ -143,15 +147,20 @@ class Mine(mf.Vehicle):
 """
 
 
-def test_the_power_of_a_vehicle_that_fails_is_the_error_and_the_last_event_of_the_flight(command, capsys) -> None:
+@pytest.mark.parametrize("mode", ["--in-process", "--uavs-per-process=2"])
+def test_the_power_of_a_vehicle_that_fails_is_the_error_and_the_last_event_of_the_flight(mode, command, capsys) -> None:
     (plugin := command.out.parent / "mine.py").write_text(VEHICLE, encoding="utf-8")
     flags = ("--plugin", str(plugin), "--set", "vehicle.model=mine", "--uavs", "2", "--method", "hjb", "--no-record")
-    assert main(["run", "--quiet", "--out", str(command.out), "--uavs-per-process", "2", *flags]) == 1
+    assert main(["run", "--quiet", "--out", str(command.out), mode, *flags]) == 1
     failure = "vehicle 'mine': `power` failed: ValueError: flat (mine.py, line 15)"
-    said = capsys.readouterr().err
-    assert said.startswith(f"error: world ended with exit code 1; its last lines:\n    error: {failure}"), said
+    began, *_, ended = capsys.readouterr().err.splitlines()
+    assert began.startswith({"--in-process": f"error: {failure}"}.get(mode, "error: world ended with exit code 1; its"))
+    assert ended.startswith(f"{command.folder} has the part that was flown; "), ended
     last = json.loads((command.folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])
     assert (last["event"], last["fields"]["reason"].startswith(failure)) == ("flight-failed", True)
+    assert (
+        pq.read_metadata(command.folder / "timeseries.parquet").num_rows == last["tick"]
+    )  # none of the tick that failed
 
 
 def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypatch) -> None:
