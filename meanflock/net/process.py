@@ -10,8 +10,8 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Hashable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, NoReturn, Self
 
 from meanflock.net.access import DEFAULT_ENDPOINT, Identity
@@ -213,12 +213,22 @@ def end_all(processes: Sequence["subprocess.Popen[bytes]"]) -> None:
             process.wait()
 
 
+@contextmanager
+def _closed_input() -> Iterator[None]:
+    """Context in which a plug-in that reads standard input, as `breakpoint` does, is at its end at once; nobody writes
+    to it, so the plug-in would wait until its node is lost."""
+    with open(os.devnull, encoding="utf-8") as nothing:
+        sys.stdin = nothing
+        yield
+
+
 def main(body: Callable[[], None]) -> NoReturn:
     """Runs a process: its errors become one line and their exit code."""
     code = EXIT_RUN_FAILED
     try:
         logs.start(os.environ.get("MEANFLOCK_LOG_FORMAT") or logs.TEXT)  # until `body` starts its own
-        body()
+        with _closed_input() if launched() else nullcontext():
+            body()
     except MeanflockError as error:
         logs.show(f"error: {error}", logging.ERROR)
         code = error.exit_code

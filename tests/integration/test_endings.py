@@ -95,6 +95,16 @@ def test_a_complete_flight_keeps_its_summary_if_processes_do_not_end(command, mo
     until(lambda: not processes_of(str(command.out.parent)), "the end of all processes", SOON_S)
 
 
+@pytest.mark.parametrize(("step", "error"), [("breakpoint()", "BdbQuit"), ("input()", "EOFError")])
+def test_a_controller_that_reads_the_terminal_fails_at_once(step, error, command, tmp_path, capsys) -> None:
+    plugin = controller_file(tmp_path, "asks", step)
+    flags = ("--plugin", str(plugin), "--method", "asks", "--uavs", "2", "--no-record", "--out", str(command.out))
+    assert main(["run", "--quiet", *flags]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: every UAV was lost: agent-0: controller 'asks' failed with UAV 0: "), said
+    assert error in said
+
+
 CODING = """import meanflock as mf
 import numpy as np
 
