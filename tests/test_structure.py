@@ -119,7 +119,7 @@ GROUND = (  # where a person stands
         (("gymnasium", "pettingzoo"), ("meanflock/env/",)),
         (("pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve"), ()),
         # They seed the generator: to find out who draws from it, and for a learner that does.
-        (("random",), ("meanflock/testing/error.py", "agent/learning/surroundings.py")),
+        (("random",), ("meanflock/swarm/global_generators.py",)),
     ],
     ids=lambda names: names[0] if names else "nowhere",
 )

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from meanflock.agent.controllers.base import Arrival, Controller, Memory, Prediction, Received, Rows, Step
 from meanflock.agent.learning.base import Fit, Learner, Trained, TrainingFailed, Tree
-from meanflock.agent.learning.surroundings import check_isa, global_state, seeded
+from meanflock.agent.learning.surroundings import check_isa, seeded
 from meanflock.agent.learning.trees import ModelForm
 from meanflock.agent.learning.worker import TRAININGS, Job, Owner, started_threads
 from meanflock.federation.codec import check_weights
@@ -40,6 +40,7 @@ from meanflock.swarm.counts import count_of
 from meanflock.swarm.declared import MAX_NOTE_BYTES, MAX_PARAMETERS, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.events.nodes import FailedTraining, Problem
+from meanflock.swarm.global_generators import global_state
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Mask, States, contains
 

@@ -1,45 +1,18 @@
 """Surroundings of a learner's code: seeded random generators, so many threads, and the kernels of torch."""
 
-import random
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
 
 import numpy as np
 
 from meanflock.federation.rules.base import Uploads
 from meanflock.swarm import plugins, threads
 from meanflock.swarm.errors import FAILURES, BadInput
+from meanflock.swarm.global_generators import Generators, global_state
 from meanflock.swarm.scenario import Scenario
 
 _UPLOADS = 5  # of the round in which a rule is tried
-
-
-class Generators:
-    """Global generators of Python, NumPy and torch, which code has to itself while it runs, at intervals or once.
-
-    A context. It begins with seeded generators, goes on with what the last use left, and restores those of others.
-    """
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-        self._own: tuple[Any, Any, Any] | None = None  # after the last use
-        self._others: tuple[Any, Any, Any] = _states()
-
-    def __enter__(self) -> None:
-        self._others = _states()
-        if self._own is not None:
-            _set_states(self._own)
-            return
-        random.seed(self._seed)
-        np.random.seed(self._seed % 2**32)  # noqa: NPY002
-        if (torch := sys.modules.get("torch")) is not None:
-            torch.manual_seed(self._seed)
-
-    def __exit__(self, *_: object) -> None:
-        self._own = _states()
-        _set_states(self._others)
 
 
 @contextmanager
@@ -56,27 +29,6 @@ def seeded(seed: int, number: int) -> Iterator[None]:
         finally:
             if torch is not None:
                 torch._C._set_deterministic_algorithms(was, warn_only=False)
-
-
-def _states() -> tuple[Any, Any, Any]:
-    """States of the global generators; None for torch where it is not loaded."""
-    torch = sys.modules.get("torch")
-    return random.getstate(), np.random.get_state(), None if torch is None else torch.get_rng_state()  # noqa: NPY002
-
-
-def _set_states(states: tuple[Any, Any, Any]) -> None:
-    """Set the states of the global generators; torch keeps its own if there is none for it."""
-    python, numpy, torch_state = states
-    random.setstate(python)
-    np.random.set_state(numpy)  # noqa: NPY002
-    if torch_state is not None:
-        sys.modules["torch"].set_rng_state(torch_state)
-
-
-def global_state() -> tuple[Any, ...]:
-    """State of the global generators of Python and NumPy, to compare."""
-    numpy: Any = np.random.get_state()  # noqa: NPY002
-    return random.getstate(), *(part.tobytes() if isinstance(part, np.ndarray) else part for part in numpy)
 
 
 def check_isa(wanted: str) -> None:

@@ -21,10 +21,10 @@ from flwr.serverapp.strategy import strategy as modern
 from flwr.supercore.run import Run
 from numpy.typing import NDArray
 
-from meanflock.agent.learning.surroundings import Generators
 from meanflock.agent.learning.worker import FIT_S
 from meanflock.flower.app import FIRST_NODE, App, context, split
 from meanflock.swarm.errors import FAILURES, last_line
+from meanflock.swarm.global_generators import Generators
 
 log = logging.getLogger("meanflock.flower")
 

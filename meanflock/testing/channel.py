@@ -29,6 +29,7 @@ UAVS = 25  # of the paper's swarm
 BITS = (1, 128, 3456, 7872)
 # Number of links of each message, and the longest of them in m: equal messages, other distances, another number, none.
 LINKS = ((40, 200.0), (40, 200.0), (40, 90.0), (1, 200.0), (1, 200.0), (1, 90.0), (0, 0.0))
+_RANDOM = "draw from the generator you are given"
 ALL_LINKS = UAVS * (UAVS - 1)  # to measure the time of a message
 
 
@@ -89,11 +90,11 @@ def check_channel(
                     check_kept(channel, "memory", memory)
             return [*all_sent, *memory.values()]
 
-        return with_surroundings(run, seed, number)
+        return with_surroundings(channel, _RANDOM, run, seed, number)
 
     first = sent(1, 7)
     for again, what, remedy in (
-        (sent(2, 7), "the same messages differed in a second run", "draw from the generator you are given"),
+        (sent(2, 7), "the same messages differed in a second run", _RANDOM),
         (sent(1, 7, number=OTHER_THREADS), *THREADS),
         (
             sent(1, 7, afresh=True),

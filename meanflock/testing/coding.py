@@ -1,6 +1,7 @@
 """The conformance suite of codings."""
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -200,11 +201,12 @@ class _Suite:
                 result.append(Written(numbers, scales, weights))
             return result
 
-        first = with_surroundings(rounds, 1)
+        surrounded = partial(with_surroundings, self._coding, _RANDOM)
+        first = surrounded(rounds, 1)
         for again, problem, remedy in (
-            (with_surroundings(rounds, 2), "the same models differed in a second run", _RANDOM),
-            (with_surroundings(rounds, 1, OTHER_THREADS), *THREADS),
-            (with_surroundings(continued, 1), "rounds that continue from a checkpoint differ", _HIDDEN),
+            (surrounded(rounds, 2), "the same models differed in a second run", _RANDOM),
+            (surrounded(rounds, 1, OTHER_THREADS), *THREADS),
+            (surrounded(continued, 1), "rounds that continue from a checkpoint differ", _HIDDEN),
         ):
             for one, other in zip(first, again, strict=True):
                 if not all(map(same, one, other)):

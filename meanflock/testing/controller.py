@@ -25,16 +25,16 @@ from meanflock.testing.error import (
     make,
     same,
     scenarios,
+    without_draws,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
-from meanflock.testing.trial import PURE, PointSwarm, Trial
+from meanflock.testing.trial import PURE, RANDOM, PointSwarm, Trial
 
 UAVS = 6
 _BATTERY_J = 1e6  # so that goals may change in flight
 
 _ROWS = "compute every row from that row of `own` and `memory`, and from the frames linked to it in `received`, alone"
 _GUIDE = "return the memory in which the rows `rows` have the goals `goals`, a row each"
-_RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
 
 
 @threads.limited()
@@ -79,7 +79,8 @@ def _check(controller: type[Controller], options: dict[str, Any], flown: Scenari
     check_swarm(swarm, slow_ms)
     if swarm.declared.guided:
         battery = msgspec.structs.replace(flown.energy, battery_J=_BATTERY_J)
-        _guided(swarm_of(msgspec.structs.replace(flown, energy=battery)))
+        with without_draws(controller, RANDOM):
+            _guided(swarm_of(msgspec.structs.replace(flown, energy=battery)))
     with suppress(ModuleNotFoundError):  # the package `channel` is not installed with agents only
         from meanflock.channel.outlook import warn_of_lost_models
 
@@ -92,12 +93,13 @@ def check_swarm(swarm: PointSwarm, slow_ms: float) -> None:
     Raises:
         ConformanceError: a check fails; the text says what to fix.
     """
-    _silence(swarm)
-    _empty_rows(swarm)
-    _quick(swarm, slow_ms)
-    together = swarm.trial()
-    _pure(swarm)
-    _models(swarm, together)
+    with without_draws(swarm.controller, RANDOM):
+        _silence(swarm)
+        _empty_rows(swarm)
+        _quick(swarm, slow_ms)
+        together = swarm.trial()
+        _pure(swarm)
+        _models(swarm, together)
     _deterministic(swarm, together)
     _rows_alone(swarm, together)
     _side_by_side(swarm, together)
@@ -140,7 +142,7 @@ def _deterministic(swarm: PointSwarm, together: Trial) -> None:
     """Check that flights are equal with other seeds of the global generators, and with other numbers of threads."""
     first = together if len(together.commands) == swarm.long else swarm.trial(ticks=swarm.long)
     if (difference := first.differs(swarm.trial(seed=2, ticks=swarm.long))) is not None:
-        fail(swarm.controller, f"the same flight differed in a second run, in tick {difference}", _RANDOM)
+        fail(swarm.controller, f"the same flight differed in a second run, in tick {difference}", RANDOM)
     if together.differs(swarm.trial(number=OTHER_THREADS)) is not None:
         fail(swarm.controller, *THREADS)
 

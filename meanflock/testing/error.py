@@ -1,7 +1,7 @@
 """The error of the checks, and functions that all suites use."""
 
-import random
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
 import msgspec
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from meanflock.swarm import threads
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.global_generators import Generators, global_state
 from meanflock.swarm.plugins import guard
 from meanflock.swarm.plugins.registry import PluginKind, checked, dimensions_of
 from meanflock.swarm.scenario import Scenario, as_builtins
@@ -132,16 +133,18 @@ def copies(arrays: Iterable[NDArray[Any]]) -> list[NDArray[Any]]:
     return [np.array(array) for array in arrays]
 
 
-def with_surroundings(run: Callable[[], T], seed: int, number: int = 1) -> T:
-    """Call a function with other seeds of the global generators of Python and NumPy, and with so many threads of the
-    numeric libraries; then restore these.
+@contextmanager
+def without_draws(plugin: Any, remedy: str) -> Iterator[None]:
+    """Context that fails if the plug-in draws in it from a global generator, with a remedy."""
+    before = global_state()
+    yield
+    if global_state() != before:
+        fail(plugin, "it draws from a global random generator of Python or NumPy", remedy)
+
+
+def with_surroundings(plugin: Any, remedy: str, run: Callable[[], T], seed: int, number: int = 1) -> T:
+    """Call a function with other seeds of the global generators, and with so many threads of the numeric libraries;
+    then restore these. The check fails with `remedy` if the plug-in draws from these generators.
     """
-    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002  # the very thing that is looked for
-    random.seed(seed)
-    np.random.seed(seed)  # noqa: NPY002
-    try:
-        with threads.limited(number):
-            return run()
-    finally:
-        random.setstate(python)
-        np.random.set_state(numpy)  # noqa: NPY002
+    with threads.limited(number), Generators(seed), without_draws(plugin, remedy):
+        return run()

@@ -24,6 +24,7 @@ UAVS, METHOD = 4, "plan"
 ROUNDS, HOP = 2, 2  # rounds of a trial; ticks from an upload to the arrival of the global model
 
 _RANDOM = "draw from the global generators, which are seeded, or from a generator of `config.seed`"
+_OUTSIDE = "draw in `initial`, `fit` and `evaluate` only, for which they are seeded"
 _ALONE = "train from the arguments of `fit`, and share nothing that changes between the learners of a process"
 _THREADS = "leave the number of threads as it is: `training.threads` sets it before each call"
 _HIDDEN = (
@@ -112,7 +113,7 @@ def _trial(
         seed: of the global generators. number: of threads of the numeric libraries, outside of trainings. afresh: a new
             instance, which gets only the memory, when a model arrives and one tick later.
     """
-    return with_surroundings(lambda: _rounds(learner, flown, groups, afresh), seed, number)
+    return with_surroundings(learner, _OUTSIDE, lambda: _rounds(learner, flown, groups, afresh), seed, number)
 
 
 def _rounds(learner: type[Learner], flown: Scenario, groups: list[NDArray[np.intp]], afresh: bool) -> LearningTrial:

@@ -28,6 +28,7 @@ LONG = 205  # ticks of two rounds of a controller that declares no period
 ROUNDS, AFTER = 2, 5  # rounds that a trial has at least, and ticks after the last of them
 LOST = 0.2  # share of the frames that the radio loses in the trial
 
+RANDOM = 'draw from mf.seeds.generator(seed, "controller", index), the index made of the tick and the UAV\'s number'
 PURE = "return new arrays; copy before you write"
 FINITE = "such a UAV is lost; guard divisions, roots and empty sums"
 GET, SET = "return one row a UAV, `parameters` wide", "return the memory with `models` in its rows `rows`"
@@ -196,11 +197,17 @@ class PointSwarm:
                 the numeric libraries. ticks: None: two rounds, and 40 ticks at least.
         """
         groups = [np.array([uav]) for uav in self.uavs] if alone else [self.uavs]
-        return with_surroundings(lambda: self._fly(groups, afresh, ticks or self._ticks), seed, number)
+        return with_surroundings(
+            self.controller, RANDOM, lambda: self._fly(groups, afresh, ticks or self._ticks), seed, number
+        )
 
     def side_by_side(self) -> list[Trial]:
         """Fly all UAVs twice, at once in two threads."""
-        return with_surroundings(lambda: each(lambda _: self._fly([self.uavs], False, self._ticks), range(2)), 1, 1)
+
+        def both() -> list[Trial]:
+            return each(lambda _: self._fly([self.uavs], False, self._ticks), range(2))
+
+        return with_surroundings(self.controller, RANDOM, both, seed=1)
 
     def received(self, step: Step, uavs: NDArray[np.intp], arrives: NDArray[np.bool_]) -> list[Received]:
         """Broadcasts of UAVs (M,) as all others receive them; arrives: (N, N), from source to target."""

@@ -26,10 +26,12 @@ from meanflock.testing.error import (
     same,
     scenarios,
     with_surroundings,
+    without_draws,
 )
 from meanflock.testing.pace import SLOW_MS, check_pace
 
 UAVS, TICKS = 5, 30
+_RANDOM = "all noise is in the argument `noise`"
 
 
 @threads.limited()
@@ -98,12 +100,12 @@ def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: flo
                     trace.append(_shown(instance, hidden, (len(command), columns)))
             return trace
 
-        return with_surroundings(run, seed, number)
+        return with_surroundings(vehicle, _RANDOM, run, seed, number)
 
     together = flown_by(1)
     flown_by(1, slice(0, 0))
     for again, problem, remedy in (
-        (flown_by(2), "the same flight differed in a second run", "all noise is in the argument `noise`"),
+        (flown_by(2), "the same flight differed in a second run", _RANDOM),
         (flown_by(1, number=OTHER_THREADS), *THREADS),
         (
             flown_by(1, afresh=True),
@@ -117,7 +119,8 @@ def _check(vehicle: type, options: dict[str, Any], flown: Scenario, slow_ms: flo
         alone = flown_by(1, slice(row, row + 1))
         if not all(same(one[row : row + 1], other) for one, other in zip(together, alone, strict=True)):
             fail(vehicle, "a UAV moves differently with others than alone", "compute every row from that row alone")
-    _check_block(vehicle, make(vehicle, options, flown), start, forces)
+    with without_draws(vehicle, _RANDOM):
+        _check_block(vehicle, make(vehicle, options, flown), start, forces)
     instance, states = make(vehicle, options, flown), start
     hidden = _begun(instance, UAVS)
 

@@ -163,6 +163,7 @@ def with_a_net_in_self(kind: Kind) -> type:
 
 FAILED = r"`{0.method}`.* failed.*: {1} \(good.py, line \d+\); .+"
 DIFFERED = "differed in a second run.*; .*{0.remedy}"
+DRAWS = "it draws from a global random generator of Python or NumPy; .*{0.remedy}"
 MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, and a part of the verdict
     "no name": (lambda kind: having(kind.good, name=""), "no `name`.*; .+"),
     "a path": (lambda kind: having(kind.good, name="../elsewhere"), "a name is up to 64 of.*; .+"),
@@ -175,8 +176,10 @@ MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, a
     "lacks a method": (lambda kind: type("Wrong", kind.good.__bases__, {"name": "lacking"}), "lacks .*`{0.method}`"),
     "exits": (lambda kind: failing(kind.good, kind.method, SystemExit(3)), FAILED.replace("{1}", "SystemExit: 3")),
     "raises": (lambda kind: failing(kind.good, kind.method, OSError("no")), FAILED.replace("{1}", "OSError: no")),
-    "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DIFFERED),
-    "draws of NumPy": (lambda kind: shifted(kind, lambda _: np.random.randint(9)), DIFFERED),  # noqa: NPY002
+    "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DRAWS),
+    "draws of NumPy": (lambda kind: shifted(kind, lambda _: np.random.randint(9)), DRAWS),  # noqa: NPY002
+    "draws in vain": (lambda kind: shifted(kind, lambda _: 0 * random.randrange(9)), DRAWS),
+    "draws unseeded": (lambda kind: shifted(kind, lambda _: np.random.default_rng().integers(9)), DIFFERED),
     "remembers beside its arrays": (lambda kind: shifted(kind, calls), "from a checkpoint differ.*; .*keep"),
     "a net in self": (
         with_a_net_in_self,
