@@ -9,7 +9,7 @@ from meanflock.channel.outlook import warn_of_lost_models
 from meanflock.federation.plan import plan_of
 from meanflock.launch import memory
 from meanflock.launch.engine import Engine
-from meanflock.launch.station import StoredTelemetry
+from meanflock.launch.station import StoredTelemetry, WarningNotes
 from meanflock.progress import Progress, checked_progress
 from meanflock.results.groups import run_name
 from meanflock.results.series import check_reports
@@ -115,7 +115,9 @@ def prepared(
     run_id = run_name(flown)
     telemetry = StoredTelemetry()
     sinks: list[BlockSink] = [telemetry]
-    if out is not None:
+    if out is None:
+        sinks.append(WarningNotes())
+    else:
         from meanflock.launch.options import FlightOptions, records
         from meanflock.launch.outputs import Outputs
         from meanflock.launch.run import new_run

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meanflock.federation.groups import Group, group_number
 from meanflock.swarm.events import AgentFailed, AverageFailed, FitFailed, LeaderFailed
 from meanflock.swarm.events.base import listed
-from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, FoundDraw, Problem
 from meanflock.swarm.state import Mask
 
 Failure: TypeAlias = LeaderFailed | AgentFailed | AverageFailed | FitFailed
@@ -25,16 +25,21 @@ class Reports:
     Attributes:
         leader_failed: whether a leader reported a failure.
         unaveraged: UAVs at which the aggregation rule failed.
+        found_draw: whether a node reported a draw from a global random generator.
     """
 
     def __init__(self) -> None:
         self.leader_failed = False
         self.unaveraged: set[int] = set()
+        self.found_draw = False
         self._reports: list[tuple[str, NDArray[np.intp], Problem]] = []
 
     def add(self, node: str, uavs: NDArray[np.intp], problem: Problem, *, has_event: bool = True) -> None:
         """Add what a node with some UAVs (M,), ascending, reports; a leader has none. `has_event`: whether an event
         says so."""
+        if isinstance(problem, FoundDraw):
+            self.found_draw = True
+            return
         self.leader_failed |= not len(uavs)
         if isinstance(problem, FailedAverage):
             self.unaveraged.update(problem.uavs)

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meanflock.swarm.events import FlightEvent
+from meanflock.swarm.events import FlightEvent, NoCheckpoint
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats
 from meanflock.swarm.wire.messages import FrameKind, LinkColumn, Telemetry, has_or_none
@@ -151,9 +151,12 @@ class Blocks:
         is_free = not (self._parts or self._mailer.holds_checkpoint or world.over)
         if row.memories is not None and is_free:
             body = world.checkpoint(row.memories, self._watch.seconds, self.block)
-            if len(body) <= most_bytes(world.scenario.uavs):
+            if len(body) <= (most := most_bytes(world.scenario.uavs)):
                 self._parts = deque(split(body))
                 self._flush()
+            else:
+                reason = f"its {len(body) / 2**20:,.1f} MiB do not fit into {most / 2**20:,.1f} MiB"
+                world.note_once(NoCheckpoint(row.tick, reason))
         elif self._parts and self._mailer.has_room and not world.over:
             self._flush()
         self._mailer.publish()

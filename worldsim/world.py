@@ -16,20 +16,25 @@ from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.plan import Plan
 from meanflock.federation.seat import name_of, ticks_until_lost
 from meanflock.swarm import mission, state
+from meanflock.swarm.declared import most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
 from meanflock.swarm.events import (
     Diverged,
     DutyExceeded,
     FlightEvent,
+    GlobalDraw,
     Joined,
     LinksClamped,
     Lost,
+    NoCheckpoint,
     Rejoined,
     RoundEnded,
     StatesRefused,
     TurnedBack,
     UploadsRefused,
 )
+from meanflock.swarm.events.base import counted
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
@@ -82,16 +87,25 @@ class World(Stateful):
         "commands",
     )
 
-    def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        resume: Resumption | None = None,
+        *,
+        checkpoint_every: int = 0,
+        is_stepped: bool = False,
+    ) -> None:
         """
         Args:
             plan: what is flown.
             resume: the checkpoint to continue from; None: start at tick 0.
             checkpoint_every: ticks between two checkpoints, a multiple of ten; 0 for none.
+            is_stepped: whether a caller commands the ticks, and may draw from global random generators between them.
 
         Raises:
             BadInput: the checkpoint belongs to another scenario, or is incomplete.
         """
+        self._draws = None if is_stepped else DrawWatch()
         self.plan = plan
         self.scenario = scenario = plan.scenario
         declared = plan.declared
@@ -123,11 +137,14 @@ class World(Stateful):
         self._all = np.ones(scenario.uavs, dtype=bool)
         self._awake: Mask = self._all  # UAVs that took part in the tick that was asked for last
         self._senses: Senses | None = None  # of the tick that was asked for and not flown yet
+        self._noted: set[type] = set()  # events that are noted once
         if resume is not None:
             self._resume(resume)
         else:
             self.air.meter.initial(scenario.state_numbers * scenario.radio.bits_per_float)  # the mission plan
             self.flight.events += ignored(scenario)
+        if plan.topology_draws:
+            self._note_draw()
 
     @property
     def tick(self) -> int:
@@ -220,6 +237,8 @@ class World(Stateful):
         assert self._senses is not None
         flight, (tick, states, awake, present, *_) = self.flight, self._senses
         self.learn(acts.news, acts.reports)
+        if self._draws is not None and self._draws.finds_a_draw(tick):
+            self._note_draw()
         self._take(acts)
         if len(self._senses.guided):
             flight.guide.told(awake & ~absent)
@@ -239,8 +258,11 @@ class World(Stateful):
         memories = acts.memories
         on = self._all if flight.off is None else ~flight.off
         if memories is not None and not (awake[on].all() and memories.present[on].all()):
+            self._note_missing(awake & ~absent & ~memories.present)
             memories = None
         self._senses = None
+        if self.over and self._draws is not None and self._draws.finds_a_last_draw():
+            self._note_draw()
         return self._row(links, weights, memories)
 
     def _transmit(self, acts: Acts, absent: Mask) -> np.ndarray:
@@ -273,6 +295,12 @@ class World(Stateful):
         """Record an event of this tick."""
         self.flight.events.append(event)
 
+    def note_once(self, event: FlightEvent) -> None:
+        """Record an event of this tick, unless one of its type was recorded."""
+        if type(event) not in self._noted:
+            self._noted.add(type(event))
+            self.note(event)
+
     def learn(self, news: Iterable[FlightEvent], reports: Reports) -> None:
         """Take what became of the nodes: UAVs are lost or rejoin, and all else is recorded. Take the failures that
         nodes report of the tick that was asked for last."""
@@ -288,6 +316,8 @@ class World(Stateful):
         if reports.leader_failed:
             self.ledger.fail()
         self.ledger.fail_at(reports.unaveraged)
+        if reports.found_draw:
+            self._note_draw()
 
     def checkpoint(self, memories: Memories, wall_s: float, block: int) -> bytes:
         """The state between two ticks, which `checkpoint.decoded` reads.
@@ -454,6 +484,19 @@ class World(Stateful):
         spread = self.counters.spread = weight_spread(models if counted.all() else models[counted])
         leader = self.scenario.federation.leader
         return np.where(bounded[leader], models[leader], 0.0), spread
+
+    def _note_draw(self) -> None:
+        """Record that a plug-in draws from a global random generator; meanflock's own do not."""
+        if self.plan.brought:
+            self.note_once(GlobalDraw(self.tick, self.plan.brought))
+
+    def _note_missing(self, uavs: Mask) -> None:
+        """Record that agents replied without the memory of `uavs` (N,): it exceeds the room of a checkpoint."""
+        methods = {repr(group.scenario.method): None for group in self.plan.groups if uavs[group.uavs].any()}
+        if methods:
+            room = f"{most_memory(self.scenario.uavs) / 2**20:,.0f} MiB for {counted(self.scenario.uavs)}"
+            which = f"the memory of controller {' and '.join(methods)}"
+            self.note_once(NoCheckpoint(self.tick, f"{which} does not fit into {room}"))
 
     def _drop(self, error: MessageRejected, where: str) -> None:
         if dropped := self.counters.drop(error, where, self.flight.tick):

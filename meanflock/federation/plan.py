@@ -21,6 +21,7 @@ from meanflock.swarm.counts import count_of
 from meanflock.swarm.declared import NO_FILTER, NO_LEARNER, Declared, column_names
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.faults import Interference, LeaderLoss
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.plugins import PluginKind
 from meanflock.swarm.scenario import Scenario, Sharing, Until, as_builtins
 
@@ -39,6 +40,7 @@ class Plan:
         declared: the declarations of all groups in one: of the model and the rounds, those of the groups that take
             part; the diagnostics of all; else the largest.
         hops: the hops of every round; none for methods without rounds.
+        topology_draws: whether the topology drew from a global random generator to make them.
     """
 
     def __init__(self, scenario: Scenario, declared: Declared | None = None) -> None:
@@ -66,7 +68,9 @@ class Plan:
         self._check_until()
         self._check_silence()
         self._check_radio()
+        draws = DrawWatch()
         self.hops = self._hops()
+        self.topology_draws = draws.finds_a_last_draw()
         self._check_duty()
         self._check_bands()
         for one in (asked, scenario, self.scenario):
@@ -76,6 +80,12 @@ class Plan:
     def method(self) -> str:
         """Names of the controllers, joined by "+"."""
         return mission.method(self.scenario)
+
+    @functools.cached_property
+    def brought(self) -> tuple[str, ...]:
+        """The plug-ins of the flight that are not meanflock's own, as `controller 'spring'`."""
+        found = (plugins.find(kind, name) for kind, name, _ in plugins_of(self.scenario))
+        return tuple(f"{one.kind} {one.name!r}" for one in found if not plugins.is_own(one))
 
     @functools.cached_property
     def has_column(self) -> NDArray[np.bool_] | None:

@@ -79,7 +79,7 @@ class Engine:
             raise BadInput(LOCKSTEP)
         every = _checkpoint_every(scenario, realtime) if sinks and is_resumable else 0
         plan = plan_of(scenario)
-        self.world = World(plan, resume, checkpoint_every=every)
+        self.world = World(plan, resume, checkpoint_every=every, is_stepped=not is_resumable)
         Limits(plan)  # refuses plug-ins that cannot begin
         self.crew = LocalCrew(
             self.world, resume, rows_at_most=uavs_per_node, threads=threads, leaders=leaders, memory=memory

@@ -6,6 +6,7 @@ from typing import Any
 
 from meanflock.launch.options import FlightOptions
 from meanflock.launch.progress import FlightProgress
+from meanflock.launch.station import WarningNotes
 from meanflock.results.disk import coarseness
 from meanflock.results.run_folder import RECORDING, RunFolder, fly_again, go_on
 from meanflock.results.timeseries_file import Past
@@ -30,7 +31,7 @@ class Outputs:
         with ExitStack() as opening:
             self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
             self.progress = FlightProgress(scenario, options.quiet)
-            self.sinks: list[BlockSink] = [self.folder, self.progress]
+            self.sinks: list[BlockSink] = [self.folder, self.progress, WarningNotes()]
             if options.record:
                 # Here, for rerun takes a third of a second to load.
                 from meanflock.recording.recorder import Recorder

@@ -10,7 +10,9 @@ from meanflock.net import keys
 from meanflock.net.access import STATION
 from meanflock.net.bus import Bus, Delivery
 from meanflock.results import inbound
+from meanflock.swarm import logs
 from meanflock.swarm.errors import MessageRejected
+from meanflock.swarm.events import GlobalDraw, NoCheckpoint
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import Acknowledgement, Finished, Join, Telemetry
 from meanflock.worldsim.reporting import BlockSink
@@ -30,6 +32,16 @@ class StoredTelemetry:
     def write(self, block: Telemetry) -> None:
         """Takes the next block."""
         self.blocks.append(block)
+
+
+class WarningNotes:
+    """Sink that prints what a user must know of the plug-ins while the flight goes on."""
+
+    def write(self, block: Telemetry) -> None:
+        """Prints such events of the next block."""
+        for event in block.events:
+            if isinstance(event, GlobalDraw | NoCheckpoint):
+                logs.note(event.text, logging.WARNING)
 
 
 class RecordingStation:

@@ -18,9 +18,10 @@ from meanflock.net.tick import TYPES
 from meanflock.swarm import mission, scenario
 from meanflock.swarm.errors import BadInput, MessageRejected, RunFailed, printable
 from meanflock.swarm.events import FlightEvent, LastReturn, LeaderStandsBy, Lost, NodeLost, Rejoined
-from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, FoundDraw, Problem
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    DREW,
     UNAVERAGED,
     UNTRAINED,
     Acknowledgement,
@@ -360,6 +361,8 @@ def _problem_of(member: Member, message: Event) -> Problem:
     Raises:
         MessageRejected: it reports a failure at a UAV that it does not fly, or a training of several.
     """
+    if message.kind == DREW:
+        return FoundDraw()
     text, uavs = printable(message.text), message.uavs
     if member.role == LEADER or not (uavs or message.kind in (UNTRAINED, UNAVERAGED)):
         return text

@@ -25,9 +25,11 @@ from meanflock.swarm.errors import (
     WorldGone,
     last_line,
 )
-from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, FoundDraw, Problem
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.wire import control
 from meanflock.swarm.wire.messages import (
+    DREW,
     FAILED,
     UNAVERAGED,
     UNTRAINED,
@@ -113,6 +115,7 @@ class NodeClient:
         self._nodes = len(welcome.initial_states) + welcome.stations
         try:
             _check_plugins(welcome, request.role)
+            self._draws = DrawWatch()
             self._node = make(welcome)
             threads.renew()
         except BadInput as error:  # the world logs it too, so that its user sees it
@@ -180,6 +183,8 @@ class NodeClient:
             if sense.tick > self._last_tick:
                 self._last_act = tick.write_act(self._computed(sense))
                 self._last_tick = sense.tick
+                if self._draws.finds_a_draw(sense.tick):
+                    self._node.problems.append(FoundDraw())
                 if self._node.problems:
                     self._report_problems()
             # A world that repeats a tick has not received the reply. It gets the same one; the node does not act twice.
@@ -253,6 +258,8 @@ class NodeClient:
                     event = Event(self._last_tick, UNTRAINED, problem.failure, (problem.uav,))
                 case FailedAverage():
                     event = Event(self._last_tick, UNAVERAGED, problem.failure, problem.uavs)
+                case FoundDraw():
+                    event = Event(self._last_tick, DREW, "")
                 case FailedController():
                     event = Event(self._last_tick, FAILED, problem.failure, problem.uavs)
                 case _:

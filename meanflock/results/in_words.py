@@ -70,6 +70,8 @@ def outcome(run: StoredFolder) -> str:
     time = f"{number(run.figure('sim_time_s'))} s"
     sentences = [_STATES[run.status].format(time=time)] if run.status in _STATES else []
     sentences += ["`meanflock resume` flies the rest, from its last checkpoint."] if run.resumable else []
+    if run.status in ("interrupted", "unfinished") and not run.resumable:
+        sentences.append("It has no checkpoint, so nothing can fly the rest.")
     if run.summary:
         sentences.append(_arrived(run, time))
         sentences.append(_collided(run.figure("collisions")))

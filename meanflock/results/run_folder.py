@@ -425,7 +425,9 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         record = control.decode_record(whole["record"])
         return {name: record[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
-        advice = "name the folder of a run that was flown for a hundred ticks and did not finish"
+        advice = (
+            "name the folder of a run that did not finish and stored a checkpoint; if it could not, an event says so"
+        )
         raise BadInput(f"{path}: {error.strerror}; {advice}") from error
     except (MessageRejected, KeyError, TypeError) as error:
         raise BadInput(

@@ -18,8 +18,10 @@ from meanflock.swarm.errors import BadInput
 from meanflock.swarm.plugins import registry
 from meanflock.swarm.scenario import Scenario, load
 from meanflock.swarm.wire.messages import Act, Status
+from meanflock.worldsim import reporting, world
 from tests.agent import nodes
-from tests.telemetry import fly
+from tests.memory_swarm import MemorySwarm
+from tests.telemetry import Record, fly
 from tests.testing.good import GoodController
 
 BAD, WHEN = 2, 7  # the UAV whose controller goes wrong, and the tick it does in
@@ -287,13 +289,38 @@ def test_a_checkpoint_whose_arrays_are_not_those_of_the_plugin_is_refused_with_t
         Engine(flown(other, "duration=3"), "strangers", resume=past)
 
 
-def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on(monkeypatch) -> None:
-    monkeypatch.setattr(node, "most_memory", lambda uavs: 2**20)
+def test_a_memory_too_large_for_a_checkpoint_is_not_stored_and_the_flight_goes_on_and_says_so_once(monkeypatch) -> None:
+    for room in (node, world):
+        monkeypatch.setattr(room, "most_memory", lambda uavs: 2**20)
     large = wrong(init=lambda self, uavs, plan: Honest.init(self, uavs, plan) | {"map": np.zeros((len(uavs), 100_000))})
+    on_a_bus = Record()
+    MemorySwarm(flown(large, "duration=3"), "strangers", uavs_per_node=2, sinks=[on_a_bus]).complete()
     for rows in (None, 1):
-        summary, sink = fly(flown(large, "duration=1"), rows=rows)
-        assert not any(block.checkpoint for block in sink.blocks)
-        assert (summary["ticks"], summary["lost"], summary["dropped_messages"]) == (10, 0, {})
+        summary, sink = fly(flown(large, "duration=3"), rows=rows)
+        assert (summary["ticks"], summary["lost"], summary["dropped_messages"]) == (30, 0, {})
+        for record in (sink, on_a_bus):
+            assert not any(block.checkpoint for block in record.blocks)
+            assert [(event.tick, event.text) for event in record.events if event.kind == "checkpoint"] == [
+                (
+                    1,
+                    "no checkpoint is stored: the memory of controller 'stranger' does not fit into 1 MiB for 5 UAVs; "
+                    "a run without one cannot be resumed",
+                )
+            ]
+
+
+def test_a_state_of_the_world_too_large_for_a_checkpoint_is_said_once(monkeypatch) -> None:
+    monkeypatch.setattr(reporting, "most_bytes", lambda uavs: 1000)
+    _, sink = fly(flown(Honest, "duration=3"))
+    assert not any(block.checkpoint for block in sink.blocks)
+    (event,) = [event for event in sink.events if event.kind == "checkpoint"]
+    assert event.text.startswith("no checkpoint is stored: its 0.0")
+
+
+def test_a_lost_agent_is_no_memory_that_is_too_large() -> None:
+    _, sink = fly(flown(Honest, "duration=3", "faults=[{kind='kill',tick=8,uavs=[1]}]"), rows=1)
+    assert sink.checkpoints
+    assert "checkpoint" not in [event.kind for event in sink.events]
 
 
 @pytest.mark.parametrize("method", ["hjb", "mfgfl-hf"])

@@ -18,7 +18,7 @@ from meanflock.results.event_log import event_of_row
 from meanflock.swarm import plugins
 from meanflock.swarm.scenario import load
 from tests.commands import printed
-from tests.faults import troubled
+from tests.faults import drawing, troubled
 from tests.faults.by_hand import Processes, ends_by_itself, events_in, ticks_of
 from tests.golden.flights import read, steady
 from tests.integration.conftest import Command, processes_of
@@ -78,6 +78,15 @@ def test_events_of_a_flight_in_which_much_fails_are_those_of_one_process(rows: s
     command.summary(*chosen, "--no-record", *settings)
     events = [event_of_row(row) for row in events_in(command.folder)]
     assert comparable(events) == comparable(expected)
+
+
+@pytest.mark.parametrize("key", ["method", "filter.kind", "vehicle.model", "federation.aggregation"])
+def test_a_plugin_that_draws_from_a_global_generator_is_named_once_on_two_processes(key: str, command, capfd) -> None:
+    settings = [word for setting in (*drawing.SETTINGS, f"{key}=draws") for word in ("--set", setting)]
+    command.summary("--plugin", drawing.__file__, "--no-record", "--uavs-per-process", "2", *settings)
+    (text,) = (row["text"] for row in events_in(command.folder) if row["kind"] == "random")
+    assert "'draws' draws from a global random generator" in text
+    assert capfd.readouterr().err.count(text) == 1
 
 
 def test_a_finished_run_leaves_all_six_files_and_reruns_bit_identically(command, processes) -> None:

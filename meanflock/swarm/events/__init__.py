@@ -36,10 +36,12 @@ from meanflock.swarm.events.nodes import (
     FlightFailed,
     FlightFinished,
     FlightResumed,
+    GlobalDraw,
     LastReturn,
     LeaderFailed,
     LeaderStandsBy,
     LeaderTookOver,
+    NoCheckpoint,
     NodeIsSlow,
     NodeLost,
     NodesJoined,
@@ -93,6 +95,8 @@ FlightEvent: TypeAlias = (
     | FaultBegan
     | FaultEnded
     | FaultNeverBegins
+    | GlobalDraw
+    | NoCheckpoint
     | FlightFailed
     | FlightFinished
     | Untyped

@@ -155,6 +155,37 @@ class AverageFailed(_Failure, frozen=True):
     uavs: Uavs
 
 
+class GlobalDraw(BaseEvent, frozen=True):
+    """Plug-ins draw from a global random generator.
+
+    Attributes:
+        plugins: those of which one does: all of the flight that are not meanflock's own.
+    """
+
+    meanings = {"random": "a plug-in, for the first time, has drawn from a global random generator of Python or NumPy"}
+    level = "WARN"
+    plugins: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        return (
+            f"{' or '.join(self.plugins)} draws from a global random generator, so other processes fly another flight; "
+            "draw from mf.seeds.generator instead, or from what the method is given"
+        )
+
+
+class NoCheckpoint(BaseEvent, frozen=True):
+    """A checkpoint was due, and too large."""
+
+    meanings = {"checkpoint": "a checkpoint, for the first time, was too large to be stored"}
+    level = "WARN"
+    reason: str
+
+    @property
+    def text(self) -> str:
+        return f"no checkpoint is stored: {self.reason}; a run without one cannot be resumed"
+
+
 class FailedController(NamedTuple):
     """Report of an agent: the controller failed with some of its UAVs."""
 
@@ -180,7 +211,12 @@ class FailedAverage(NamedTuple):
     failure: str
 
 
-Problem: TypeAlias = str | FailedController | FailedTraining | FailedAverage  # what a node reports to the world
+class FoundDraw(NamedTuple):
+    """Report of a node: a plug-in of its process draws from a global random generator."""
+
+
+# What a node reports to the world.
+Problem: TypeAlias = str | FailedController | FailedTraining | FailedAverage | FoundDraw
 
 
 class Dropped(BaseEvent, frozen=True):

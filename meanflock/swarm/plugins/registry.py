@@ -173,6 +173,11 @@ def is_file(plugin: Plugin) -> bool:
     return (plugin.kind, plugin.name) in registered
 
 
+def is_own(plugin: Plugin) -> bool:
+    """Returns whether a plug-in is one of meanflock's own."""
+    return not is_file(plugin) and plugin.reference.startswith("meanflock.")
+
+
 def create(kind: PluginKind, name: str, options: dict[str, Any], *context: Any) -> Any:
     """An instance of the plug-in of that name: `Class(options, *context)`, its options converted to their type.
 

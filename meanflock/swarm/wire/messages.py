@@ -136,13 +136,15 @@ class Act(msgspec.Struct, frozen=True, eq=False):
 FAILED = "failed"  # kind of the report that something else failed
 UNTRAINED = "untrained"  # kind of the report that a training gave no model
 UNAVERAGED = "unaveraged"  # kind of the report that the aggregation rule failed at UAVs
+DREW = "drew"  # kind of the report that a plug-in draws from a global random generator
 
 
 class Event(_ControlMessage, frozen=True, tag="event"):
-    """Message of a node: something failed. The world makes an event of it.
+    """Message of a node: something is wrong. The world makes an event of it.
 
     kind: `UNTRAINED` if a training of one of its UAVs, `uavs`, gave no model; `UNAVERAGED` if the aggregation rule
-    failed at some of them; `FAILED` if the controller did, or, without `uavs`, for all else.
+    failed at some of them; `DREW`, without `text` and `uavs`, if a plug-in draws from a global random generator;
+    `FAILED` if the controller failed with `uavs`, or, without these, for all else.
     """
 
     tick: int
