@@ -31,7 +31,7 @@ _BARE_MB = 110  # this process without the libraries of a learner
 _COPIED = 0.2  # share of a learner's libraries that a fork writes to, so that it has a copy
 _FLOAT_BYTES = 130  # of a learner's model, for each UAV: the model itself, of rounds and of trainings
 
-_SMALL_MB = 500  # a flight in this process that is never refused
+SMALL_MB = 500  # a flight in this process that is never refused
 _LARGE_MB = 10240  # from which on a text has GiB
 _ROWS = 25  # UAVs in a process, as advice for too many processes
 
@@ -84,12 +84,18 @@ def needed_mb(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMe
     return fixed + (UAV_KB * 1024 * uavs + (pair_bytes * uavs + learner.uav_bytes) * uavs) // MEGABYTE
 
 
+def in_words(needed: int, available: int) -> tuple[str, str]:
+    """Needed and available memory, MB, with the same unit."""
+    large = needed >= _LARGE_MB
+    needs, left = (f"{mb / 1024:,.1f} GiB" if large else f"{mb} MB" for mb in (needed, available))
+    return needs, left
+
+
 def shortage(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMemory | None = None) -> tuple[str, str]:
     """Needed and available memory in words, and what to do if it is too little; empty if it is enough."""
     needed, (available, limit) = needed_mb(uavs, processes, pair_bytes, learner), available_mb()
     where = f"{processes} processes" if processes else "one process"
-    large = needed >= _LARGE_MB
-    needs, left = (f"{mb / 1024:,.1f} GiB" if large else f"{mb} MB" for mb in (needed, available))
+    needs, left = in_words(needed, available)
     found = f"{needs} for {uavs} UAVs in {where}, {left} {limit}"
     if needed <= available:
         return found, ""
@@ -113,7 +119,7 @@ def check(flown: Iterable[Scenario]) -> None:
     """
     for scenario in flown:
         uavs, pairs, learner = scenario.uavs, pair_bytes(scenario), learner_memory(scenario)
-        if needed_mb(uavs, 0, pairs, learner) < _SMALL_MB:
+        if needed_mb(uavs, 0, pairs, learner) < SMALL_MB:
             continue
         found, remedy = shortage(uavs, 0, pairs, learner)
         if remedy:

@@ -233,3 +233,24 @@ def test_damaged_large_and_missing_files_are_refused(policy: env.Policy) -> None
     policy.path.unlink()
     with pytest.raises(mf.BadInput, match="no such file"):
         env.policy(policy.path)
+
+
+@pytest.mark.parametrize("flights", [1, 4])
+def test_an_environment_that_does_not_fit_into_memory_is_refused_with_the_largest_that_fits(
+    monkeypatch: pytest.MonkeyPatch, flights: int
+) -> None:
+    def make(uavs: int) -> Any:
+        keys: dict[str, Any] = {"uavs": uavs, "message": 2}
+        return env.parallel_env("massive", **keys) if flights == 1 else env.vector_env("massive", flights=4, **keys)
+
+    monkeypatch.setattr("meanflock.env.memory.available_mb", lambda: (600, "available"))
+    with pytest.raises(mf.BadInput, match=r"^memory: \d,\d{3}\.\d GiB for .* 0\.6 GiB available;") as caught:
+        make(100_000)
+    assert ("fewer flights" in str(caught.value)) == (flights > 1)
+    most = int(str(caught.value).split("uavs=")[1].split()[0])
+    assert 100 < most < 2000
+    make(most)
+    with pytest.raises(mf.BadInput, match=f"uavs={most} at most"):
+        make(most + 10)
+    monkeypatch.setattr("meanflock.env.memory.available_mb", lambda: (0, "available"))
+    make(25)  # never refused

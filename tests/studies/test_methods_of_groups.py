@@ -46,6 +46,30 @@ def test_tables_of_a_study_name_the_controllers_of_all_groups(run: Any, tmp_path
 
 
 @pytest.mark.usefixtures("files")
+def test_the_number_of_uavs_follows_the_counts_of_groups_that_are_set(run: Any, tmp_path: Path) -> None:
+    command = ("sweep", "groups.a.count=1,3", "groups.b.count=2,4", "--scenario", "open.toml", "--seeds", "1")
+    assert run(*command, *QUICK)[0] == EXIT_DONE
+    flights = flown(tmp_path / "out")
+    assert sorted((row["groups.a.count"], row["groups.b.count"], row["uavs"]) for row in flights) == [
+        (a, b, a + b) for a in (1, 3) for b in (2, 4)
+    ]
+    scenario = Scenario(uavs=4, groups=OPEN)
+    assert scenario.replace(**{"groups.a.count": 7}).uavs == 9
+    refused: dict[str, dict[str, Any]] = {
+        "`groups` have 9 UAVs in all, and `uavs` is 4; set `uavs` to 9": {"groups.a.count": 7, "uavs": 4},
+        r"groups\.a\.count: expected a whole number >= 1, got -9": {"groups.a.count": -9},
+        "none is called 'c'; there are a, b": {"groups.c.count": 7},
+        "groups: expected a list, got 3": {"groups.a.count": 7, "groups": 3},
+    }
+    for text, keys in refused.items():
+        with pytest.raises(mf.BadInput, match=text):
+            scenario.replace(**keys)
+    code, out, err = run("run", "open.toml", "--set", "groups.a.count=7", "--uavs", "4", "--in-process")
+    assert (code, out) == (EXIT_BAD_INPUT, "")
+    assert "set `uavs` to 9" in " ".join(err.split())
+
+
+@pytest.mark.usefixtures("files")
 @pytest.mark.parametrize(
     "command",
     [

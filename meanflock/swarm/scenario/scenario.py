@@ -495,5 +495,5 @@ def load(path: Path | None, settings: Iterable[str] = (), **options: Any) -> Sce
         where = str(path)
         table = toml.read(path, "scenario file")
     single = [toml.apply(table, setting) for setting in settings]
-    table.update({name: value for name, value in options.items() if value is not None})
-    return validated(table, Scenario, where, single)
+    given = {name: value for name, value in options.items() if value is not None}
+    return validated(table | given, Scenario, where, [*single, *given])

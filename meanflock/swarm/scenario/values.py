@@ -1,6 +1,7 @@
 """Scenarios as plain values: keys that Python code sets, validation of a table, and a table as TOML text."""
 
 import operator
+import re
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,7 +14,7 @@ from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.toml import put
 
 Kind = TypeVar("Kind")
-
+_COUNT = re.compile(r"groups\.[^.]+\.count")  # the key of the number of UAVs of a group
 
 PLUGIN_KEYS: dict[str, plugins.PluginKind] = {  # keys that name a plug-in, and may be its class
     "method": "controller",
@@ -118,6 +119,8 @@ def check_switches(table: Mapping[str, Any], single: Collection[str] = ()) -> No
 def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Collection[str] = ()) -> Kind:
     """The scenario, or another `kind` of table, that a table of plain values describes.
 
+    If the `count` of a group was set one by one and `uavs` was not, `uavs` is the sum of all counts.
+
     Args:
         where: source of the table, for the message.
         single: dotted keys of the table that were set one by one, on top of a file or a scenario.
@@ -131,6 +134,10 @@ def validated(table: dict[str, Any], kind: type[Kind], where: str, single: Colle
             f"{where}: `groups` are several tables, and there are none; name a scenario that has groups, or write each "
             "as [[groups]] with a `name`"
         )
+    if any(map(_COUNT.fullmatch, single)) and {"uavs", "groups"}.isdisjoint(single):
+        counts = [group.get("count") for group in table["groups"] if isinstance(group, dict)]
+        if all(isinstance(count, int) and count > 0 for count in counts):  # otherwise the error is about a count
+            table = {**table, "uavs": sum(counts)}
     try:
         result = msgspec.convert(table, kind)
         check_switches(table, single)
