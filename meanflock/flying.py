@@ -12,6 +12,7 @@ from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry, WarningNotes
 from meanflock.progress import Progress, checked_progress
 from meanflock.results.groups import run_name
+from meanflock.results.scenario_name import scenario_name
 from meanflock.results.series import check_reports
 from meanflock.runs import Run
 from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
@@ -70,7 +71,7 @@ def fly(
         options["training.learner"] = learner_named(learner)
     flown = scenario_of(scenario, settings, **options)
     with ExitStack() as stack:
-        flight = prepared(flown, out, record, stack)
+        flight = prepared(flown, out, record, stack, scenario_name(scenario))
         for tick in flight.engine.fly():
             if tick % 100 == 0:
                 tell(tick, flown.max_ticks)
@@ -96,9 +97,15 @@ class Prepared(NamedTuple):
 
 
 def prepared(
-    flown: Scenario, out: str | Path | None, record: bool, stack: ExitStack, *, is_stepped: bool = False
+    flown: Scenario,
+    out: str | Path | None,
+    record: bool,
+    stack: ExitStack,
+    mission: str | None,
+    *,
+    is_stepped: bool = False,
 ) -> Prepared:
-    """Prepare a flight whose files are complete when `stack` is closed.
+    """Prepare a flight whose files are complete when `stack` is closed. `mission`: name of the scenario, if it has one.
 
     A stepped flight has one agent, and nobody but its caller resumes it.
 
@@ -112,7 +119,7 @@ def prepared(
     memory.check([flown])
     warn_of_lost_models(flown)
     outputs = None
-    run_id = run_name(flown)
+    run_id = run_name(flown, mission)
     telemetry = StoredTelemetry()
     sinks: list[BlockSink] = [telemetry]
     if out is None:
@@ -126,8 +133,10 @@ def prepared(
         record = record and records(True, "record=True", quiet=True)
         out = paths.given(out)
         disk.check(flown, out, record, disk.OF_PYTHON)
-        run_id = stack.enter_context(new_run(flown, out)).name
-        outputs = stack.enter_context(Outputs(flown, run_id, FlightOptions(out, record=record, quiet=True)))
+        run_id = stack.enter_context(new_run(flown, out, mission)).name
+        outputs = stack.enter_context(
+            Outputs(flown, run_id, FlightOptions(out, record=record, quiet=True, mission=mission))
+        )
         sinks += outputs.sinks
     engine = Engine(flown, run_id, sinks=sinks, threads=1 if is_stepped else None, is_resumable=not is_stepped)
     return Prepared(flown, engine, telemetry, outputs)

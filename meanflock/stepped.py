@@ -18,6 +18,7 @@ from meanflock.agent.stepped import Command, External, refuse_groups
 from meanflock.federation.plan import plan_of
 from meanflock.flying import prepared
 from meanflock.progress import Progress, checked_progress
+from meanflock.results.scenario_name import scenario_name
 from meanflock.runs import Run
 from meanflock.settings import load_plugins, scenario_of
 from meanflock.swarm import threads
@@ -118,14 +119,20 @@ class Stepped:
         chosen = scenario_of(source, keys, method=External, uavs=uavs, seed=seed, duration=duration)
         refuse_groups(chosen, "a stepped flight")
         self.scenario = plan_of(chosen).given
-        self._take_off(out, record, progress)
+        self._take_off(out, record, progress, scenario_name(scenario))
 
     @threads.limited()
-    def _take_off(self, out: str | Path | None = None, record: bool = False, progress: Progress | None = None) -> None:
+    def _take_off(
+        self,
+        out: str | Path | None = None,
+        record: bool = False,
+        progress: Progress | None = None,
+        mission: str | None = None,
+    ) -> None:
         self._tell = checked_progress(progress)
         self._run: Run | None = None
         with ExitStack() as stack:
-            self._flight = prepared(self.scenario, out, record, stack, is_stepped=True)
+            self._flight = prepared(self.scenario, out, record, stack, mission, is_stepped=True)
             self._stack = stack.pop_all()
         self._engine = self._flight.engine
         self._world = self._engine.world

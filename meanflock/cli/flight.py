@@ -2,7 +2,6 @@
 
 import json
 import logging
-import re
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout
@@ -20,6 +19,7 @@ from meanflock.launch.options import FlightOptions, records
 from meanflock.launch.run import EndedRun, fly
 from meanflock.net.access import Address
 from meanflock.results import disk
+from meanflock.results.scenario_name import scenario_name
 from meanflock.studies import before_take_off
 from meanflock.swarm import logs, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
@@ -29,8 +29,6 @@ from meanflock.worldsim.summary import every_uav_was_lost
 
 if TYPE_CHECKING:
     from meanflock.launch.resume import Back
-
-_LONGEST = 40  # characters of a mission in the name of a run
 
 
 def run(
@@ -53,13 +51,7 @@ def run(
         flown = load_scenario(file, settings, **keys, faults=None if script is None else [])
         if script is not None:  # apart from the scenario, so that errors name its file
             flown = with_keys(as_builtins(flown), {"faults": script}, scenario.Scenario, str(faults))
-    return run_loaded(flown, as_json=as_json, mission=_mission(file), **given)
-
-
-def _mission(file: Path | None) -> str:
-    """The mission of a file in the name of a run, which is also a part of keys of the bus."""
-    named = "" if file is None else re.sub(r"[^\w-]+", "-", file.stem)[:_LONGEST]
-    return named.strip("-") or "groups"
+    return run_loaded(flown, as_json=as_json, mission=scenario_name(file), **given)
 
 
 def run_loaded(

@@ -86,6 +86,7 @@ def flower(
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
         from meanflock.launch.run import RunStopped
+        from meanflock.results.scenario_name import scenario_name
 
         with flight.prints_apart(as_json):
             flown = load_scenario(file, (*fixed, *settings), **keys)
@@ -97,6 +98,7 @@ def flower(
             done = flight.run_loaded(
                 flown,
                 as_json=as_json,
+                mission=scenario_name(file),
                 in_process=in_process,
                 forker=forker,
                 out=out,

@@ -17,7 +17,7 @@ from meanflock.results.in_words import UNKNOWN, bits, flown, named, number, outc
 from meanflock.results.rounds_table import MEAN, METRIC, NO_ROUNDS, OF_UAVS, column_heading, rounds_table, stored_rounds
 from meanflock.results.run_difference import Difference
 from meanflock.results.run_folder import EVENTS
-from meanflock.results.scenario_keys import changed_keys, nearest
+from meanflock.results.scenario_keys import changed_keys
 from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm.errors import printable
 
@@ -69,7 +69,7 @@ def _cells(run: StoredFolder) -> dict[str, str]:
         "run": run.run_id,
         "when": f"{run.when.astimezone():%Y-%m-%d %H:%M}",
         "method": named(run, "method"),
-        "mission": str(nearest(run.keys)) if run.keys else UNKNOWN,
+        "mission": str(run.mission or UNKNOWN),
         "N": named(run, "uavs"),
         "seed": named(run, "seed"),
         "arrived": number(run.figure("arrived")) if finished else run.status,
@@ -80,7 +80,7 @@ def _cells(run: StoredFolder) -> dict[str, str]:
 
 def record(run: StoredFolder) -> dict[str, Any]:
     """A run as a JSON object of a list; an unknown value is null."""
-    mission = nearest(run.keys) if run.keys else None
+    mission = run.mission
     return {
         "run_id": run.folder.name,
         "folder": str(run.folder),

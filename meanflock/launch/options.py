@@ -31,7 +31,7 @@ class FlightOptions:
     watch: Callable[[str], object] | None = None  # called with the URL of the live recording before take-off
     metrics: Address | None = None  # where Prometheus can read the run
     forker: "Forker | None" = None  # from which processes are forked; None: they are started one by one
-    mission: str = "groups"  # names a run whose groups fly several controllers
+    mission: str | None = None  # name of the scenario, if it has one
     log_format: str | None = None  # form of all processes' output on standard error; None: warnings only
 
 

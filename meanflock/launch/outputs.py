@@ -29,7 +29,7 @@ class Outputs:
         self.kill: Callable[[], None] = lambda: None  # kills the processes of the swarm
         self._stack = ExitStack()
         with ExitStack() as opening:
-            self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past))
+            self.folder = opening.enter_context(RunFolder(options.out, run_id, scenario, past, options.mission))
             self.progress = FlightProgress(scenario, options.quiet)
             self.sinks: list[BlockSink] = [self.folder, self.progress, WarningNotes()]
             if options.record:

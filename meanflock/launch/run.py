@@ -62,7 +62,7 @@ class RunStopped(RunFailed):
         self.ended = ended
 
 
-def new_run(scenario: Scenario, parent: Path, mission: str = "groups") -> AbstractContextManager[Path]:
+def new_run(scenario: Scenario, parent: Path, mission: str | None = None) -> AbstractContextManager[Path]:
     """Context with the folder of a new run in `parent`, named by time and `run_name`; see `durable.new_folder`."""
     return durable.new_folder(parent, f"{datetime.now():%Y%m%d-%H%M%S}-{run_name(scenario, mission)}")
 

@@ -12,6 +12,7 @@ from msgspec import Meta, field
 
 from meanflock.results.event_log import past_events
 from meanflock.results.run_folder import EVENTS, SCENARIO, SUMMARY, check_flown, check_uavs, unreadable
+from meanflock.results.scenario_name import name_in
 from meanflock.results.timeseries_file import TIMESERIES, SeriesReader
 from meanflock.swarm import paths, toml
 from meanflock.swarm.errors import BadInput
@@ -39,22 +40,31 @@ class FlownKeys(msgspec.Struct):
     groups: tuple[GroupTable, ...] = ()
 
 
+class StoredScenario(NamedTuple):
+    """The scenario file of a run: its table, the keys that are typed without the controller, and its name, if any."""
+
+    table: dict[str, Any]
+    typed: FlownKeys
+    name: str | None
+
+
 def flown_keys(folder: Path) -> FlownKeys:
     """The scenario of a run; the default if the file is missing. Raises BadInput if it is damaged."""
     path = folder / SCENARIO
-    return read_keys(path)[1] if os.path.lexists(path) else FlownKeys()
+    return read_keys(path).typed if os.path.lexists(path) else FlownKeys()
 
 
-def read_keys(path: Path) -> tuple[dict[str, Any], FlownKeys]:
-    """The table in the scenario file of a run, and its keys that are typed without the controller.
+def read_keys(path: Path) -> StoredScenario:
+    """The scenario file of a run.
 
     Raises:
         BadInput: the file is missing, or not the scenario of a run.
     """
     try:
-        table = toml.parse(paths.read(path))
+        raw = paths.read(path)
+        table = toml.parse(raw)
         json.dumps(table, allow_nan=False)  # no scenario has dates, or numbers that are not finite
-        return table, msgspec.convert(table, FlownKeys)
+        return StoredScenario(table, msgspec.convert(table, FlownKeys), name_in(raw.decode("utf-8-sig")))
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}; {_MEND}") from error
     except msgspec.ValidationError as error:

@@ -21,7 +21,10 @@ def uav_names(flown: Mission) -> list[str]:
     return [f"UAV {uav}, {flown.groups[number].name}" for uav, number in enumerate(numbers(flown).tolist())]
 
 
-def run_name(flown: Scenario, mission: str = "groups") -> str:
-    """Name of a run, by controller and seed: `mfgfl-hf-s1`; by its mission if its groups fly several controllers."""
+def run_name(flown: Scenario, mission: str | None = None) -> str:
+    """Name of a run, by controller and seed: `mfgfl-hf-s1`; by its mission if its groups fly several controllers.
+
+    `mission`: name of the scenario; None: it has none.
+    """
     methods = {group.method or flown.method for group in flown.groups} or {flown.method}
-    return f"{methods.pop() if len(methods) == 1 else mission}-s{flown.seed}"
+    return f"{methods.pop() if len(methods) == 1 else mission or 'groups'}-s{flown.seed}"

@@ -3,7 +3,6 @@
 import json
 from typing import Any
 
-from meanflock.results.scenario_keys import nearest
 from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm.errors import printable
 from meanflock.swarm.scenario import Until
@@ -51,7 +50,7 @@ def arrivals(run: StoredFolder) -> str:
 def flown(run: StoredFolder) -> str:
     """The flight in words: `25 UAVs under mfgfl-hf in paper +1, seed 7, on 2026-11-25 at 02:05`."""
     uavs, method, seed = (named(run, key) for key in ("uavs", "method", "seed"))
-    where = f"{uavs} UAV{'' if uavs == '1' else 's'} under {method} in {nearest(run.keys)}"
+    where = f"{uavs} UAV{'' if uavs == '1' else 's'} under {method} in {run.mission}"
     return f"{where}, seed {seed}, on {run.when.astimezone():%Y-%m-%d at %H:%M}"
 
 

@@ -17,6 +17,7 @@ from meanflock.federation.plan import plan_of
 from meanflock.results import flown_file, flown_plugins, inbound
 from meanflock.results.event_log import EventLog, lock, past_events, stored_lines
 from meanflock.results.rounds_table import write_rounds
+from meanflock.results.scenario_name import headed
 from meanflock.results.series import block_of, check_reports, unbroken
 from meanflock.results.spool import Spool
 from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
@@ -76,8 +77,12 @@ class BackgroundWorker:
 class RunFolder:
     """Writes one run; a `Sink`."""
 
-    def __init__(self, parent: Path, run_id: str, flown: Scenario, past: Past | None = None) -> None:
+    def __init__(
+        self, parent: Path, run_id: str, flown: Scenario, past: Past | None = None, mission: str | None = None
+    ) -> None:
         """Writes the scenario into `parent/run_id`, which is new or empty; with a `past`, goes on in that folder.
+
+        `mission`: name of the scenario, for a new run; None: it has none.
 
         Raises:
             BadInput: the folder cannot be created or written, another process still writes it, events or rows of the
@@ -102,7 +107,7 @@ class RunFolder:
         read = flown_file.contents(flown) if past is None else {}
         try:
             if past is None:
-                self._create(sources, read)
+                self._create(sources, read, mission)
             self._events = EventLog(self.path / EVENTS, flown.dt)
         except OSError as error:
             raise self._unusable(error) from error
@@ -118,13 +123,13 @@ class RunFolder:
         self._checkpointed: dict[str, Any] = {}  # where the checkpoint that is being joined begins
         self._background = BackgroundWorker("checkpoints")  # they wait for the disk
 
-    def _create(self, sources: dict[str, bytes], read: dict[str, bytes]) -> None:
+    def _create(self, sources: dict[str, bytes], read: dict[str, bytes], mission: str | None) -> None:
         """Create the folder of a new run, with the scenario, the files of its plug-ins and those of its vehicles."""
         self.path.mkdir(parents=True, exist_ok=True)
         if any(self.path.iterdir()):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
         self._new = True
-        durable.replace(self.path / SCENARIO, to_toml(self._flown).encode())
+        durable.replace(self.path / SCENARIO, headed(to_toml(self._flown), mission).encode())
         flown_plugins.keep(self.path, sources)
         self.files += [f"{flown_plugins.FOLDER}/{name}" for name in sources]
         flown_file.keep(self.path, read)

@@ -17,14 +17,20 @@ _OF_THE_METHOD = ("federation.period", "federation.payload", "federation.broadca
 _COLUMNS = ("method", "uavs", "seed")  # that a list shows beside the mission
 
 
-class NearestMission(NamedTuple):
-    """The shipped scenario that is nearest to a flight, and the keys that differ from it. As text, their number; other
-    groups than those of the shipped scenario are counted as groups."""
+class NamedMission(NamedTuple):
+    """The scenario of a flight, and its changed keys: those that differ from the shipped scenario of that name, or from
+    the paper's if there is none.
+
+    As text, the name, and of a shipped scenario the number of changed keys. Other groups than its own are counted as
+    groups.
+    """
 
     name: str
     changed: dict[str, Any]
 
     def __str__(self) -> str:
+        if self.name not in _shipped():
+            return self.name
         groups = self.changed.get("groups") or []
         keys = len([key for key in self.changed if not (groups and key.partition(".")[0] == "groups")])
         text = f"{self.name} +{keys}" if keys else self.name
@@ -83,20 +89,21 @@ def group_and_key(key: str) -> tuple[str, str]:
     return group, own
 
 
-def nearest(keys: Mapping[str, Any]) -> NearestMission:
-    """The shipped scenario from which the fewest keys differ.
+def flown_mission(keys: Mapping[str, Any], name: str | None) -> NamedMission:
+    """The scenario of a name; without one the shipped scenario from which the fewest keys differ.
 
     The changed keys are without options of the controller, and without method, number of UAVs and seed.
     """
     own = _without_own(keys)
-    found = {name: differing(own, _defaults(name)) for name in _shipped()}
-    name = min(found, key=lambda name: (len(found[name]), name != PAPER))
+    compared = _shipped() if name is None else [name if name in _shipped() else PAPER]
+    found = {each: differing(own, _defaults(each)) for each in compared}
+    nearest = min(found, key=lambda each: (len(found[each]), each != PAPER))
     changed = {
         key: value
-        for key, (value, _) in found[name].items()
+        for key, (value, _) in found[nearest].items()
         if key not in _COLUMNS and not key.startswith("controller.")
     }
-    return NearestMission(name, changed)
+    return NamedMission(name or nearest, changed)
 
 
 def _without_own(keys: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from meanflock.results.flown import read_keys
 from meanflock.results.quantities import DERIVED
 from meanflock.results.quantities import SUMMARY as FIELDS
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, SCENARIO, SUMMARY, go_on
-from meanflock.results.scenario_keys import flat
+from meanflock.results.scenario_keys import NamedMission, flat, flown_mission
 from meanflock.results.summary_file import read_summary
 from meanflock.swarm import mission, paths
 from meanflock.swarm.errors import BadInput, printable
@@ -33,6 +33,7 @@ class StoredFolder:
 
     when: UTC time at which the run began, see `began`. fault: why it is damaged. summary:
     empty if there is none, or it is damaged. keys: of its scenario, dotted; empty if the file cannot be read.
+    scenario: its name; None: the folder does not say it.
     method: its controller by the scenario; of groups, those of all, joined by "+"; None if the file cannot be read.
     resumable: whether it did not finish and has a checkpoint.
     """
@@ -44,7 +45,13 @@ class StoredFolder:
     summary: dict[str, Any] = field(default_factory=dict)
     keys: dict[str, Any] = field(default_factory=dict)
     method: str | None = None
+    scenario: str | None = None
     resumable: bool = False
+
+    @property
+    def mission(self) -> NamedMission | None:
+        """The scenario that was flown; None if its file cannot be read."""
+        return flown_mission(self.keys, self.scenario) if self.keys else None
 
     @property
     def run_id(self) -> str:
@@ -151,10 +158,11 @@ def _read(folder: Path) -> StoredFolder:
     summary: dict[str, Any] = {}
     keys: dict[str, Any] = {}
     method: str | None = None
+    name: str | None = None
     status: Status = "damaged"
     try:
-        table, typed = read_keys(folder / SCENARIO)
-        keys, method = flat(table), mission.method(typed)
+        stored = read_keys(folder / SCENARIO)
+        keys, method, name = flat(stored.table), mission.method(stored.typed), stored.name
         if os.path.lexists(folder / SUMMARY):
             summary = read_summary(folder / SUMMARY)
         status = status_of(folder)
@@ -163,7 +171,7 @@ def _read(folder: Path) -> StoredFolder:
     except RecursionError:
         fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
     resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
-    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, method, resumable)
+    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, method, name, resumable)
 
 
 def status_of(folder: Path) -> Status:

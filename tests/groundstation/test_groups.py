@@ -33,7 +33,7 @@ from meanflock.results.plots.curves import plot_curves
 from meanflock.results.plots.run import plot_paths, plot_run, stored
 from meanflock.results.plots.thumbnail import thumbnail
 from meanflock.results.run_folder import to_toml
-from meanflock.results.scenario_keys import changed_keys, flat, nearest
+from meanflock.results.scenario_keys import changed_keys, flat, flown_mission
 from meanflock.results.series import block_of, per_uav, rows_of
 from meanflock.results.summary_file import read_summary
 from meanflock.swarm import mission
@@ -392,8 +392,11 @@ def test_keys_of_groups_differ_one_by_one_from_the_defaults_and_from_those_of_an
     assert "groups.reserve.controller.speed_m_s" not in mixed
     later = keys("groups.couriers.method=bvc", "groups.reserve.joins_at_s=30")
     assert changed_keys(flown, later) == {"groups.reserve.joins_at_s": (20.0, 30.0)}
-    assert nearest(later) == ("groups", {"groups.couriers.method": "bvc", "groups.reserve.joins_at_s": 30.0})
-    assert str(nearest(later)) == "groups +2"
+    assert flown_mission(later, None) == (
+        "groups",
+        {"groups.couriers.method": "bvc", "groups.reserve.joins_at_s": 30.0},
+    )
+    assert str(flown_mission(later, None)) == "groups +2"
     own = [{"name": "a", "count": 9}, {"name": "b", "count": 16, "method": "bvc", "joins_at_s": 2.0}]
     other = flat(tomllib.loads(to_toml(Scenario(duration=9.0, groups=own))))
-    assert str(nearest(other)) == "paper +1, 2 groups"
+    assert str(flown_mission(other, None)) == "paper +1, 2 groups"

@@ -130,6 +130,42 @@ def test_a_run_of_several_controllers_is_called_as_its_file(run, tmp_path) -> No
     assert folder.name.endswith("-two-of-mine-s1")
 
 
+def test_a_run_is_called_by_the_scenario_that_was_flown(run, tmp_path) -> None:
+    text = Path(tmp_path / "my wall.v2.toml")
+    text.write_text("duration = 1.0\nuavs = 3\n[wind]\nsigma = 0.3\n")
+
+    def missions() -> list[str]:
+        """Of the runs, the first one first, as `show` names them."""
+        folders = sorted(Path("runs").iterdir(), key=lambda folder: (folder / "events.jsonl").stat().st_mtime_ns)
+        return [run("show", str(folder))[1].split("under ")[1].split(", seed")[0] for folder in folders]
+
+    assert run(*QUICK[:1], str(text), *QUICK[1:])[0] == EXIT_DONE
+    (first,) = Path("runs").iterdir()
+    assert run("run", f"{first}/scenario.toml", "--in-process", "--no-record", "--quiet")[0] == EXIT_DONE
+    assert run("run", "swap", "--in-process", "--no-record", "--quiet", "--duration", "1")[0] == EXIT_DONE
+    mf.fly(text, method="cruise", out="runs")
+    mf.Stepped("lossy", duration=1.0, out="runs").finish()
+    mf.fly(mf.Scenario.load(text), out="runs")
+    own = "my-wall-v2"
+    assert missions() == [
+        f"mfgfl-hf in {own}",
+        f"mfgfl-hf in {own}",
+        "mfgfl-hf in swap +1",
+        f"cruise in {own}",
+        "stepped in lossy +1",
+        "mfgfl-hf in paper +2",
+    ]
+    (first / "summary.json").unlink()  # as of a flight that did not finish
+    assert f" {own} " in run("list")[1]
+    assert run("list", "--html", "page.html")[0] == EXIT_DONE
+    assert f"· {own} ·" in Path("page.html").read_text()
+    records = {record["folder"]: record for record in json.loads(run("list", "--json")[1])}
+    record = records[str(first)]
+    assert (record["mission"], record["changed"]) == (own, {"duration": 2.0, "wind.sigma": 0.3})
+    (first / "scenario.toml").write_text((first / "scenario.toml").read_text().split("\n", 1)[1])  # of an older version
+    assert missions()[0] == "mfgfl-hf in paper +2"
+
+
 def test_a_table_that_is_wider_than_the_terminal_is_divided_into_parts(monkeypatch, capsys) -> None:
     table = empty("title", "caption")
     table.add_column("name", no_wrap=True)

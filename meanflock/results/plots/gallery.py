@@ -7,7 +7,6 @@ from pathlib import Path
 from meanflock.results.in_words import UNKNOWN, arrivals, bits, named, number, setting
 from meanflock.results.plots.run import stored
 from meanflock.results.plots.thumbnail import COLUMNS, thumbnail
-from meanflock.results.scenario_keys import nearest
 from meanflock.results.stored_run import StoredFolder
 from meanflock.swarm import __version__, durable
 from meanflock.swarm.errors import BadInput, printable
@@ -63,7 +62,7 @@ def _row(place: int, run: StoredFolder) -> str:
         f"<a href='#run-{place}'>{_safe(run.folder.name)}</a>",
         f"{run.when.astimezone():%Y-%m-%d %H:%M}",
         _named(run, "method"),
-        _safe(nearest(run.keys)) if run.keys else UNKNOWN,
+        _safe(run.mission or UNKNOWN),
         _named(run, "uavs"),
         _named(run, "seed"),
         number(run.figure("arrived")),
@@ -85,7 +84,7 @@ def _card(place: int, run: StoredFolder) -> str:
         "rounds": number(run.figure("rounds") or None),
     }
     known = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in facts.items() if value != UNKNOWN)
-    mission = nearest(run.keys) if run.keys else None
+    mission = run.mission
     changed = mission.changed.items() if mission else ()
     settings = "<br>".join(f"<code>{_safe(key)} = {_safe(setting(value, 60))}</code>" for key, value in changed)
     uavs = f"{_named(run, 'uavs')} UAV{'' if run.named('uavs') == 1 else 's'}"
