@@ -48,7 +48,7 @@ def doctor(
     findings = checks.examine(load_scenario(file, settings, **options), uavs_per_process, out, tls)
     table = Table(title=f"meanflock {__version__}")
     for heading in ("what", "verdict", "found", "what to do"):
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, overflow="fold", no_wrap=heading in ("what", "verdict"))
     colours = {"ok": "green", "warning": "yellow", "fails": "red"}
     for finding in findings:
         colour = colours[finding.verdict]

@@ -30,6 +30,7 @@ _WIDE = 1000  # columns: wider than any table
 _NARROWEST = 12  # columns of a text that folds
 _OBJECTIVE = 24  # characters of a line of the heading of an objective
 _NAME = 16  # characters of a line of a name that is joined by `+`
+_JOINT = re.compile(r"(?<=[._/+-])(?=[^\W\d_])")  # within a word: before a letter, after a mark
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
 MEANS = (
     "Means over {n} flight{s} each and all UAVs. Travel time: a UAV that never arrived counts with the duration{time}. "
@@ -312,15 +313,11 @@ def _columns_of(
     Args:
         has_folded_names: whether names, which are texts that do not wrap, stand in lines that end with `+`.
     """
-    found = copy(table)
-    found.title = found.caption = None
-    found.columns, found.rows = [], []
+    found = _without_columns(table)
     texts: list[list[Any]] = []
     for column in columns:
         heading = re.sub(r"(?<=\w\w)_(?=\w\w)", "_\n", str(column.header)) if is_tight else column.header
-        found.add_column(
-            heading, style=column.style, justify=column.justify, overflow=column.overflow, no_wrap=column.no_wrap
-        )
+        _add_column(found, column, heading)
         is_folded = has_folded_names and column.no_wrap and column.justify == "left"
         texts.append([_folded(str(cell)) if is_folded else cell for cell in column.cells])
     for cells in zip(*texts, strict=True):
@@ -330,11 +327,36 @@ def _columns_of(
     return found
 
 
+def _without_columns(table: Table) -> Table:
+    """The same kind of table without title, caption, columns and rows."""
+    found = copy(table)
+    found.title = found.caption = None
+    found.columns, found.rows = [], []
+    return found
+
+
+def _add_column(table: Table, column: Column, heading: Any, width: int | None = None) -> None:
+    """Add a column without cells; `width`: None: that of its cells."""
+    table.add_column(
+        heading,
+        style=column.style,
+        justify=column.justify,
+        overflow=column.overflow,
+        no_wrap=column.no_wrap,
+        width=width,
+    )
+
+
 def _folded(name: str) -> str:
     """A name whose lines end with `+`, of at most 16 characters where that is possible."""
+    return _filled(re.findall(r"[^+]*\+|[^+]+", name), _NAME)
+
+
+def _filled(parts: Sequence[str], width: int) -> str:
+    """Parts of a word, in lines of at most that width where that is possible."""
     lines = [""]
-    for part in re.findall(r"[^+]*\+|[^+]+", name):
-        if lines[-1] and len(lines[-1] + part) > _NAME:
+    for part in parts:
+        if lines[-1] and len(lines[-1] + part) > width:
             lines.append("")
         lines[-1] += part
     return "\n".join(lines)
@@ -359,11 +381,22 @@ def _range(column: Column) -> tuple[int, int]:
 
 
 def _fit(table: Table, width: int) -> Table:
-    """Narrow the widest columns of a table until it fits; none below its least width."""
+    """The table, whose widest columns are narrowed until it fits; none below its least width."""
     ranges = [_range(column) for column in table.columns]
     widths = [most for _, most in ranges]
     for _ in range(Console(width=_WIDE).measure(table).maximum - width):
         place = max(range(len(widths)), key=lambda at: (widths[at] > ranges[at][0], widths[at]))
         widths[place] -= 1
-        table.columns[place].width = widths[place]
-    return table
+    found = _without_columns(table)
+    texts: list[list[Any]] = []
+    for column, width in zip(table.columns, widths, strict=True):
+        _add_column(found, column, column.header, width)
+        texts.append([_in_lines(str(cell), width) if column.overflow == "fold" else cell for cell in column.cells])
+    for cells in zip(*texts, strict=True):
+        found.add_row(*cells)
+    return found
+
+
+def _in_lines(text: str, width: int) -> str:
+    """A text in which words that are wider than a column go on in another line after a `.`, `_`, `/`, `+` or `-`."""
+    return re.sub(rf"\S{{{width + 1},}}", lambda word: _filled(_JOINT.split(word[0]), width), text)

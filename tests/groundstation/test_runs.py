@@ -206,6 +206,22 @@ def test_a_heading_is_never_broken_within_a_word(name, monkeypatch, capsys) -> N
     assert "".join(re.findall("[a-z-]", printed.split("─")[-1].replace("MFGFL-HF", ""))) == name.replace(" ", "")
 
 
+def test_a_long_key_is_broken_after_a_mark_in_it(monkeypatch, capsys) -> None:
+    keys = ["groups.couriers.controller.horizon_s", "radio.latency_slots_mean_theory_of_all_links", "wind.sigma"]
+    table = empty()
+    for heading in ("key", "value", "default"):
+        table.add_column(heading, overflow="fold")
+    for key in keys:
+        table.add_row(key, "v" * 24, "d" * 24)
+    monkeypatch.setenv("COLUMNS", "60")
+    print_table(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines[2:]] == [
+        *("groups.couriers.controller.", "horizon_s", "radio.latency_slots_mean_", "theory_of_all_links", "wind.sigma")
+    ]
+
+
 @pytest.mark.parametrize("numbers", [2, 8])
 def test_a_long_name_goes_on_after_a_plus_and_a_long_word_folds_so_that_the_table_fits(
     numbers, monkeypatch, capsys
