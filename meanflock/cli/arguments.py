@@ -41,6 +41,15 @@ class CommandGroup(click.Group):
             ctx.fail(f"No such command {args[0]!r}{meant(args[0], names) or '.'}")
         return super().resolve_command(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; an error of Click's parser, which knows no context, gets that of the command."""
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as error:
+            if error.ctx is None and (name := ctx.invoked_subcommand) and (command := self.get_command(ctx, name)):
+                error.ctx = click.Context(command, parent=ctx, info_name=name)
+            raise
+
 
 class _RunPath(_Path):
     """Type of the folder of a run, or of a recording: a path, or `latest`, unless there is a file of that name."""
@@ -171,7 +180,7 @@ _OF_A_SCENARIO = {
         expose_value=False,
         is_eager=True,  # before --set, which gets its key
         shell_complete=completion.learners,
-        help="Train with a learner while UAVs fly; the --method must share no model.",
+        help="Train with a learner while UAVs fly; the controller must share no model.",
     ),
     "radio": click.option(
         "--radio",

@@ -161,7 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_BAD_INPUT
     except click.ClickException as error:
         place = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "meanflock"
-        click.echo(f"error: {error.format_message()} See `{place} --help`.", err=True)
+        what = error.format_message()
+        click.echo(f"error: {what}{'' if what.endswith(('.', '?')) else '.'} See `{place} --help`.", err=True)
         code = EXIT_BAD_INPUT
     except click.Abort:
         logs.show("error: interrupted", logging.ERROR)

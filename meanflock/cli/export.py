@@ -54,6 +54,8 @@ def export(
     for flag, path, _ in writers:
         if path.exists():
             raise BadInput(f"{flag} {path}: there is something already; remove it, or give another name")
+    if len({path for _, path, _ in writers}) < len(writers):
+        raise BadInput(f"export: {writers[-1][1]} is named twice; give each file a name of its own")
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such run; name the folder of one")
     take_off_ns = 0 if take_off is None else instants.take_off(take_off, folder)

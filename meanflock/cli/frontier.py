@@ -102,7 +102,7 @@ def frontier(
     """Find the fewest bits to send for flights without collisions.
 
     For each controller, mission, outage and number of UAVs, searches for the cheapest policy of communication of which
-    the flights show that 90 % and 95 % are free of collisions. Repeat an interrupted command to fly only what is
+    the flights show that 90 % and 95 % are free of collisions. Repeat an interrupted command to fly only what is
     missing.
 
     \b

@@ -23,7 +23,7 @@ from meanflock.swarm.errors import EXIT_RUN_FAILED
 
 
 @click.command()
-@scenario_arguments("file", "method", "uavs", "settings", "learner", "until", "plugin")
+@scenario_arguments()
 @uavs_per_process_option
 @out_option("runs", "Where run folders would be made.")
 @click.option("--tls", type=PATH, metavar="DIR", help="Check the certificates in DIR too.")
@@ -143,8 +143,8 @@ _NARROW, _WIDE = 80, 110  # columns
 def plugins_command(as_json: bool) -> None:
     """List controllers and all other plug-ins, with their options.
 
-    The other kinds are aggregation rules, channels, vehicles and filters. Each has its name, the package or file it
-    comes from, a description, and the options that a scenario can set.
+    The other kinds are aggregation rules, topologies, channels, vehicles, learners, filters and codings. Each has its
+    name, the package or file it comes from, a description, and the options that a scenario can set.
 
     \b
     Example: meanflock plugins --plugin mine.py

@@ -74,7 +74,7 @@ def compare(
 
     swept.refuse_setting("method", given["settings"], "is what is compared")
     scenarios: dict[tuple[Any, ...], Scenario] = {}
-    for method in methods:
+    for method in names(methods):
         one = load_scenario(file, method=method, **given)
         swept.add_point(scenarios, swept.point_of(("method",), (), one), one)
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
@@ -140,7 +140,7 @@ def sweep(
     with redirect_stdout(sys.stderr):  # what plug-ins print is not what the command says
         given_keys = Grid.parse(swept)
         grid = given_keys.with_learners([learner_named(learner, "--learners") for learner in names(learners)])
-    of_key = {"method": {"--methods": methods or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
+    of_key = {"method": {"--methods": ", ".join(methods) or None}, "seed": {"--seed": given["seed"], "--seeds": seeds}}
     for varied in grid.keys:
         varied.check(of_key.get(varied.key, {f"--{varied.key}": given.get(varied.key)}), settings)
     if methods:

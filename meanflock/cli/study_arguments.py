@@ -58,11 +58,18 @@ def _formats(_context: click.Context, _option: click.Parameter, given: str) -> t
     return found
 
 
+def _two_fields(_context: click.Context, _option: click.Parameter, given: tuple[str, str] | None) -> Any:
+    if given and given[1].startswith("-"):  # Click takes the next option for the second field
+        raise BadInput(f"--pareto {given[0]}: it takes two fields; write for example --pareto {given[0]} collisions")
+    return given
+
+
 _RESULTS = (
     click.option(
         "--pareto",
         nargs=2,
         metavar="X Y",
+        callback=_two_fields,
         help="Find the Pareto front of two fields, e.g. bits accuracy, or energy_mean_J collisions.",
     ),
     click.option(

@@ -1,7 +1,7 @@
 """One run, from a scenario to a finished folder: in this process, or on a swarm of processes."""
 
 import time
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from logging import WARNING
@@ -78,7 +78,15 @@ def fly(scenario: Scenario, options: FlightOptions, back: "Back | None" = None) 
     scenario = plan_of(scenario).given
     folder = new_run(scenario, options.out, options.mission) if back is None else nullcontext(back.folder)
     with Interrupted() as interrupted, folder as path:
+        interrupted.at_once = lambda: _given_up(path)
         return _fly(scenario, path.name, options, back, interrupted)
+
+
+def _given_up(folder: Path) -> str:
+    """Remove a run folder that is still empty; returns a text about a run that was interrupted before its outputs."""
+    with suppress(OSError):  # it has files
+        folder.rmdir()
+    return "interrupted twice, before take-off; repeat the command"
 
 
 def _fly(

@@ -72,12 +72,13 @@ class MessageRejected(MeanflockError):
 
 
 def most_similar(word: str, names: Iterable[str]) -> str | None:
-    """The most similar of some names, or one with the same letters; None if none is similar."""
+    """The most similar of some names in any case, or one with the same letters; None if none is similar."""
     from difflib import get_close_matches  # only here: no agent needs it
 
-    names = list(names)
-    same = [name for name in names if sorted(name) == sorted(word)]
-    return next(iter([*get_close_matches(word, names, 1, _SIMILAR), *same]), None)
+    lower, word = {name.lower(): name for name in names}, word.lower()
+    same = [name for name in lower if sorted(name) == sorted(word)]
+    found = next(iter([*get_close_matches(word, lower, 1, _SIMILAR), *same]), None)
+    return lower[found] if found else None
 
 
 def meant(word: str, names: Iterable[str]) -> str:

@@ -42,12 +42,14 @@ def explain(message: str, root: type, table: dict[str, Any], where: str = "", re
     if lacks := re.search(r"missing required field (`.*`)", text):
         return f"{prefix}it lacks the key {lacks[1]}; add it; {remedy}"
     if text.startswith("Invalid "):
-        choices = _choices(root, place)
-        return f"{prefix}{text}{f'; choose one of {choices}' if choices else ''}; {remedy}"
+        choices, got = _choices(root, place), _value_at(table, place)
+        return f"{prefix}{f'expected one of {choices}, got {got}' if choices and got else text}; {remedy}"
     if text.startswith("Expected "):
         text = re.sub(r"`([\w |]+)`", lambda found: _in_words(found[1]), text.replace(_NAME_TYPE, _NAME_IN_WORDS))
         expected, _, got = text.partition(", got ")
         got = _value_at(table, place) or got
+        if got.startswith("{") and any(isinstance(part, inspect.StructType) for part in _at(root, f"{place}[0]")):
+            got += f"; write [[{whole}]] in place of [{whole}]"
         return f"{prefix}e{expected[1:]}{f', got {got}' if got else ''}; {remedy}"
     return prefix + (text if ";" in text else f"{text}; {remedy}")
 

@@ -71,8 +71,10 @@ def read(path: Path, kind: str) -> dict[str, Any]:
     try:
         return parse(paths.read_stream(found(path)))
     except OSError as error:
-        named = path.parent == FOLDER or not path.suffix
+        if (of_run := path / "scenario.toml").is_file():
+            raise BadInput(f"{path}: the folder of a run; give its scenario, {of_run}") from error
         names = [file.stem for file in shipped()]
+        named = path.parent == FOLDER or not path.suffix or path.stem in names
         choices = f", or name one of {', '.join(names)}{meant(path.stem, names)}" if named else ""
         raise BadInput(f"{path}: {error.strerror}; give a readable {kind}{choices}") from error
     except ValueError as error:  # from the parser, or from bytes that are not UTF-8

@@ -64,7 +64,15 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("swep", "uavs=2,3"), "No such command 'swep'; did you mean 'sweep'?"),
     (("scenario", "shwo"), "No such command 'shwo'; did you mean 'show'?"),
     (("run", "obstacle"), "windy; did you mean 'obstacles'?"),
+    (("run", "swap.toml"), "windy; did you mean 'swap'?"),
+    (("run", "run"), "error: run: the folder of a run; give its scenario, run/scenario.toml"),
+    (("run", "--set", "WIND.sigma=0.1"), "there is no key `WIND`; did you mean `wind`?"),
+    (("run", "single.toml"), "single.toml: obstacles: expected a list, got {'radius': 3}; write [[obstacles]]"),
     (("run", "--method", "orac"), "did you mean 'orca'?"),
+    (("run", "--method", "ORCA"), "did you mean 'orca'?"),
+    (("run", "swap", "paper"), "unexpected extra argument (paper). See `meanflock run --help`."),
+    (("run", "--method"), "Option '--method' requires an argument. See `meanflock run --help`."),
+    (("study", "rerun", "--out"), "Option '--out' requires an argument. See `meanflock study rerun --help`."),
     (("compare", "hbj"), "did you mean 'hjb'?"),
     (("leaderboard", "--missions", "swpa"), "no such mission; did you mean 'swap'?"),
     (("leaderboard", "--controllers", "planx"), "no such row or controller; did you mean 'plan'?"),
@@ -124,7 +132,10 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("export", "nowhere", "--mcap", "r"), "no such run"),
     (("export", "run", "--mcap", "old"), "there is something already"),
     (("export", "hurt", "--mcap", "r"), "damaged"),
-    (("sweep", "method=hjb,mfg", "--methods", "hjb"), "leave out --methods"),
+    (("export", "run", "--mcap", "r", "--rosbag", "r"), "error: export: r is named twice"),
+    (("sweep", "method=hjb,mfg", "--methods", "hjb"), "error: --methods hjb: `method` is what is swept; leave out"),
+    (("sweep", "uavs=2,3", "--pareto", "bits", "--seeds", "1"), "error: --pareto bits: it takes two fields"),
+    (("compare", "hjb,hbj"), "controller 'hbj' is not installed here"),
     (("sweep", "wind.sigma=0.1,0.2", "--methods", "hjb", "--set", "method=mfg"), "leave out this --set"),
     (("sweep", "wind.sigma=0.1,0.2", "--set", "wind.sigma=3"), "leave out this --set"),
     (("sweep", "wind.sigma=0.1,0.10"), "there twice"),
@@ -153,6 +164,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bad.toml").write_text("uavs = = 3")
     (folder / "near.toml").write_text("uavs = 2\nduration = 2.0\n")
     (folder / "list.json").write_text("[]")
+    (folder / "single.toml").write_text("[obstacles]\nradius = 3")
     (folder / "flat.toml").write_text("start = 5")
     (folder / "far.toml").write_text('[[faults]]\nkind = "kill"\ntick = 1\nuavs = [9]')
     (folder / "unnamed.toml").write_text("[[groups]]\ncount = 25")

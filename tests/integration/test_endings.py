@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -55,6 +57,29 @@ def test_ctrl_c_tells_that_a_controller_hangs_in_this_process_and_once_more_ends
     launcher.send_signal(signal.SIGINT)
     _, err = launcher.communicate(timeout=SOON_S)
     assert (launcher.returncode, err.startswith("error: interrupted twice, nothing was completed; ")) == (1, True)
+
+
+TWICE = """import os, signal, sys
+from meanflock.cli.command import main
+from meanflock.launch import outputs
+
+def interrupted(*_):
+    for _ in range(2):
+        os.kill(os.getpid(), signal.SIGINT)
+
+outputs.Outputs = interrupted
+sys.exit(main(["run", "--quiet", *sys.argv[1:]]))
+"""
+
+
+@pytest.mark.parametrize("flags", [("--in-process",), ("--uavs", "2")])
+def test_ctrl_c_twice_before_take_off_is_a_line_and_leaves_no_empty_folder(tmp_path: Path, flags) -> None:
+    command = [sys.executable, "-c", TWICE, *flags, "--out", str(tmp_path / "runs")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S, check=False)
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert ended.stderr == "error: interrupted twice, before take-off; repeat the command\n"
+    assert list((tmp_path / "runs").iterdir()) == []
+    until(lambda: not processes_of(str(tmp_path)), "the end of all processes", SOON_S)
 
 
 def test_the_folder_of_a_launcher_that_is_killed_is_deleted_by_the_next(command, tmp_path, monkeypatch) -> None:

@@ -114,7 +114,7 @@ def test_a_sphere_is_evenly_covered_and_its_opposite_goals_are_on_it() -> None:
         ),
         (["space.dimensions=3", "obstacles=[{centre=[150,100,43],radius=3}]"], "UAV 12 starts inside `obstacles[0]`"),
         (["space.dimensions=3", "obstacles=[{centre=[150,100],radius=0.5,height=40}]"], "UAV 12 starts inside"),
-        (["space.dimensions=4"], "space.dimensions: Invalid enum value 4; choose one of 2, 3"),
+        (["space.dimensions=4"], "space.dimensions: expected one of 2, 3, got 4"),
         (["start.centre=[1,2,3,4]"], "start.centre: expected a list of length <= 3"),
         (["space.dimensions=3", "stations=[{place=[150,100,40.5]}]"], "stands 0.5 m from the start of UAV 12"),
     ],

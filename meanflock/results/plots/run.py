@@ -5,10 +5,12 @@ They need neither the controller nor the plug-ins of the run.
 
 import json
 import logging
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -22,7 +24,7 @@ from meanflock.results.plots import plotstyle
 from meanflock.results.plots.curves import MAX_POINTS, plot_curves
 from meanflock.results.plots.run_picture import RunPicture, parts_of
 from meanflock.results.quantities import FIELDS, PHI_G, POSITION
-from meanflock.results.run_folder import EVENTS, check_uavs, flown_rows
+from meanflock.results.run_folder import EVENTS, SCENARIO, check_uavs, flown_rows
 from meanflock.results.series import diagnostics_in, dimensions_in, per_uav
 from meanflock.results.timeseries_file import TIMESERIES
 from meanflock.swarm import mission, state
@@ -46,8 +48,10 @@ def stored(folder: Path, columns: list[str] | None = None) -> RunPicture:
         BadInput: no run there, one that never wrote a row, or one of other UAVs than its scenario.
     """
     rows, flown = flown_rows(folder, columns), flown_keys(folder)
-    if flown.method:
+    if os.path.lexists(folder / SCENARIO):
         check_uavs(folder / TIMESERIES, rows, flown.uavs)
+    else:
+        flown = msgspec.structs.replace(flown, uavs=len(rows["x_m"][0]))
     return RunPicture(rows, flown, _events(folder / EVENTS))
 
 
