@@ -36,16 +36,6 @@ MEANS = (
     "Means over {n} flight{s} each and all UAVs. Travel time: a UAV that never arrived counts with the duration{time}. "
     "Lower is better everywhere but in arrivals."
 )
-_COUNTS = {  # fields of the summary, and their headings
-    "lost": "lost\n(UAVs)",
-    "landed": "landed\n(UAVs)",
-    "obstacle_hits": "obstacle\nhits",
-    "grounded": "grounded\n(UAVs)",
-    "altitude_violations": "altitude\nviolations",
-    "waypoints_reached": "waypoints\nreached",
-    "turned_back": "turned\nback\n(UAVs)",
-    "batteries_empty": "batteries\nempty",
-}
 _MARKS = {"best": "*", "undecided": "?"}
 VERDICTS = " * is significantly better than every {rival}, ? is undecided (paired by seed, Holm's method)."
 _EQUAL = " No number differs between the rows."
@@ -93,10 +83,12 @@ def _verdicts(means: Means, n: int) -> str:
 def counts_table(means: Means) -> Table | None:
     """Table of the mean counts that any flight has, as of lost UAVs and hits of obstacles; None if all are zero."""
     points = means.points
-    counted = [field for field in _COUNTS if any(each.get(field) for flights in points.values() for each in flights)]
+    counted = [
+        field for field in quantities.COUNTS if any(each.get(field) for flights in points.values() for each in flights)
+    ]
     shown = _empty(means, "\nfurther counts: means over the flights", "")
     for field in counted:
-        shown.add_column(_COUNTS[field], justify="right", no_wrap=True)
+        shown.add_column(_heading(quantities.COUNTS[field]), justify="right", no_wrap=True)
     for values, flights in points.items():
         numbers = ([each[field] for each in flights if each[field] is not None] for field in counted)
         shown.add_row(*_named(means, values), *map(_mean, numbers))
@@ -243,7 +235,7 @@ def _scale(rows: Sequence[tuple[tuple[Any, ...], dict[str, Any]]]) -> tuple[floa
     return next(((scale, prefix) for scale, prefix in _PREFIXES if most >= scale), (1.0, ""))
 
 
-def _heading(quantity: quantities.Quantity, prefix: str) -> str:
+def _heading(quantity: quantities.Quantity, prefix: str = "") -> str:
     """The heading of a column with its unit; bits have a prefix."""
     unit = f"{prefix}bit" if quantity is quantities.PAYLOAD else quantity.unit or "1"
     return f"{quantity.heading}\n({unit})"

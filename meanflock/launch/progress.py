@@ -10,18 +10,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 
 from meanflock.channel.meter import TRAFFIC
-from meanflock.results.quantities import ARRIVED, FIELDS, OUTAGES, PAYLOAD
+from meanflock.results.quantities import ARRIVED, COUNTS, FIELDS, OUTAGES, PAYLOAD
 from meanflock.results.series import BITS_SENT, COLUMN
 from meanflock.swarm.scenario import Scenario, Until
 from meanflock.swarm.wire.messages import Telemetry
 
 _BAR, _BAR_NARROW = 24, 10  # columns
 _UPLOADS = {"uploads_silent": "not sent", "uploads_late": "late", "uploads_refused": "refused"}  # of the summary
-_LASTING = {  # fields of the summary of flights with waypoints or batteries: name and unit
-    "waypoints_reached": ("waypoints reached", ""),
-    "turned_back": ("turned back", "UAVs, low battery"),
-    "batteries_empty": ("batteries empty", "in the air"),
-}
 _WIDE = 120  # columns of a terminal with room for everything
 
 
@@ -118,11 +113,6 @@ def summary_table(summary: dict[str, object], until: str | None) -> Table:
             rejoined += ": agents among them began anew, without what they had learned"
         table.add_row("processes lost", f"{summary['nodes_lost']}", rejoined)
     table.add_row(ARRIVED.name, f"{summary['arrived']} of {summary['uavs']}", f"{summary['lost']} lost")
-    if summary.get("landed"):
-        add("landed for good", summary["landed"], "UAVs, arrived or not")
-    for field, (name, unit) in _LASTING.items():
-        if (count := summary.get(field)) is not None:
-            add(name, count, unit)
 
     def quantity(field: str, statistic: str, digits: int) -> None:
         known = FIELDS[field]
@@ -134,12 +124,9 @@ def summary_table(summary: dict[str, object], until: str | None) -> Table:
     quantity("phi_A", "", 3)
     quantity("phi_C_distinct", "", 5)
     quantity("collisions", "", 0)
-    if summary["obstacle_hits"]:
-        add("obstacle hits", summary["obstacle_hits"], "of a UAV, each obstacle once")
-    if summary.get("grounded"):
-        add("grounded", summary["grounded"], "UAVs, before they arrived")
-    if (violations := summary.get("altitude_violations")) is not None:
-        add("altitude violations", violations, "beyond floor or ceiling")
+    for field in COUNTS:
+        if summary.get(field) and field != "lost":
+            quantity(field, "", 0)
     quantity("speed_max_m_s", "highest", 1)
     quantity("distance_mean_m", "mean", 0)
     for name in TRAFFIC.values():

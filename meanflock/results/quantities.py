@@ -89,6 +89,14 @@ DISTANCE = Quantity("distance flown", "m", symbol="distance")
 PAYLOAD = Quantity("payload", "bits", heading="payload")
 OUTAGES = Quantity("outages", "messages")
 ARRIVED = Quantity("arrived", "UAVs", heading="arrived")
+LOST = Quantity("lost", "UAVs", heading="lost")
+LANDED = Quantity("landed for good", "UAVs", "arrived or not", heading="landed")
+OBSTACLE_HITS = Quantity("obstacle hits", remark="of a UAV, each obstacle once", heading="obstacle\nhits")
+GROUNDED = Quantity("grounded", "UAVs", "before they arrived", heading="grounded")
+ALTITUDE_VIOLATIONS = Quantity("altitude violations", remark="beyond floor or ceiling", heading="altitude\nviolations")
+WAYPOINTS_REACHED = Quantity("waypoints reached", heading="waypoints\nreached")
+TURNED_BACK = Quantity("turned back", "UAVs", "low battery", heading="turned\nback")
+BATTERIES_EMPTY = Quantity("batteries empty", "UAVs", "in the air", heading="batteries\nempty")
 INTERACTION = Quantity("interaction term φ_G", "1/s²", symbol="φ_G", heading="inter-\naction\nφ_G")
 HJB_RESIDUAL = Quantity("HJB residual |e_H|", "m/s", symbol="|e_H|", heading="HJB\nresidual\ne_H", logarithmic=True)
 FPK_RESIDUAL = Quantity("FPK residual |e_F|", "1/s", symbol="|e_F|", heading="FPK\nresidual\ne_F", logarithmic=True)
@@ -122,6 +130,17 @@ SHOWN = {
     "thrust_N": (THRUST, "thrust of each UAV, of all its rotors"),
 }
 
+# Fields of the summary that count what most flights have none of.
+COUNTS = {
+    "lost": LOST,
+    "landed": LANDED,
+    "obstacle_hits": OBSTACLE_HITS,
+    "grounded": GROUNDED,
+    "altitude_violations": ALTITUDE_VIOLATIONS,
+    "waypoints_reached": WAYPOINTS_REACHED,
+    "turned_back": TURNED_BACK,
+    "batteries_empty": BATTERIES_EMPTY,
+}
 # What methods are compared by, in the order of the panels.
 COMPARED = (
     "t_avg_censored_s",
@@ -200,9 +219,9 @@ SUMMARY = (
     Field("ticks", "ticks", "ticks flown"),
     Field("sim_time_s", TIME, "simulated time flown"),
     _ARRIVED,
-    Field("lost", "UAVs", "UAVs that are lost at the end of the flight"),
+    Field("lost", LOST, "UAVs that are lost at the end of the flight"),
     Field(
-        "landed", "UAVs", "UAVs that have landed for good: their group left, or their battery was empty", optional=True
+        "landed", LANDED, "UAVs that have landed for good: their group left, or their battery was empty", optional=True
     ),
     Field("t_avg_s", TRAVEL_TIME, "mean travel time of the UAVs that arrived, each from its launch"),
     Field("t_max_s", TRAVEL_TIME, "longest travel time of the UAVs that arrived"),
@@ -239,19 +258,19 @@ SUMMARY = (
     ),
     Field(
         "obstacle_hits",
-        "1",
+        OBSTACLE_HITS,
         "entries of a UAV into one of `[[obstacles]]`, also between ticks; each UAV and obstacle once",
     ),
     Field(
         "grounded",
-        "1",
+        GROUNDED,
         "UAVs that came down to the ground, z = 0, after they had been higher than r_coll and before they arrived; "
         "null in the plane",
         optional=True,
     ),
     Field(
         "altitude_violations",
-        "1",
+        ALTITUDE_VIOLATIONS,
         "UAVs that went below `space.floor`, after they had risen above it, and UAVs that went above `space.ceiling`, "
         "before they arrived; each UAV and limit once; null without limits",
         optional=True,
@@ -390,9 +409,16 @@ SUMMARY = (
     Field("until.bits", PAYLOAD, "payload of all traffic up to then", optional=True),
     Field("until.airtime_s", "s", "airtime of all traffic up to then", optional=True),
     Field("until.energy_J", ENERGY, "energy of all UAVs up to then: motion, radio and controllers", optional=True),
-    Field("waypoints_reached", "1", "waypoints that UAVs reached; null without waypoints", optional=True),
-    Field("turned_back", "UAVs", "UAVs that turned back with a low battery; null without batteries", optional=True),
-    Field("batteries_empty", "UAVs", "UAVs whose battery was empty in the air; null without batteries", optional=True),
+    Field("waypoints_reached", WAYPOINTS_REACHED, "waypoints that UAVs reached; null without waypoints", optional=True),
+    Field(
+        "turned_back", TURNED_BACK, "UAVs that turned back with a low battery; null without batteries", optional=True
+    ),
+    Field(
+        "batteries_empty",
+        BATTERIES_EMPTY,
+        "UAVs whose battery was empty in the air; null without batteries",
+        optional=True,
+    ),
     Field("groups", "", "null without `[[groups]]`; else the fields of each group, by its name", optional=True),
     Field("groups.*.method", "", "name of its controller", optional=True),
     Field("groups.*.uavs", "UAVs", "number of its UAVs", optional=True),
@@ -400,8 +426,8 @@ SUMMARY = (
         Field(f"groups.*.{key}", measured, f"`{key}` of its UAVs", optional=True)
         for key, measured in (
             ("arrived", ARRIVED),
-            ("lost", "UAVs"),
-            ("landed", "UAVs"),
+            ("lost", LOST),
+            ("landed", LANDED),
             ("t_avg_s", TRAVEL_TIME),
             ("t_max_s", TRAVEL_TIME),
             ("energy_mean_J", ENERGY_TO_ARRIVAL),
@@ -421,7 +447,7 @@ SUMMARY = (
                 "m",
                 "least distance of two of its UAVs in the air, also between ticks; null if there were never two",
             ),
-            ("obstacle_hits", "1", "`obstacle_hits` of its UAVs"),
+            ("obstacle_hits", OBSTACLE_HITS, "`obstacle_hits` of its UAVs"),
             ("airtime_s", "s", "time for which its UAVs sent"),
             ("payload_bits.*", PAYLOAD, f"payload that its UAVs sent, {_KIND}; and `total`"),
             ("bits_to_arrival.*", PAYLOAD, "the same until its last arrival, or until the end if some never arrived"),

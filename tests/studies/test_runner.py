@@ -230,8 +230,8 @@ def test_further_counts_are_shown_if_any_flight_has_one(capsys: pytest.CaptureFi
     assert table is not None
     print_table(table)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[2:4] == [["lost", "obstacle"], ["method", "(UAVs)", "hits"]]
-    assert lines[5:] == [["orca", "0", "0"], ["cruise", "1.5", "2.5"]]
+    assert lines[2:5] == [["obstacle"], ["lost", "hits"], ["method", "(UAVs)", "(1)"]]
+    assert lines[6:] == [["orca", "0", "0"], ["cruise", "1.5", "2.5"]]
 
 
 def test_what_it_cost_to_reach_a_bound_is_a_mean_over_the_flights_that_reached_it(
