@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from meanflock.federation.groups import Group, group_number
 from meanflock.swarm.events import AgentFailed, AverageFailed, FitFailed, LeaderFailed
 from meanflock.swarm.events.base import listed
-from meanflock.swarm.events.nodes import FailedAverage, FailedTraining, FoundDraw, Problem
+from meanflock.swarm.events.nodes import FailedAverage, FailedController, FailedTraining, FoundDraw, Problem
 from meanflock.swarm.state import Mask
 
+_Failed: TypeAlias = str | FailedController | FailedTraining | FailedAverage
 Failure: TypeAlias = LeaderFailed | AgentFailed | AverageFailed | FitFailed
 
 _NUMBER = re.compile(r"\d[\d.e+-]*")
@@ -32,7 +33,7 @@ class Reports:
         self.leader_failed = False
         self.unaveraged: set[int] = set()
         self.found_draw = False
-        self._reports: list[tuple[str, NDArray[np.intp], Problem]] = []
+        self._reports: list[tuple[str, NDArray[np.intp], _Failed]] = []
 
     def add(self, node: str, uavs: NDArray[np.intp], problem: Problem, *, has_event: bool = True) -> None:
         """Add what a node with some UAVs (M,), ascending, reports; a leader has none. `has_event`: whether an event

@@ -68,9 +68,9 @@ class Plan:
         self._check_until()
         self._check_silence()
         self._check_radio()
-        draws = DrawWatch()
+        draws = None if plugins.is_own(plugins.find("topology", topology_of(self.scenario))) else DrawWatch()
         self.hops = self._hops()
-        self.topology_draws = draws.finds_a_last_draw()
+        self.topology_draws = draws is not None and draws.finds_a_last_draw()
         self._check_duty()
         self._check_bands()
         for one in (asked, scenario, self.scenario):

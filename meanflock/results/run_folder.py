@@ -313,7 +313,7 @@ def go_on(folder: Path) -> str:
     """Text that says how to fly the rest of a run that did not finish."""
     if (folder / CHECKPOINT).exists():
         return f"`meanflock resume {folder}` flies the rest"
-    return f"there is too little to resume: {fly_again(folder)}"
+    return f"there is no checkpoint to resume from: {fly_again(folder)}"
 
 
 def fly_again(folder: Path) -> str:

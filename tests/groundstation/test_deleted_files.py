@@ -95,14 +95,14 @@ def test_how_to_go_on_names_files_that_are_there(tmp_path: Path) -> None:
     (tmp_path / CHECKPOINT).unlink()
     (tmp_path / "scenario.toml").touch()
     again = f"fly the run again with `meanflock run {tmp_path}/scenario.toml`"
-    assert go_on(tmp_path) == f"there is too little to resume: {again}"
+    assert go_on(tmp_path) == f"there is no checkpoint to resume from: {again}"
     spring = Path(__file__).parents[2] / "examples" / "spring.py"
     (tmp_path / "scenario.toml").write_text('method = "spring"')
-    assert go_on(tmp_path) == "there is too little to resume: fly the run again"
+    assert go_on(tmp_path) == "there is no checkpoint to resume from: fly the run again"
     load_file(spring)
     assert go_on(tmp_path).endswith(f"`meanflock run {tmp_path}/scenario.toml --plugin {spring}`")
     (tmp_path / "scenario.toml").unlink()
-    assert go_on(tmp_path) == "there is too little to resume: fly the run again"
+    assert go_on(tmp_path) == "there is no checkpoint to resume from: fly the run again"
 
 
 REMEDIES = {
@@ -143,7 +143,9 @@ def test_each_error_of_a_file_has_its_own_advice(tmp_path: Path, monkeypatch, nu
         patched.setattr(folder, "_append", fails)
         block = mf.fly(**FLIGHT | {"duration": 1.0})._blocks[0]
         said = f"{os.strerror(number)}; it holds nothing of the flight yet: {REMEDIES[number]}"
-        not_written(lambda: folder.write(block), ", then there is too little to resume: fly the run again with ")
+        not_written(
+            lambda: folder.write(block), ", then there is no checkpoint to resume from: fly the run again with "
+        )
 
 
 def test_an_abandoned_stepped_flight_is_not_offered_resume(run: Any, tmp_path: Path) -> None:
@@ -156,7 +158,9 @@ def test_an_abandoned_stepped_flight_is_not_offered_resume(run: Any, tmp_path: P
     assert (code, "The flight did not finish." in " ".join(out.split()), "resume" in out) == (EXIT_DONE, True, False)
     code, _, err = run("diff", str(folder), str(folder))
     assert (code, "has not finished" in err, "`meanflock" in err) == (EXIT_BAD_INPUT, True, False)
-    with pytest.raises(BadInput, match=r"has not finished: it has no summary\.json; there is too little to resume"):
+    with pytest.raises(
+        BadInput, match=r"has not finished: it has no summary\.json; there is no checkpoint to resume from"
+    ):
         mf.open(folder)
 
 

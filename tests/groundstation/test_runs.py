@@ -292,7 +292,11 @@ def test_diff_has_the_keys_and_figures_that_differ_and_no_others(run, runs) -> N
         (lambda run: spoil(run, rounds=HOSTILE), "damaged", "Expected `int | float | null`, got `str` - at `$.rounds`"),
         (lambda run: (run / "scenario.toml").write_text("="), "damaged", "not TOML"),
         (lambda run: (run / "scenario.toml").unlink(), "damaged", "No such file"),
-        (lambda run: (run / "summary.json").unlink(), "unfinished", "has not finished; there is too little to resume"),
+        (
+            lambda run: (run / "summary.json").unlink(),
+            "unfinished",
+            "has not finished; there is no checkpoint to resume from",
+        ),
         (lambda run: (run / CHECKPOINT).write_bytes(b""), "interrupted", "`meanflock resume"),
     ],
 )

@@ -179,7 +179,7 @@ MISTAKES: dict[str, tuple[Callable[[Kind], Any], str]] = {  # what is checked, a
     "draws of Python": (lambda kind: shifted(kind, lambda _: random.randrange(9)), DRAWS),
     "draws of NumPy": (lambda kind: shifted(kind, lambda _: np.random.randint(9)), DRAWS),  # noqa: NPY002
     "draws in vain": (lambda kind: shifted(kind, lambda _: 0 * random.randrange(9)), DRAWS),
-    "draws unseeded": (lambda kind: shifted(kind, lambda _: np.random.default_rng().integers(9)), DIFFERED),
+    "draws unseeded": (lambda kind: shifted(kind, lambda _: int(np.random.default_rng().integers(9))), DIFFERED),
     "remembers beside its arrays": (lambda kind: shifted(kind, calls), "from a checkpoint differ.*; .*keep"),
     "a net in self": (
         with_a_net_in_self,

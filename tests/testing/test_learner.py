@@ -88,6 +88,14 @@ def test_learners_that_share_what_changes_are_found() -> None:
         check_learner(Shared)
 
 
+def test_a_learner_that_draws_where_no_generator_is_seeded_is_found() -> None:
+    members = {"name": "wrong", "takes_part": classmethod(lambda *_: np.random.rand() < 2)}  # noqa: NPY002
+    with pytest.raises(
+        ConformanceError, match=r"it draws from a global random generator.*; draw in `initial`, `fit` and"
+    ):
+        check_learner(type("Wrong", (Line,), members))
+
+
 def test_a_controller_that_draws_late_is_found() -> None:
     from meanflock.testing import check_controller
 
