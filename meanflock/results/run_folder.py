@@ -430,9 +430,7 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         record = control.decode_record(whole["record"])
         return {name: record[name] for name in ("tick", "block", "events_bytes", "body")}
     except OSError as error:
-        advice = (
-            "name the folder of a run that did not finish and stored a checkpoint; if it could not, an event says so"
-        )
+        advice = "name the folder of a run of a hundred ticks that did not finish and has no event `checkpoint`"
         raise BadInput(f"{path}: {error.strerror}; {advice}") from error
     except (MessageRejected, KeyError, TypeError) as error:
         raise BadInput(

@@ -155,7 +155,8 @@ def test_an_abandoned_stepped_flight_is_not_offered_resume(run: Any, tmp_path: P
     (folder,) = tmp_path.iterdir()
     assert sorted(path.name for path in folder.iterdir()) == ["events.jsonl", "scenario.toml", "timeseries.parquet"]
     code, out, _ = run("show", str(folder))
-    assert (code, "The flight did not finish." in " ".join(out.split()), "resume" in out) == (EXIT_DONE, True, False)
+    told = "The flight did not finish. It has no checkpoint, so nothing can fly the rest."
+    assert (code, told in " ".join(out.split()), "resume" in out) == (EXIT_DONE, True, False)
     code, _, err = run("diff", str(folder), str(folder))
     assert (code, "has not finished" in err, "`meanflock" in err) == (EXIT_BAD_INPUT, True, False)
     with pytest.raises(
