@@ -48,7 +48,8 @@ class Comparison:
 
     @property
     def summaries(self) -> Mapping[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
-        """The summaries of all flights, by point; `each_round` has the rounds, `last_round` the last averaged one."""
+        """The summaries of all flights, by point; `each_round` has the rounds, `last_round` the last averaged one, and
+        `failures` why UAVs were lost, or rules or trainings failed."""
         return self.means.points
 
     def frame(self) -> pa.Table:

@@ -14,10 +14,11 @@ from meanflock.results.quantities import SUMMARY
 from meanflock.results.rounds_table import table_of_rows
 from meanflock.results.stored_run import unit_of
 from meanflock.studies.each_round import EACH_ROUND
+from meanflock.studies.failure_reasons import FAILURES
 from meanflock.swarm import durable
 
 FLIGHTS, FLIGHTS_CSV, ROUNDS = TABLES = "flights.parquet", "flights.csv", "rounds.parquet"  # files of a study
-_LEFT_OUT = ("radio.links", EACH_ROUND)  # lists
+_LEFT_OUT = ("radio.links", EACH_ROUND, FAILURES)  # lists
 _OF_A_FLIGHT = ("method", "learner", "seed")  # what tells flights apart beside the varied values
 _TABLES = frozenset(field.key.rpartition(".")[0] for field in SUMMARY)  # fields that have fields, such as `realtime`
 

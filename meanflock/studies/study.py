@@ -17,6 +17,7 @@ from meanflock.launch import memory
 from meanflock.launch.engine import Engine
 from meanflock.studies import runner
 from meanflock.studies.each_round import EachRound
+from meanflock.studies.failure_reasons import FailureReasons
 from meanflock.studies.job_file import StoredRun, decode, encode
 from meanflock.studies.runner import Jobs, WorkerDied
 from meanflock.studies.store import Store
@@ -28,7 +29,7 @@ from meanflock.swarm.scenario import Scenario
 Summaries = list[dict[str, Any]]
 Fly = Callable[[Scenario], dict[str, Any]]
 
-STUDY = "study 3"  # raise the number if `summarised` returns other fields
+STUDY = "study 4"  # raise the number if `summarised` returns other fields
 
 
 class StudyInterrupted(RunFailed):
@@ -131,11 +132,14 @@ def _fly(flown: Scenario, study: str, fly: Fly) -> bytes:
 
 
 def summarised(flown: Scenario) -> dict[str, Any]:
-    """Fly a scenario in this process; returns the summary, see `of_all`, its learner if it has one, and its rounds."""
+    """Fly a scenario in this process; returns the summary, see `of_all`, its learner if it has one, its rounds, and the
+    reasons of its failures."""
     engine, rounds = Engine(flown, f"{flown.method}-s{flown.seed}"), EachRound(flown.dt)
-    engine.add_sink(rounds)
+    failures = FailureReasons(bool(flown.faults))
+    for sink in (rounds, failures):
+        engine.add_sink(sink)
     learner = {} if flown.training.learner == NO_LEARNER else {"learner": flown.training.learner}
-    return {**of_all(flown, engine.complete()), **learner, **rounds.fields}
+    return {**of_all(flown, engine.complete()), **learner, **rounds.fields, **failures.fields}
 
 
 def of_all(flown: Scenario, summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -80,11 +80,20 @@ def test_flights_that_lost_uavs_or_whose_rounds_were_all_void_are_counted(run, t
     init = "    def init(self, uavs, plan):\n        return {'uav': uavs}\n"
     plugin.write_text(plugin.read_text() + init + RULE)
     _, _, err = run("sweep", "uavs=2,3", "--methods", "mine", "--plugin", plugin.name, "--seeds", "2", *QUICK)
-    why = "`meanflock run` with the values of one says why"
-    assert f"warning: flights that lost UAVs: 4 of 4, 4 UAVs; {why}" in err.splitlines()
+    assert [line for line in err.splitlines() if line.startswith("warning: ")] == [
+        "warning: flights that lost UAVs: 4 of 4, 4 UAVs",
+        "warning: in 4 of 4 flights: controller 'mine' failed with UAV 1: KeyError: 'rare' (mine.py, line 9)",
+    ]
     rounds = ("--set", "federation.aggregation=mine", "--set", "federation.period=10", "--methods", "mfgfl-hf")
     _, _, err = run("sweep", "uavs=2,3", *rounds, "--plugin", plugin.name, "--seeds", "2", *QUICK[:-1], "void")
-    assert err.splitlines()[-1:] == [f"warning: flights whose rounds were all void: 4 of 4; {why}"]
+    failed = "aggregator 'mine' failed in round 1: ZeroDivisionError: division by zero (mine.py, line 18)"
+    void = "warning: flights whose rounds were all void: 4 of 4"
+    assert err.splitlines() == [void, f"warning: in 4 of 4 flights: {failed}"]
+    assert not any("failures" in row for row in rows(tmp_path / "void/flights.csv"))
+    _, _, err = run(
+        "sweep", "uavs=2,3", *rounds[2:], "--set", "radio.target_snr_db=120", "--seeds", "1", *QUICK[:-1], "no"
+    )
+    assert err.splitlines()[-1].endswith("all void: 2 of 2; `meanflock run` with the values of one says why")
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,11 @@ FIELDS = (  # of `leaderboard.json`: a course is a mission as flown, a standing 
     ),
     Field("courses.standings.lost", "UAVs", "UAVs that were lost, over all flights"),
     Field("courses.standings.failed", "flights", "flights that could not be flown"),
-    Field("courses.standings.why", "", "reason of the first failure, or of the first lost UAV"),
+    Field(
+        "courses.standings.why",
+        "",
+        "reason of the first flight that failed, of the first lost UAV, or of the first failed round or training",
+    ),
 )
 
 
@@ -91,9 +95,9 @@ class BoardCell(msgspec.Struct, frozen=True):
 class Standing(msgspec.Struct, frozen=True):
     """A row of a mission. group, uavs: the group of UAVs whose row this is, and their number; empty and None: all UAVs.
     values: of each measure, a number a seed, null if the flight has none. kbit_by_kind: mean
-    payload until the last arrival, by kind. failed: number of flights that failed; why: reason of the first one, or of
-    the first lost UAV. lost: number of lost UAVs in all flights. code: version and fingerprint of the code that flew
-    it; empty: that of the board."""
+    payload until the last arrival, by kind. failed: number of flights that failed; why: reason of the first one, of
+    the first lost UAV, or of the first round or training that failed. lost: number of lost UAVs in all flights. code:
+    version and fingerprint of the code that flew it; empty: that of the board."""
 
     name: str
     controller: str

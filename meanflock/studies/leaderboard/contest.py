@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from meanflock.studies import study
+from meanflock.studies.failure_reasons import FAILURES
 from meanflock.studies.job_file import version
 from meanflock.studies.leaderboard import flights
 from meanflock.studies.leaderboard.board import SCHEMA, Board, Course, Standing, cells, marked, rounded
@@ -145,7 +146,8 @@ def _standing(row: BoardRow, mission: BoardMission, fronts: Fronts, flown: study
     ]
     columns = {key: np.array([each[key] for each in numbers]) for key in BY_KEY}
     whole = [result for result in flown if flights.FAILED not in result]
-    reasons = [result.get(flights.FAILED) or result.get(flights.LOST) or "" for result in flown]
+    failed = [result[flights.FAILED] for result in flown if flights.FAILED in result]
+    reasons = [*failed, *(reason for result in whole for reason in result[FAILURES])]
     return Standing(
         name=row.name,
         controller=row.controller,
@@ -156,8 +158,8 @@ def _standing(row: BoardRow, mission: BoardMission, fronts: Fronts, flown: study
         kbit_by_kind=_by_kind(whole),
         values={key: [rounded(value) for value in values.tolist()] for key, values in columns.items()},
         lost=sum(result["lost"] for result in whole),
-        failed=len(flown) - len(whole),
-        why=next(filter(None, reasons), ""),
+        failed=len(failed),
+        why=next(iter(reasons), ""),
     )
 
 

@@ -141,7 +141,7 @@ def mixed(course: Course) -> list[str]:
 
 
 def notes(course: Course) -> list[str]:
-    """Notes on rows: failed flights, lost UAVs, missing rows."""
+    """Notes on rows: failed flights, lost UAVs, failed rounds and trainings, missing rows."""
     remarks = []
     for row in course.standings:
         if row.failed:
@@ -150,6 +150,8 @@ def notes(course: Course) -> list[str]:
             remarks.append(
                 f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
+        elif row.why and not row.group:  # groups share the reasons of their flights
+            remarks.append(f"{row.name}: rounds or trainings failed; the first: {row.why}")
     return remarks + not_flown(course.absent, ", ")
 
 

@@ -135,6 +135,31 @@ def test_the_readers_controllers_are_highlighted_and_a_failed_flight_has_its_rea
             assert said in text
 
 
+DIVERGES = """
+import meanflock as mf
+
+class Diverges(mf.Learner):
+    name = "diverges"
+    period_ticks = 10
+    @classmethod
+    def initial(cls, options, scenario):
+        return {"a": 0.0}
+    def fit(self, model, config):
+        return mf.Trained({"a": float("nan")}, 1)
+"""
+
+
+def test_trainings_that_give_no_model_have_their_reason(run, tmp_path, small) -> None:
+    (tmp_path / "diverges.py").write_text(DIVERGES)
+    flags = ("--learner", "diverges.py", "--controllers", "cruise", "--missions", "near.toml")
+    code, out, _ = run("leaderboard", *flags, *BOARD)
+    assert code == EXIT_DONE
+    (row,) = board.read(tmp_path / "out/leaderboard.json").courses[0].standings
+    assert (row.lost, row.failed, "its trained model is not finite" in row.why) == (0, 0, True)
+    for text in (out, (tmp_path / "out/leaderboard.md").read_text()):
+        assert " ".join(text.split()).count(f"cruise: rounds or trainings failed; the first: {row.why}") == 1
+
+
 def test_a_learner_trains_under_rows_without_a_model_and_the_others_are_left_out(run, tmp_path, small) -> None:
     flags = ("--missions", "near.toml", "--learner", LINES, *BOARD)
     code, out, _ = run("leaderboard", "--controllers", "orca", "mfg", "mfgfl-hf", "rls", *flags)

@@ -122,6 +122,6 @@ def test_the_front_depends_on_the_wind(wind: tuple[float, float], airspeed: floa
 def test_a_flight_that_ended_on_the_way_has_no_regret_for_being_cheap() -> None:
     fronts = Fronts(Scenario(uavs=2))
     least = [each.least_J(PAPER.duration) for each in fronts.each or ()]
-    flown = {"lost": 0, "travel_s": [None, None], "energy_J": [least[0] + 1.0, least[1] + 3.0]}
+    flown = {"lost": 0, "failures": [], "travel_s": [None, None], "energy_J": [least[0] + 1.0, least[1] + 3.0]}
     assert fronts.regret(flown) == pytest.approx(2.0)
     assert fronts.regret(flown | {"energy_J": [least[0] + 1.0, least[1] - 0.1]}) is None

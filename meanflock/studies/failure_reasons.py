@@ -1,0 +1,54 @@
+"""Reasons of failures in a flight of a study: of lost UAVs, of rounds without average, of trainings without model."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from meanflock.results.run_folder import LOSS
+from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, LeaderFailed, Lost
+from meanflock.worldsim.tick import Row
+
+FAILURES = "failures"  # reasons, which a study stores beside the fields of a summary
+_MOST = 10  # reasons of a flight, and of a study
+_VARYING = re.compile(r" with UAVs? [^:]*|\d[\d.e+-]*")  # in a text about one cause
+
+
+class FailureReasons:
+    """Sink that collects the distinct reasons of the failures of a flight, in order of time.
+
+    Reasons that differ in UAVs and numbers only are one, with the text of the first. The loss of a UAV has no reason of
+    its own in the tick in which its agent reports one.
+    """
+
+    def __init__(self, has_faults: bool) -> None:
+        """`has_faults`: whether a fault script of the flight loses UAVs, which is no failure."""
+        self._kinds = (LeaderFailed, AverageFailed, FitFailed) + (() if has_faults else LOSS)
+        self._texts: dict[str, str] = {}
+
+    def write(self, row: Row) -> None:
+        """Look for failures in the events of a row."""
+        failed = [event for event in row.events if isinstance(event, self._kinds)]
+        is_reported = any(isinstance(event, AgentFailed) for event in failed)
+        for event in failed:
+            if isinstance(event, Diverged | Lost):
+                if is_reported:
+                    continue
+                text = event.reason
+            else:
+                text = event.failure
+            if len(self._texts) < _MOST:
+                self._texts.setdefault(_VARYING.sub("", text), text)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The reasons, as a study stores them."""
+        return {FAILURES: list(self._texts.values())}
+
+
+def counted_reasons(flights: Iterable[Mapping[str, Any]]) -> Sequence[tuple[str, int]]:
+    """The distinct reasons of some flights and the number of flights of each, the most frequent ones first."""
+    texts: dict[str, list[str]] = {}
+    for flight in flights:
+        for text in flight[FAILURES]:
+            texts.setdefault(_VARYING.sub("", text), []).append(text)
+    return sorted(((found[0], len(found)) for found in texts.values()), key=lambda one: -one[1])[:_MOST]
