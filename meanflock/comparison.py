@@ -11,14 +11,15 @@ from meanflock.runs import as_pandas
 from meanflock.studies import flight_table, study
 from meanflock.studies.means import Means
 from meanflock.swarm import paths
-from meanflock.swarm.errors import available
+from meanflock.swarm.errors import BadInput, available
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 class Comparison:
-    """The result of a study. Iterate over it to get one row for each point.
+    """The result of a study. Iterate over it to get one row for each point, or take the row of one:
+    `study["orca"]`, and where several values vary `study[0.1, "orca"]`.
 
     A row is a dict. It has the values that identify the point, `n` (flights), `uavs`, and for each metric the mean
     under its name, the ends of its 95 % interval under `…_low` and `…_high`, and under `…_verdict` whether the point is
@@ -35,6 +36,23 @@ class Comparison:
     def __iter__(self) -> Iterator[dict[str, Any]]:
         for values, row in self.means.rows():
             yield dict(zip(self.means.names, values, strict=True)) | row
+
+    def __getitem__(self, values: Any) -> dict[str, Any]:
+        """The row of a point, by its value or several: `study["orca"]`, `study[0.1, "orca"]`.
+
+        Values that are the same at all points may be left out.
+
+        Raises:
+            BadInput: there is no such point.
+        """
+        wanted = [(values,), values]
+        varying = {point: tuple(point[place] for place in self.means.varying) for point in self.means.points}
+        for row, (point, shorter) in zip(self, varying.items(), strict=True):
+            if point in wanted or shorter in wanted:
+                return row
+        names = ", ".join(self.means.names[place] for place in self.means.varying)
+        points = "; ".join(", ".join(map(repr, shorter)) for shorter in varying.values())
+        raise BadInput(f"{values!r}: no point of this study; name values of {names}: {points}")
 
     def __len__(self) -> int:
         return len(self.means.points)

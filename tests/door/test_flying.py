@@ -287,6 +287,9 @@ def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
 def test_controllers_are_compared_by_the_means_of_the_same_seeds() -> None:
     found = mf.compare(["mfg", "hjb"], seeds=3, **FEW)
     assert [(row["method"], row["n"], row["uavs"]) for row in found] == [("mfg", 3, 2), ("hjb", 3, 2)]
+    assert [found["mfg",], found["hjb"]] == list(found)
+    with pytest.raises(mf.BadInput, match="'orca': no point of this study; name values of method: 'mfg'; 'hjb'"):
+        found["orca"]
     for row, ((method,), summaries) in zip(found, found.summaries.items(), strict=True):
         assert [summary["seed"] for summary in summaries] == [1, 2, 3]
         alone = mf.fly(method=method, uavs=2, duration=3.0, seed=2)
@@ -300,8 +303,14 @@ def test_a_key_is_swept_over_numbers_lists_and_tables() -> None:
     rows = list(mf.sweep("wind.sigma", np.linspace(0.1, 0.2, 2), methods=["mfg", "hjb"], seeds=np.int64(1), **FEW))
     found = [(row["wind.sigma"], row["method"]) for row in rows]
     assert found == [(0.1, "mfg"), (0.1, "hjb"), (0.2, "mfg"), (0.2, "hjb")]
+    swept = mf.sweep("wind.sigma", [0.1, 0.2], methods=["mfg", "hjb"], seeds=1, **FEW)
+    assert [swept[0.1, "mfg"], swept[0.2, "hjb"]] == [rows[0], rows[3]]
+    for absent in (0.1, ("mfg", 0.1), (0.1, "mfg", 1), 0):
+        with pytest.raises(mf.BadInput, match=r"name values of wind\.sigma, method: 0\.1, 'mfg'; "):
+            swept[absent]
     lists = mf.sweep("wind.mean", [[1.0, -1.0], (0.0, 0.0)], methods="mfg", seeds=1, **FEW)
     assert [row["wind.mean"] for row in lists] == [(1.0, -1.0), (0.0, 0.0)]
+    assert lists[0.0, 0.0] == lists[(0.0, 0.0), "mfg"] == list(lists)[1]
     assert repr(lists) == "<Comparison of 2 points of wind.mean, method: 2 flights>"
     disc = {"centre": [30.0, 0.0], "radius": 2.0}
     tables = mf.sweep("obstacles", [[], [disc]], methods="mfg", seeds=1, **FEW)
