@@ -80,6 +80,20 @@ def test_intervals_side_by_side_have_arrows_where_the_axis_ends_and_a_caption_th
     assert caption.get_window_extent().x1 <= figure.bbox.width
 
 
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("count", [2, 5, 12])
+def test_methods_side_by_side_fit_a_page_and_all_texts_fit_the_figure(columns: int, count: int) -> None:
+    methods = ("a-controller-of-mine", *(f"m{number}" for number in range(1, count)))
+    figure = plot_compare({method: flights(ENERGIES) for method in methods}, columns)
+    assert figure.get_figwidth() == plotstyle.WIDTHS_IN[columns]
+    assert figure.get_figheight() < 10.0
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        for text in (ax._left_title, ax.xaxis.label) if ax.get_visible() else ():
+            extent = text.get_window_extent()
+            assert -1.0 <= extent.x0 < extent.x1 <= figure.bbox.width + 1.0, text.get_text()
+
+
 def test_swept_numbers_are_the_ticks_unless_they_are_close() -> None:
     ticks = [text.get_text() for text in sweep((0.1, 0.2, 0.35)).axes[2].get_xticklabels()]
     assert ticks == ["0.1", "0.2", "0.35"]

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 Points = Mapping[tuple[Any, ...], Summaries]
 
+_PAGE_IN = 9.0  # height of the text of a printed page
 _MOST_ROWS = 4  # of panels that share their x axis
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _APART = 0.012  # points of one number, as a share of the axis; so their intervals do not cover each other
@@ -29,20 +30,30 @@ _APART_WITHIN = 0.4, 0.1  # the same of one category: of all points and of two n
 
 
 def panels(
-    titles: Sequence[str], columns: int, row_in: float, more_in: float, share: str = ""
+    titles: Sequence[str],
+    columns: int,
+    row_in: float,
+    more_in: float,
+    share: str,
+    least_in: float | None = None,
+    left_in: float = 0.0,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of a printed width with a panel for each title, in as many columns as are printed.
 
     Args:
         row_in: height of a row. more_in: further height. share: the axis that all panels share. Numbers of a shared x
-            axis are below the lowest panels, and more than four rows of such panels have a column more.
+            axis are below the lowest panels. More than four rows of panels have a column more.
+        least_in: height of a row where the figure would be longer than a page otherwise; None: `row_in`.
+        left_in: width of what stands left of all panels.
     """
-    across = min(columns + (share == "x" and len(titles) > _MOST_ROWS * columns), len(titles))
+    across = min(columns + (len(titles) > _MOST_ROWS * columns), len(titles))
     rows = -(-len(titles) // across)
+    if least_in is not None:
+        row_in = max(least_in, min(row_in, (_PAGE_IN - more_in) / rows))
     figure = plotstyle.figure(plotstyle.WIDTHS_IN[columns], rows * row_in + more_in)
     axes = list(figure.subplots(rows, across, squeeze=False, sharex=share == "x", sharey=share == "y").ravel())
     for place, (title, ax) in enumerate(zip(titles, axes, strict=False)):
-        plotstyle.titled(ax, plotstyle.letter(place), title)
+        plotstyle.titled(ax, plotstyle.letter(place), title, left_in)
     for ax in axes[len(titles) :]:
         ax.set_visible(False)
     axes = axes[: len(titles)]
@@ -61,11 +72,14 @@ def lowest(axes: Sequence[Axes]) -> Sequence[Axes]:
 def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
     """A panel a metric, a method a row: the mean with its 95 % interval over seeds, and below it a pale dot a run.
 
-    runs: by method the summaries of its runs. columns: printed columns, and panels a row.
+    runs: by method the summaries of its runs. columns: printed columns.
     """
     methods, looks, has_arrows = list(runs), plotstyle.looks(runs), False
     with plotstyle.style():
-        figure, axes = panels(_titles(COMPARED), columns, 0.75 + 0.22 * len(methods), 0.3, "y")
+        row_in, least_in = (0.75 + each_in * len(methods) for each_in in (0.22, 0.13))
+        left_in = max(map(len, methods)) / plotstyle.LETTERS_IN
+        figure, axes = panels(_titles(COMPARED), columns, row_in, 0.3, "y", least_in, left_in)
+        ticks = 6 if columns > 1 else 3
         for key, ax in zip(COMPARED, axes, strict=True):
             estimates = [
                 _row(ax, place, np.array([number(summary, key) for summary in runs[method]]), looks[method])
@@ -75,7 +89,7 @@ def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
             ax.set_xlabel(plotstyle.axis(key))
-            ax.xaxis.set_major_locator(MaxNLocator(6, integer=key in ("arrived", "collisions")))
+            ax.xaxis.set_major_locator(MaxNLocator(ticks, integer=key in ("arrived", "collisions")))
             if key.startswith("payload_bits"):
                 plotstyle.bit_axis(ax.xaxis)
             if key == "arrived":
@@ -190,7 +204,7 @@ def plot_points(names: Sequence[str], points: Points, columns: int = 2) -> Figur
 
     Args:
         names: names of the varied values, without units. points: the values of a point → the summaries of its flights.
-        columns: printed columns, and panels a row.
+        columns: printed columns.
     """
     if [names[place] for place in telling(names, points)] == [METHOD]:
         of_method = names.index(METHOD)

@@ -317,12 +317,15 @@ def letter(number: int) -> str:
     return (ascii_lowercase[first - 1] if first else "") + ascii_lowercase[second]
 
 
-def titled(ax: Axes, letter: str, text: str) -> None:
-    """Set a panel's letter and title, flush left, broken into lines that fit."""
+def titled(ax: Axes, letter: str, text: str, left_in: float = 0.0) -> None:
+    """Set a panel's letter and title, flush left, broken into lines that fit.
+
+    `left_in`: width of what stands left of all panels.
+    """
     place, drawing = ax.get_subplotspec(), ax.get_figure(root=True)
     assert drawing is not None
     columns = place.get_gridspec().ncols if place is not None else 1
-    room = int(LETTERS_IN * drawing.get_figwidth() / columns)
+    room = int(LETTERS_IN * (drawing.get_figwidth() - left_in) / columns)
     lines = (textwrap.fill(line, room) for line in (f"({letter}) {text}" if letter else text).splitlines())
     ax.set_title(tex("\n".join(lines)), loc="left", pad=4)
 
