@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.markup import escape
@@ -56,7 +56,8 @@ def _table(rows: Sequence[dict[str, str]], left_out: Sequence[str]) -> Table:
     shown = empty()
     names = [name for name in rows[0] if name not in left_out]
     for name in names:
-        shown.add_column(name, no_wrap=True, justify="left" if name in _LEFT else "right")
+        justify: Literal["left", "right"] = "left" if name in _LEFT else "right"
+        shown.add_column(name, no_wrap=name != "mission", overflow="fold", justify=justify)
     for row in rows:
         shown.add_row(*(escape(row[name]) for name in names))
     return shown

@@ -156,6 +156,12 @@ def test_a_run_is_called_by_the_scenario_that_was_flown(run, tmp_path) -> None:
         "stepped in lossy +1",
         "mfgfl-hf in paper +2",
     ]
+    text.rename(tmp_path / "a scenario of mine that has a very long name.toml")
+    assert run("run", "a scenario of mine that has a very long name.toml", *QUICK[1:])[0] == EXIT_DONE
+    listed = run("list")[1].splitlines()
+    assert max(map(len, listed)) <= 80
+    assert [line.split()[-1] for line in listed].count("sent") == 1  # one table
+    assert "a-scenario-" in listed[2]
     (first / "summary.json").unlink()  # as of a flight that did not finish
     assert f" {own} " in run("list")[1]
     assert run("list", "--html", "page.html")[0] == EXIT_DONE
