@@ -50,6 +50,12 @@ def test_help_names_every_scenario_and_every_exit_code(told) -> None:
     assert named == codes(MeanflockError) | {EXIT_DONE}
 
 
+@pytest.mark.parametrize("path", [("run",), ("doctor",)], ids=" ".join)
+def test_a_command_that_flies_or_checks_a_scenario_takes_all_of_its_options(path) -> None:
+    names = {option.name for option in COMMANDS["scenario", "show"].params}
+    assert names - {option.name for option in COMMANDS[path].params} == set()
+
+
 def test_commands_are_listed_in_the_order_of_their_use_with_the_first_line_of_their_help(told) -> None:
     lines = re.findall(r"^  ([a-z]+)  +(.+)$", told(()).partition("Commands:\n")[2], re.MULTILINE)
     assert [name for name, _ in lines][:3] == ["run", "resume", "view"]

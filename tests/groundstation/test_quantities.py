@@ -143,6 +143,13 @@ def test_a_run_is_plotted_where_its_controller_is_not_installed(of_a_stranger: P
     assert Reported.within(rows) == (("tension",), 246)
 
 
+def test_a_run_without_its_scenario_is_plotted_with_all_its_uavs(of_a_stranger: Path) -> None:
+    uavs, panels = len(plot_run(of_a_stranger)["paths"].axes[0].collections), titles(plot_run(of_a_stranger)["curves"])
+    (of_a_stranger / "scenario.toml").unlink()
+    figures = plot_run(of_a_stranger)
+    assert (len(figures["paths"].axes[0].collections), titles(figures["curves"]).keys()) == (uavs, panels.keys())
+
+
 def test_a_lost_uav_has_no_part_in_the_mean_of_a_diagnostic(of_a_stranger: Path) -> None:
     rows = pq.read_table(of_a_stranger / TIMESERIES)
     uavs = len(rows["x_m"][0])
