@@ -116,7 +116,7 @@ def test_a_shipped_scenario_is_found_from_any_folder_and_a_file_of_that_name_com
     with pytest.raises(BadInput, match=r"scenarios/none\.toml: .* or name one of crowd, faults, "):
         load(Path("scenarios/none.toml"))
     with pytest.raises(BadInput, match=r"give a readable scenario file$"):
-        load(Path("paper.toml"))
+        load(Path("mine.toml"))
     with pytest.raises(BadInput, match=r"swop: .* streams, swap, "):
         load(Path("swop"))
     assert load(Path("swap")).destination.goals == "opposite"
