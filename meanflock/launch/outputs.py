@@ -60,7 +60,7 @@ class Outputs:
         """Text for an interrupted run: how to fly it, or the rest of it."""
         folder = self.folder.path
         if self.folder.last_tick < 0:
-            return f"before take-off; {fly_again(folder)}"
+            return f"nothing was flown yet; {fly_again(folder)}"
         return f"{folder} has the flight up to tick {self.folder.last_tick}; {go_on(folder)}"
 
     def give_up(self) -> str:

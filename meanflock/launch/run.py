@@ -322,7 +322,7 @@ def _connect(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs") -> "Z
 def _look_after(swarm: "Swarm", interrupted: Interrupted, outputs: "Outputs", end: float) -> None:
     """Notice an interrupt, processes that died, and that the time is up."""
     if interrupted:
-        raise RunFailed(f"interrupted while the swarm was starting, {outputs.what_there_is}")
+        raise RunFailed(f"interrupted while the swarm was starting; {outputs.what_there_is}")
     swarm.check()
     if time.monotonic() > end:
         raise RunFailed(
@@ -352,4 +352,4 @@ def _listen(
             ended = ended or now
             if now - ended > _ON_ITS_WAY_S:
                 reason = "interrupted" if interrupted else "the world ended before this process had its last words"
-                raise RunFailed(f"{reason}, {outputs.what_there_is}")
+                raise RunFailed(f"{reason}; {outputs.what_there_is}")
