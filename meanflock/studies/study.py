@@ -114,9 +114,7 @@ def _is_of_this_process(flown: Scenario) -> bool:
 def key_of(flown: Scenario, study: str = STUDY) -> str:
     """Key of a run in the store. It changes with the files of plug-ins and the versions of their packages."""
     found = (plugins.find(kind, name) for kind, name, _ in plugins_of(flown))
-    theirs = (
-        plugin for plugin in found if not plugin.reference.startswith("meanflock.")
-    )  # the store knows our version
+    theirs = (plugin for plugin in found if not plugins.is_own(plugin))  # the store knows our version
     return ":".join([study, flown.sha256(), *map(_contents, theirs)])
 
 
