@@ -22,7 +22,7 @@ def scenario_name(given: str | Path | Scenario | None) -> str | None:
     if given is None:
         return "paper"
     path = paths.given(given)
-    if path.name == _OF_A_RUN:
+    if path.name == _OF_A_RUN and path.is_file():  # a pipe can be read only once
         with suppress(OSError, ValueError):
             if name := name_in(path.read_text(encoding="utf-8")):
                 return name
