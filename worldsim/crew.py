@@ -15,6 +15,7 @@ from meanflock.leader.node import Leader
 from meanflock.swarm import mission
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.events import FlightEvent, FlightResumed, LeaderTookOver, NodeLost, NodesJoined
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.state import NO_UAV, Floats, Mask, contains
 from meanflock.swarm.wire.control import FLOAT_OF_BITS, decode_record, encode_record
 from meanflock.swarm.wire.messages import Act, Frames, Sense, Welcome
@@ -314,6 +315,20 @@ class LocalCrew:
 def _name(leader: int) -> str:
     """Name of the leader of a number."""
     return "leader" if leader == 1 else f"leader.{leader}"
+
+
+class Watched:
+    """Crew that reports, too, that a plug-in of the world's process draws from a global random generator."""
+
+    def __init__(self, crew: Crew, draws: DrawWatch) -> None:
+        """`draws`: a watch that began before the plug-ins were made."""
+        self._crew, self._draws = crew, draws
+
+    def answer(self, senses: Senses) -> tuple[Acts, Mask]:
+        """See `Crew.answer`."""
+        acts, absent = self._crew.answer(senses)
+        acts.reports.found_draw |= self._draws.finds_a_draw(senses.tick)
+        return acts, absent
 
 
 class Paced:

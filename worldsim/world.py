@@ -34,7 +34,6 @@ from meanflock.swarm.events import (
     UploadsRefused,
 )
 from meanflock.swarm.events.base import counted
-from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.state import BEYOND_SENSE, Floats, Mask
 from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
@@ -87,25 +86,16 @@ class World(Stateful):
         "commands",
     )
 
-    def __init__(
-        self,
-        plan: Plan,
-        resume: Resumption | None = None,
-        *,
-        checkpoint_every: int = 0,
-        is_stepped: bool = False,
-    ) -> None:
+    def __init__(self, plan: Plan, resume: Resumption | None = None, *, checkpoint_every: int = 0) -> None:
         """
         Args:
             plan: what is flown.
             resume: the checkpoint to continue from; None: start at tick 0.
             checkpoint_every: ticks between two checkpoints, a multiple of ten; 0 for none.
-            is_stepped: whether a caller commands the ticks, and may draw from global random generators between them.
 
         Raises:
             BadInput: the checkpoint belongs to another scenario, or is incomplete.
         """
-        self._draws = None if is_stepped else DrawWatch()
         self.plan = plan
         self.scenario = scenario = plan.scenario
         declared = plan.declared
@@ -237,8 +227,6 @@ class World(Stateful):
         assert self._senses is not None
         flight, (tick, states, awake, present, *_) = self.flight, self._senses
         self.learn(acts.news, acts.reports)
-        if self._draws is not None and self._draws.finds_a_draw(tick):
-            self._note_draw()
         self._take(acts)
         if len(self._senses.guided):
             flight.guide.told(awake & ~absent)
@@ -261,8 +249,6 @@ class World(Stateful):
             self._note_missing(awake & ~absent & ~memories.present)
             memories = None
         self._senses = None
-        if self.over and self._draws is not None and self._draws.finds_a_last_draw():
-            self._note_draw()
         return self._row(links, weights, memories)
 
     def _transmit(self, acts: Acts, absent: Mask) -> np.ndarray:
@@ -487,8 +473,8 @@ class World(Stateful):
 
     def _note_draw(self) -> None:
         """Record that a plug-in draws from a global random generator; meanflock's own do not."""
-        if self.plan.brought:
-            self.note_once(GlobalDraw(self.tick, self.plan.brought))
+        if self.plan.foreign_plugins:
+            self.note_once(GlobalDraw(self.tick, self.plan.foreign_plugins))
 
     def _note_missing(self, uavs: Mask) -> None:
         """Record that agents replied without the memory of `uavs` (N,): it exceeds the room of a checkpoint."""

@@ -70,7 +70,7 @@ class Plan:
         self._check_radio()
         draws = None if plugins.is_own(plugins.find("topology", topology_of(self.scenario))) else DrawWatch()
         self.hops = self._hops()
-        self.topology_draws = draws is not None and draws.finds_a_last_draw()
+        self.topology_draws = draws is not None and draws.finds_a_draw_now()
         self._check_duty()
         self._check_bands()
         for one in (asked, scenario, self.scenario):
@@ -82,7 +82,7 @@ class Plan:
         return mission.method(self.scenario)
 
     @functools.cached_property
-    def brought(self) -> tuple[str, ...]:
+    def foreign_plugins(self) -> tuple[str, ...]:
         """The plug-ins of the flight that are not meanflock's own, as `controller 'spring'`."""
         found = (plugins.find(kind, name) for kind, name, _ in plugins_of(self.scenario))
         return tuple(f"{one.kind} {one.name!r}" for one in found if not plugins.is_own(one))

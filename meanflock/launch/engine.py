@@ -10,12 +10,13 @@ from meanflock.federation.plan import plan_of
 from meanflock.net.limits import Limits
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.events import FlightFailed, FlightFinished
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.threads import limited, renew_if_loaded
 from meanflock.swarm.wire.messages import Telemetry
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.clocks import Stopwatch, TickSchedule
-from meanflock.worldsim.crew import Crew, LocalCrew, Paced, Sink, fly, move
+from meanflock.worldsim.crew import Crew, LocalCrew, Paced, Sink, Watched, fly, move
 from meanflock.worldsim.reporting import Blocks, BlockSink, Direct
 from meanflock.worldsim.steering import LOCKSTEP, Port, Steered
 from meanflock.worldsim.summary import summary
@@ -78,8 +79,9 @@ class Engine:
         if steer is not None and realtime is None:
             raise BadInput(LOCKSTEP)
         every = _checkpoint_every(scenario, realtime) if sinks and is_resumable else 0
+        draws = DrawWatch()
         plan = plan_of(scenario)
-        self.world = World(plan, resume, checkpoint_every=every, is_stepped=not is_resumable)
+        self.world = World(plan, resume, checkpoint_every=every)
         Limits(plan)  # refuses plug-ins that cannot begin
         self.crew = LocalCrew(
             self.world, resume, rows_at_most=uavs_per_node, threads=threads, leaders=leaders, memory=memory
@@ -87,7 +89,9 @@ class Engine:
         self.watch = Stopwatch(self.world.counters.wall_s)
         self._run = run
         self._schedule = None if realtime is None else TickSchedule(realtime, scenario.dt)
-        self._answering: Crew = self.crew if self._schedule is None else Paced(self.crew, self._schedule)
+        self._answering: Crew = Watched(self.crew, draws)
+        if self._schedule is not None:
+            self._answering = Paced(self._answering, self._schedule)
         self._blocks: Blocks | None = None
         self._sinks: list[Sink] = []
         self._can_be_steered = steer is not None

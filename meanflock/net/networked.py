@@ -11,10 +11,11 @@ from meanflock.net.outbox import Outbox
 from meanflock.net.remote import RemoteCrew
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.events import FlightFailed, FlightFinished
+from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import EVERY_TICKS, Resumption
 from meanflock.worldsim.clocks import Stopwatch, TickSchedule
-from meanflock.worldsim.crew import Crew, Sink, fly
+from meanflock.worldsim.crew import Crew, Sink, Watched, fly
 from meanflock.worldsim.reporting import BLOCK_ROWS, Blocks
 from meanflock.worldsim.steering import LOCKSTEP, Port, Steered
 from meanflock.worldsim.summary import summary
@@ -77,6 +78,7 @@ class NetworkedRun:
         if steer is not None and realtime is None:
             raise BadInput(LOCKSTEP)
         self.run = run
+        draws = DrawWatch()
         plan = plan_of(scenario)
         self.world = World(plan, resume, checkpoint_every=checkpoint_every)
         self.outbox = Outbox(bus, run)
@@ -101,9 +103,9 @@ class NetworkedRun:
             cancelled=cancelled,
             clock=clock,
         )
-        self._crew: Crew = self.nodes
+        self._crew: Crew = Watched(self.nodes, draws)
         if steer is not None:
-            self._crew = steered = Steered(self.nodes, steer, self.world.counters, clock)
+            self._crew = steered = Steered(self._crew, steer, self.world.counters, clock)
             self.sinks.append(steered)
 
     def gather(self, timeout_s: float) -> None:

@@ -59,9 +59,9 @@ class DrawWatch:
         if tick < self._next_tick:
             return False
         self._next_tick = tick + MEMORY_TICKS
-        return self.finds_a_last_draw()
+        return self.finds_a_draw_now()
 
-    def finds_a_last_draw(self) -> bool:
+    def finds_a_draw_now(self) -> bool:
         """Returns whether a draw is found now; False if an earlier one was."""
         if self._has_found or (now := _undisturbed()) is None:
             return False

@@ -58,15 +58,15 @@ def test_a_plugin_of_any_kind_that_draws_is_named_once_in_one_process_and_on_a_b
     assert [each.text for each in draws(record)] == [event.text]
 
 
-def test_a_flight_is_looked_at_once_more_at_its_end() -> None:
+def test_a_draw_after_the_first_tick_is_found_too() -> None:
     class Late(GoodVehicle):
         def step(self, *given: Any) -> Any:
             if calls(self) == 20:
                 random.random()
             return super().step(*given)
 
-    (event,) = draws(fly(flown(Late, "vehicle.model", "duration=3"))[1])
-    assert event.tick == 30
+    (event,) = draws(fly(flown(Late, "vehicle.model", "duration=11"))[1])
+    assert event.tick == 101
 
 
 def test_a_draw_is_printed_in_one_line(capsys) -> None:
@@ -81,15 +81,15 @@ def test_what_callers_and_trainings_draw_is_no_draw_of_a_plugin() -> None:
     watch = DrawWatch()
     with Generators(seed=1):
         random.random()
-        assert not watch.finds_a_last_draw()
-    assert not watch.finds_a_last_draw()
+        assert not watch.finds_a_draw_now()
+    assert not watch.finds_a_draw_now()
     plugins.register(GoodVehicle)
     flight = mf.Stepped(uavs=3, duration=2, **{"vehicle.model": "good"})
     while not flight.over:
         flight.step(-0.02 * flight.states[:, :2] + random.random())
     assert "random" not in [event["kind"] for event in flight.finish().events]
-    assert watch.finds_a_last_draw()
-    assert not watch.finds_a_last_draw()
+    assert watch.finds_a_draw_now()
+    assert not watch.finds_a_draw_now()
 
 
 @pytest.mark.parametrize(
