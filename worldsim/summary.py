@@ -130,7 +130,7 @@ def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:
             "clamped": air.clamped,
             "handovers": air.serving.handovers,
             "backhaul_bits": world.backhaul.bits,
-            "duty_max": float(world.duty.max()),
+            "duty_max": float(world.consumption.duty.max()),
             "nodes": _nodes(world),
             "band_time_Hz_s": band_time_Hz_s(meter, nodes_of(world.scenario).bandwidth_hz),
             "traffic": {name: _kind(meter.traffic[kind]) for kind, name in TRAFFIC.items()},
@@ -142,7 +142,7 @@ def radio_summary(world: World, *, all_arrived: bool) -> dict[str, Any]:
 
 def _nodes(world: World) -> list[list[float]] | None:
     """Rows [node, airtime_s, received_s, energy_J] of all nodes, stations last; None if there are many."""
-    meter, energy_J = world.air.meter, world.radio_energy_J
+    meter, energy_J = world.air.meter, world.consumption.radio_J
     if len(energy_J) > MAX_LINKS_LISTED:
         return None
     lasts, _, heard = meter.loads * meter.radio.coherence_time_s
@@ -262,7 +262,7 @@ def summary(
         "real_time_factor": flight.time_s / wall_time_s if wall_time_s > 0 else None,
         **flight_summary(flight),
         **radio_summary(world, all_arrived=bool((flight.arrival_tick >= 0).all())),
-        **world.energies(),
+        **world.consumption.totals(),
         **protocol_summary(world, schedule, can_be_steered=can_be_steered),
         "until": world.target.summary(),
         "waypoints_reached": world.flight.guide.reached if scenario.has_waypoints else None,

@@ -14,7 +14,7 @@ from meanflock.federation.backhaul import Backhaul
 from meanflock.federation.ledger import Ledger
 from meanflock.federation.mailbox import links_of, picked
 from meanflock.federation.plan import Plan
-from meanflock.federation.seat import name_of, ticks_until_lost
+from meanflock.federation.seat import name_of
 from meanflock.swarm import mission, state
 from meanflock.swarm.declared import most_memory
 from meanflock.swarm.errors import BadInput, MessageRejected
@@ -39,6 +39,7 @@ from meanflock.swarm.stateful import Stateful, restore, state_of
 from meanflock.swarm.wire.messages import Frames
 from meanflock.worldsim.checkpoint import Memories, Resumption, encoded
 from meanflock.worldsim.commands import Commands
+from meanflock.worldsim.consumption import Consumption
 from meanflock.worldsim.counters import Counters, weight_spread
 from meanflock.worldsim.downwash import Downwash
 from meanflock.worldsim.failures import Reports
@@ -71,6 +72,7 @@ class World(Stateful):
         over_duty: nodes whose radio has sent for longer than it may.
         counters: counters of the protocol; crews count in them, too.
         commands: the commands of the last tick.
+        consumption: of the radios and computers.
     """
 
     stored = (
@@ -116,6 +118,7 @@ class World(Stateful):
             plan.has_diagnostic,
             [rows for _, rows in mission.parts(scenario)],
         )
+        self.consumption = Consumption(plan, self.flight, self.air, self.commands)
         # Ticks in which a group joins or leaves.
         self._group_ticks = set(np.unique([mission.joins(scenario), mission.leaves(scenario)]).tolist())
         self._script = Script(scenario)
@@ -147,44 +150,6 @@ class World(Stateful):
         if self.ledger.is_done and self.scenario.stop == "rounds":
             return True
         return self.flight.over or bool(self.target.reached)
-
-    def energies(self) -> dict[str, float]:
-        """Energy of all UAVs so far, by field of the summary, J: radio, computers, and all with that of motion.
-
-        Stations have their own power.
-        """
-        flight = self.flight
-        radio = float(self.radio_energy_J[: self.scenario.uavs].sum())
-        compute = float(self._compute_J().sum())
-        total = float(flight.energy.sum()) + radio + compute
-        return {"energy_radio_J": radio, "energy_compute_J": compute, "energy_total_J": total}
-
-    def _compute_J(self) -> Floats:
-        """Energy of the computer of each UAV so far, (N,), J."""
-        flight, training = self.flight, np.full(self.scenario.uavs, self.scenario.training.power_W)
-        for group, rows in mission.parts(self.scenario):
-            if group.training is not None:
-                training[rows] = group.training.power_W
-        ticks = flight.tick - flight.off_ticks
-        found: Floats = self.scenario.energy.step_J * ticks + self.scenario.dt * training * self.commands.busy_ticks
-        return found
-
-    @property
-    def duty(self) -> Floats:
-        """Share of the time so far in which each node sends, (N + B,); the time is one round at least."""
-        sends_s = self.scenario.radio.coherence_time_s * self.air.meter.loads[0]
-        share: Floats = sends_s / (self.scenario.dt * max(1, self.flight.tick, self.plan.period_ticks))
-        return share
-
-    @property
-    def radio_energy_J(self) -> Floats:
-        """Energy of the radio of each node so far, (N + B,): of sending, receiving and neither, J."""
-        flight, constants, radio = self.flight, self.scenario.energy, self.scenario.radio
-        sends_s, _, receives_s = radio.coherence_time_s * self.air.meter.loads
-        powered = np.append(flight.tick - flight.off_ticks, np.minimum(flight.tick, ticks_until_lost(self.scenario)))
-        idles_s = np.maximum(0.0, powered * self.scenario.dt - sends_s - receives_s)
-        energy: Floats = constants.radio_W * sends_s + constants.receive_W * receives_s + constants.idle_W * idles_s
-        return energy
 
     def ask(self) -> Senses:
         """Begin a tick: faults begin, and frames arrive. Returns what the UAVs are told."""
@@ -270,7 +235,7 @@ class World(Stateful):
             completed = self._completed(ended, awake & ~absent)
             self.note(completed)
             if self.target.is_met(completed):
-                self.target.reach(completed, self.energies()["energy_total_J"])
+                self.target.reach(completed, self.consumption.totals()["energy_total_J"])
         return links
 
     def begun(self) -> Row:
@@ -381,7 +346,7 @@ class World(Stateful):
             guide.landing[:] = False
         if energy.battery_J is None or tick % REPORT_EVERY_TICKS:
             return
-        spent = flight.energy + self.radio_energy_J[: self.scenario.uavs] + self._compute_J()
+        spent = self.consumption.of_uavs_J
         aloft = np.ones_like(self._all) if flight.idle is None else ~flight.idle
         empty = np.flatnonzero(aloft & (spent >= energy.battery_J))
         if energy.empty == "falls":
@@ -447,7 +412,7 @@ class World(Stateful):
         limit = self.scenario.radio.duty_max
         if limit is None or self.flight.tick % REPORT_EVERY_TICKS:
             return
-        if over := sorted(set(np.flatnonzero(self.duty > limit).tolist()) - self.over_duty):
+        if over := sorted(set(np.flatnonzero(self.consumption.duty > limit).tolist()) - self.over_duty):
             self.over_duty.update(over)
             self.note(DutyExceeded(self.flight.tick, tuple(name_of(self.scenario, node) for node in over), limit))
 
