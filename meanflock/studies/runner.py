@@ -244,9 +244,9 @@ def terminable(out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise RunFailed(
-            f"interrupted; flights that were finished are kept in {out / 'data'}: repeat the command to go on"
-        ) from None
+        data = out / "data"
+        kept = f"; flights that were finished are kept in {data}: repeat the command to go on" if data.exists() else ""
+        raise RunFailed(f"interrupted{kept}") from None
     finally:
         if in_main:
             signal.signal(signal.SIGTERM, before)
