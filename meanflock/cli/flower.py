@@ -4,6 +4,7 @@ import json
 import logging
 import re
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +67,7 @@ def flower(
     with available("the command `flower`", "flower"):
         from meanflock.flower import plugin
         from meanflock.flower.app import App
+    from meanflock.launch.temporary import TemporaryFolder
     from meanflock.studies.swept import refuse_setting
     from meanflock.swarm import plugins
 
@@ -76,13 +78,14 @@ def flower(
         described.config[key] = value
     for key in ("training.learner", "federation.aggregation"):
         refuse_setting(key, settings, "is the app")
-    plugins.load_files([plugin.write(described, out / ".flower")])
     name = described.name
     fixed = (f"training.learner={name}", f"federation.aggregation={name}", "federation.fraction=1.0", "stop=rounds")
     file = None if mission is None else Path(mission)
     keys: dict[str, Any] = {"method": method or "orca", "uavs": uavs, "seed": seed, "duration": duration}
     rounds = described.rounds
-    with _forker(in_process) as forker:
+    with ExitStack() as stack:
+        plugins.load_files([plugin.write(described, stack.enter_context(TemporaryFolder()).path)])
+        forker = stack.enter_context(_forker(in_process))
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario
         from meanflock.launch.run import RunStopped

@@ -8,10 +8,9 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
 from meanflock.swarm.plugins.loader import read
+from meanflock.swarm.toml import parse
 
 os.environ["FLWR_TELEMETRY_ENABLED"] = "0"  # Flower reads it when it is imported
 
@@ -49,12 +48,14 @@ class App(NamedTuple):
         """
         path = folder / "pyproject.toml"
         try:
-            project = msgspec.toml.decode(read(path))
+            project = parse(read(path))
             table = project["tool"]["flwr"]["app"]
             client, server = (table["components"][key] for key in ("clientapp", "serverapp"))
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}; name the folder of a Flower app") from error
-        except (msgspec.DecodeError, KeyError, TypeError) as error:
+        except ValueError as error:
+            raise BadInput(f"{path}: not TOML: {error}") from error
+        except (KeyError, TypeError) as error:
             raise BadInput(
                 f"{path}: describes no Flower app; `clientapp` and `serverapp` stand in [tool.flwr.app.components]"
             ) from error

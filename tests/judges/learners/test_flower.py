@@ -299,6 +299,7 @@ def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
         ("server_app:app", "servr_app:app", "No module named 'flower_digits.servr_app'"),
         ("server_app:app", "client_app:app", "is a ClientApp; expected a ServerApp"),
         ("[tool.flwr.app.components]", "[tool.flwr.other]", "describes no Flower app"),
+        ("[tool.flwr.app.components]", "[tool.flwr", "pyproject.toml: not TOML: "),
         ("server_app:app", "server_app", "expected a module and a name in it, as app.client:app"),
         ('"flower_digits.server_app:app"', "3", "`serverapp` is 3; expected a module"),
     ],
@@ -309,6 +310,7 @@ def test_a_description_with_a_mistake_is_refused(tmp_path: Path, old: str, new: 
     described.write_text(described.read_text().replace(old, new))
     flown = fly(app, "--in-process", uavs=3)
     assert (flown.code, said in flown.said) == (2, True), flown.said
+    assert list(tmp_path.glob("*-runs-*")) == []  # nothing was written
 
 
 def test_other_topologies_standby_leaders_and_unknown_keys_are_refused(app: Path, tmp_path: Path) -> None:
