@@ -67,7 +67,6 @@ def flower(
     with available("the command `flower`", "flower"):
         from meanflock.flower import plugin
         from meanflock.flower.app import App
-    from meanflock.launch.temporary import TemporaryFolder
     from meanflock.studies.swept import refuse_setting
     from meanflock.swarm import plugins
 
@@ -84,7 +83,7 @@ def flower(
     keys: dict[str, Any] = {"method": method or "orca", "uavs": uavs, "seed": seed, "duration": duration}
     rounds = described.rounds
     with ExitStack() as stack:
-        plugins.load_files([plugin.write(described, stack.enter_context(TemporaryFolder()).path)])
+        plugins.load_files([stack.enter_context(plugin.written(described, out / ".flower"))])
         forker = stack.enter_context(_forker(in_process))
         from meanflock.cli import flight
         from meanflock.cli.arguments import load_scenario

@@ -1,8 +1,11 @@
 """Plug-in of a Flower app: a file with its learner and its aggregation rule, which every process of a flight loads."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from meanflock.flower.app import App
+from meanflock.swarm.errors import BadInput
 
 _SOURCE = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
 
@@ -31,3 +34,17 @@ def write(app: App, folder: Path) -> Path:
     path = folder / f"{app.name}.py"
     path.write_text(_SOURCE.format(fingerprint=app.fingerprint, **app._asdict()), encoding="utf-8")
     return path
+
+
+@contextmanager
+def written(app: App, folder: Path) -> Iterator[Path]:
+    """Context with the plug-in of an app in a folder; if the app cannot fly, what is new of them is deleted again."""
+    new = [path for path in (folder / f"{app.name}.py", folder, folder.parent) if not path.exists()]
+    path = write(app, folder)
+    try:
+        yield path
+    except BadInput:
+        for made in new:
+            with suppress(OSError):  # another flight has begun in it
+                made.unlink() if made == path else made.rmdir()
+        raise
