@@ -38,9 +38,16 @@ def write(app: App, folder: Path) -> Path:
 
 @contextmanager
 def written(app: App, folder: Path) -> Iterator[Path]:
-    """Context with the plug-in of an app in a folder; if the app cannot fly, what is new of them is deleted again."""
+    """Context with the plug-in of an app in a folder of `--out`; if the app is refused, what is new is deleted again.
+
+    Raises:
+        BadInput: the folder cannot be written.
+    """
     new = [path for path in (folder / f"{app.name}.py", folder, folder.parent) if not path.exists()]
-    path = write(app, folder)
+    try:
+        path = write(app, folder)
+    except OSError as error:
+        raise BadInput(f"--out {folder.parent}: {error.strerror}; name a folder that can be written") from error
     try:
         yield path
     except BadInput:

@@ -319,7 +319,9 @@ def test_other_topologies_standby_leaders_and_unknown_keys_are_refused(app: Path
     neighbours = fly(app, "--in-process", uavs=3, settings=("federation.topology=neighbours",))
     standby = fly(app, "--in-process", "--mission", mission, uavs=3)
     unknown = fly(app, "--in-process", uavs=3, learning_rat=0.1)
-    assert (neighbours.code, standby.code, unknown.code) == (2, 2, 2)
+    elsewhere = fly(app, "--in-process", "--out", mission, uavs=3)
+    assert (neighbours.code, standby.code, unknown.code, elsewhere.code) == (2, 2, 2, 2)
+    assert elsewhere.said == f"error: --out {mission}: Not a directory; name a folder that can be written\n"
     assert "a ServerApp needs a leader" in neighbours.said
     assert "has a standby leader, which cannot go on with the rule" in standby.said
     assert "the app has no such key; did you mean 'learning-rate'?" in unknown.said
