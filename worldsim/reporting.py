@@ -114,8 +114,9 @@ class Blocks:
             self.write(world.begun())
 
     def write(self, row: Row) -> None:
-        """Add a row; a block that is full goes out before, and one whose last row a checkpoint continues from after."""
-        if self._filled == self._rows:
+        """Add a row. Before it a block goes out that is full, or has a part of a checkpoint; until then it takes the
+        events of the flight's end."""
+        if self._filled == self._rows or self._has_part:
             self._flush()
         k = self._filled
         world, columns = self._world, self._columns
@@ -153,12 +154,12 @@ class Blocks:
             body = world.checkpoint(row.memories, self._watch.seconds, self.block)
             if len(body) <= (most := most_bytes(world.scenario.uavs)):
                 self._parts = deque(split(body))
-                self._flush()
+                self._has_part = True  # it continues from this row
             else:
                 reason = f"its {len(body) / 2**20:,.1f} MiB do not fit into {most / 2**20:,.1f} MiB"
                 world.note_once(NoCheckpoint(row.tick, reason))
         elif self._parts and self._mailer.has_room and not world.over:
-            self._flush()
+            self._has_part = True
         self._mailer.publish()
 
     @property
@@ -168,9 +169,13 @@ class Blocks:
         return states
 
     def finish(self) -> int:
-        """End the last block with the rows it has, and the events since; returns the number of the block after it."""
-        self._parts.clear()
-        self._events += self._world.flight.events
+        """End the last block with the rows it has, and the events since; returns the number of the block after it.
+
+        No flight goes on from behind the events of its end.
+        """
+        if since := self._world.flight.events:
+            self._parts.clear()
+        self._events += since
         self._flush()
         return self.block
 
@@ -187,16 +192,14 @@ class Blocks:
         self.block = block
         self._first_tick = first_tick
         self._filled = 0
+        self._has_part = False  # whether the block is to carry a part of a checkpoint
         self._swarm: list[tuple[float, ...]] = []
         self._events: list[FlightEvent] = []
         self._links: list[NDArray[np.int32]] = []
         self._reports: list[tuple[int, Floats, float]] = []
 
     def _flush(self) -> None:
-        """End the block, with the next part of a checkpoint if there is one. Others follow after the next ticks.
-
-        Without rows there is no block: a flight may be interrupted in the tick of a checkpoint.
-        """
+        """End the block, with the next part of a checkpoint if there is one. Others follow after the next ticks."""
         if not (n := self._filled):
             return
         ticks, reports, spread = zip(*self._reports, strict=True) if self._reports else ((), (), ())

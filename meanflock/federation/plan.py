@@ -174,11 +174,10 @@ class Plan:
         0 or 1 without rounds.
         """
         losses = [fault for fault in self.scenario.faults if isinstance(fault, LeaderLoss)]
-        started = 1 + sum(fault.standby for fault in losses)
-        left = max(0, started - sum(fault.begins(self.scenario.dt) < tick for fault in losses))
-        if not self.declared.is_federated:
-            return min(left, 1)
-        return left if any(hop.role == "leader" for hop in self.hops) else 0
+        standbys = sum(fault.standby for fault in losses) if self.declared.is_federated else 0
+        if self.declared.is_federated and not any(hop.role == "leader" for hop in self.hops):
+            return 0
+        return max(0, 1 + standbys - sum(fault.begins(self.scenario.dt) < tick for fault in losses))
 
     @property
     def is_resumable(self) -> bool:

@@ -121,7 +121,6 @@ def _fly(
         # First, because the world begins beside the outputs, whose libraries take as long to load.
         swarm = None if options.in_process else stack.enter_context(_begun(scenario, run_id, options, start))
         from meanflock.launch.outputs import Outputs
-        from meanflock.results.run_folder import go_on
 
         outputs = stack.enter_context(Outputs(scenario, run_id, options, None if back is None else back.past))
         interrupted.at_once = outputs.give_up
@@ -140,9 +139,7 @@ def _fly(
     ended = EndedRun(scenario, outputs.folder.path, outputs.summary)
     if failure is not None or interrupted:
         reason = "interrupted; " if failure is None else f"{failure}\n"
-        raise RunStopped(
-            f"{reason}{ended.folder} has the part that was flown; {go_on(ended.folder)}", ended
-        ) from failure
+        raise RunStopped(f"{reason}{outputs.what_there_is}", ended) from failure
     return ended
 
 

@@ -19,6 +19,7 @@ class Generators:
     """
 
     in_use = 0  # contexts of this process that are open
+    uses = 0  # that were ever opened
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
@@ -27,6 +28,7 @@ class Generators:
 
     def __enter__(self) -> None:
         Generators.in_use += 1
+        Generators.uses += 1
         self._others = _states()
         if self._own is not None:
             _set_states(self._own)
@@ -77,8 +79,12 @@ def global_state() -> tuple[Any, ...]:
 
 
 def _undisturbed() -> tuple[Any, ...] | None:
-    """State of the global generators; None while a training has them to itself."""
-    return None if Generators.in_use else global_state()
+    """State of the global generators; None while a training, which has a thread of its own, has them to itself."""
+    uses = Generators.uses
+    if Generators.in_use:
+        return None
+    now = global_state()
+    return now if Generators.uses == uses else None
 
 
 def _states() -> tuple[Any, Any, Any]:

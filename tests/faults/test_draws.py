@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import meanflock as mf
-from meanflock.swarm import plugins
+from meanflock.swarm import global_generators, plugins
 from meanflock.swarm.events import GlobalDraw
 from meanflock.swarm.global_generators import DrawWatch, Generators, global_state
 from meanflock.swarm.scenario import Scenario, load
@@ -89,6 +89,19 @@ def test_what_callers_and_trainings_draw_is_no_draw_of_a_plugin() -> None:
         flight.step(-0.02 * flight.states[:, :2] + random.random())
     assert "random" not in [event["kind"] for event in flight.finish().events]
     assert watch.finds_a_draw_now()
+    assert not watch.finds_a_draw_now()
+
+
+def test_a_training_that_begins_while_the_states_are_compared_is_no_draw_of_a_plugin(monkeypatch) -> None:
+    watch = DrawWatch()
+
+    def disturbed() -> tuple[Any, ...]:
+        with Generators(seed=1):
+            return global_state()
+
+    with monkeypatch.context() as patched:
+        patched.setattr(global_generators, "global_state", disturbed)
+        assert not watch.finds_a_draw_now()
     assert not watch.finds_a_draw_now()
 
 

@@ -12,11 +12,14 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+import numpy as np
 import pytest
 
 import meanflock as mf
 from meanflock.cli.command import main
+from meanflock.launch import engine
 from meanflock.launch.engine import Engine
 from meanflock.launch.processes import free_endpoint
 from meanflock.launch.progress import FlightProgress
@@ -26,16 +29,20 @@ from meanflock.recording.replay import recorded, verify
 from meanflock.results.event_log import row_of
 from meanflock.results.run_folder import CHECKPOINT, EVENTS, RECORDING, SUMMARY, RunFolder, read_checkpoint
 from meanflock.results.timeseries_file import SPOOL, past
+from meanflock.swarm import plugins
 from meanflock.swarm import scenario as scenarios
-from meanflock.swarm.errors import BadInput
-from meanflock.swarm.events import FlightFinished
+from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.events import FlightFailed, FlightFinished
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
-from meanflock.worldsim.checkpoint import SCHEMA
+from meanflock.worldsim.checkpoint import EVERY_TICKS, SCHEMA
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
 from tests.faults.dying import LATER, dead, events, flight, resumed, steady
+from tests.memory_swarm import MemorySwarm
+from tests.telemetry import Record, comparable, fly
+from tests.testing.good import GoodVehicle
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +75,52 @@ def test_a_run_is_resumed_before_a_group_joins_and_though_one_has_a_single_uav(k
     folder = dead(tmp_path / "dead", flown, 130)
     assert steady(resumed(folder)) == steady(whole)
     assert [group["closest_approach_m"] is None for group in whole["groups"].values()] == [False, True, False]
+
+
+def test_a_leader_that_was_lost_stays_lost_in_a_resumed_flight_without_rounds() -> None:
+    losses = [{"kind": "leader-loss", "tick": tick} for tick in (5, 150)]
+    flown = Scenario(uavs=2, duration=20.0, method="straight", stop="duration", faults=losses)
+    with patch.object(engine, "_CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS):
+        _, whole = fly(flown)
+    begin = whole.checkpoints[-1]
+    assert begin.tick == 101
+    _, rest = fly(flown, resume=begin)
+    assert comparable(rest.events) == comparable(whole.events_from(begin.block + 1))
+
+
+class Stopping(GoodVehicle):
+    """A vehicle that fails in the tick of its option."""
+
+    name = "stopping"
+
+    class Options(mf.Options, frozen=True):
+        tick: int = 0
+
+    def init(self, uavs: int) -> Any:
+        return {**super().init(uavs), "ticks": np.zeros((uavs, 1))}
+
+    def step(self, states: Any, hidden: Any, acceleration: Any, noise: Any) -> Any:
+        if hidden["ticks"].max() >= self.options.tick:
+            raise ValueError("it stops")
+        moved, thrust = super().step(states, hidden, acceleration, noise)
+        return moved, {**thrust, "ticks": hidden["ticks"] + 1}
+
+
+@pytest.mark.parametrize("form", [Engine, MemorySwarm])
+@pytest.mark.parametrize("tick", [0, 1, 2, 100, 101, 102, 201, 202])  # checkpoints go on from ticks 1, 101 and 201
+def test_a_flight_that_fails_keeps_all_rows_and_says_so_in_its_last_event(tick, form, monkeypatch) -> None:
+    monkeypatch.setattr(engine, "_CHECKPOINT_TICKS_AT_MOST", EVERY_TICKS)
+    options = {"vehicle.model": plugins.register(Stopping).name, "vehicle.options": {"tick": tick}}
+    flown = Scenario().replace(uavs=2, duration=30.0, stop="duration", method="orca", **options)
+    record = Record()
+    flight = form(flown, "fails", sinks=[record])
+    with pytest.raises(RunFailed, match="it stops"):
+        for _ in flight.fly():
+            pass
+    last = record.events[-1]
+    assert (last.tick, type(last)) == (tick, FlightFailed)
+    assert sum(len(block.states) for block in record.blocks) == tick + 1
+    assert all(begin.tick < max(tick, 1) for begin in record.checkpoints)
 
 
 def test_a_spool_cut_off_in_the_middle_of_a_block_is_resumed_all_the_same(undisturbed, tmp_path, monkeypatch) -> None:

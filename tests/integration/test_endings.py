@@ -190,7 +190,7 @@ def test_the_power_of_a_vehicle_that_fails_is_the_error_and_the_last_event_of_th
     failure = "vehicle 'mine': `power` failed: ValueError: flat (mine.py, line 15)"
     began, *_, ended = capsys.readouterr().err.splitlines()
     assert began.startswith({"--in-process": f"error: {failure}"}.get(mode, "error: world ended with exit code 1; its"))
-    assert ended.startswith(f"{command.folder} has the part that was flown; "), ended
+    assert ended.startswith(f"{command.folder} has the flight up to tick "), ended
     last = json.loads((command.folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])
     assert (last["event"], last["fields"]["reason"].startswith(failure)) == ("flight-failed", True)
     assert (
