@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from meanflock.channel import contention, queue
 from meanflock.federation.seat import seat
 from meanflock.swarm import mission
-from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, PluginFailed, last_line
 from meanflock.swarm.plugins.guard import check_array, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.state import Floats, Vectors
@@ -304,9 +304,9 @@ def carried(answer: Any, memory: Memory, links: int) -> tuple[Memory, Fate]:
     return after, Fate(slots, delivered, waited)
 
 
-def failed(model: str, error: BaseException) -> RunFailed:
+def failed(model: str, error: BaseException) -> PluginFailed:
     """The error of a channel that raised, or returned something else than it must."""
-    return RunFailed(f"channel {model!r}: failed: {last_line(error)}")
+    return PluginFailed(f"channel {model!r}: failed: {last_line(error)}")
 
 
 def closed_form(answer: Any, links: int, method: str) -> tuple[float, float] | None:

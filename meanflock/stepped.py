@@ -196,7 +196,10 @@ class Stepped:
     def close(self) -> None:
         """Abandons the flight. Only needed with `out=`: its folder has the ticks that were flown."""
         self.over = True
-        self._stack.close()
+        outputs = self._flight.outputs
+        with self._stack:
+            if outputs is not None and outputs.folder.is_owner:  # a fork writes nothing of its parent
+                self._engine.keep()
 
     def __getstate__(self) -> dict[str, Any]:
         """The flight, with the states of all ticks in place of their hash, which no pickle or copy can have.

@@ -95,6 +95,7 @@ class Blocks:
         self._mailer = mailer
         self._watch = watch
         self._parts: deque[bytes] = deque()  # of a checkpoint, that are not in a block yet
+        self._has_part = False  # whether the block is to carry one of them
         rows = _BLOCK_ROWS_REALTIME
         if block_rows is not None:
             rows = max(_BLOCK_ROWS, min(block_rows, _BLOCK_STATES // uavs))
@@ -118,6 +119,7 @@ class Blocks:
         events of the flight's end."""
         if self._filled == self._rows or self._has_part:
             self._flush()
+        self._mailer.publish()
         k = self._filled
         world, columns = self._world, self._columns
         flight, counters = world.flight, world.counters
@@ -160,7 +162,6 @@ class Blocks:
                 world.note_once(NoCheckpoint(row.tick, reason))
         elif self._parts and self._mailer.has_room and not world.over:
             self._has_part = True
-        self._mailer.publish()
 
     @property
     def filled(self) -> Floats:
@@ -192,7 +193,7 @@ class Blocks:
         self.block = block
         self._first_tick = first_tick
         self._filled = 0
-        self._has_part = False  # whether the block is to carry a part of a checkpoint
+        self._has_part = False
         self._swarm: list[tuple[float, ...]] = []
         self._events: list[FlightEvent] = []
         self._links: list[NDArray[np.int32]] = []

@@ -393,8 +393,8 @@ class World(Stateful):
         ledger.wait_at(acts.waiting)
         counters.steered += acts.steered
         if len(acts.refused_uploads):
-            counters.uploads_refused += len(acts.refused_uploads)
-            uploads = np.unique(acts.refused_uploads).tolist()
+            uploads = np.unique(acts.refused_uploads).tolist()  # several nodes may refuse one
+            counters.uploads_refused += len(uploads)
             ledger.refuse(uploads)
             self.note(UploadsRefused(flight.tick, tuple(uploads)))
         if len(acts.refused_states):

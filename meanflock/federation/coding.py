@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meanflock.federation.codings.base import Coding, Models
-from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, PluginFailed, last_line
 from meanflock.swarm.plugins.guard import check_array, check_values
 from meanflock.swarm.state import Floats, Mask
 
@@ -29,7 +29,7 @@ def check_form(coding: Coding) -> None:
 class CheckedCoding:
     """A coding whose answers are checked; see `Coding` for the methods.
 
-    Each raises RunFailed if the coding raised, or returned something else than it must.
+    Each raises PluginFailed if the coding raised, or returned something else than it must.
     """
 
     def __init__(self, coding: Coding) -> None:
@@ -69,4 +69,4 @@ class CheckedCoding:
         try:
             yield
         except FAILURES as error:
-            raise RunFailed(f"coding {self._coding.name!r}: `{method}` failed: {last_line(error)}") from error
+            raise PluginFailed(f"coding {self._coding.name!r}: `{method}` failed: {last_line(error)}") from error

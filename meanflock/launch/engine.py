@@ -1,6 +1,7 @@
 """One run in this process and thread: a world, a crew, and outputs."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from meanflock.federation.plan import plan_of
 from meanflock.net.limits import Limits
-from meanflock.swarm.errors import BadInput, RunFailed
+from meanflock.swarm.errors import BadInput, PluginFailed
 from meanflock.swarm.events import FlightFailed, FlightFinished
 from meanflock.swarm.global_generators import DrawWatch
 from meanflock.swarm.scenario import Scenario
@@ -117,24 +118,35 @@ class Engine:
         """Fly; yields the number of each tick, so that the caller can stop after any.
 
         Raises:
-            RunFailed: a plug-in of the world failed; the sinks have the telemetry up to there, and an event says so.
+            PluginFailed: the sinks have the telemetry up to there, and an event says so.
+            RunFailed: a sink cannot be written.
         """
         self.watch.restart()
-        try:
-            with limited():
-                for row in fly(self.world, self._answering, self._sinks):
-                    renew_if_loaded()
-                    yield row.tick
-                self.world.flight.books.settle()
-        except RunFailed as error:
-            self.world.note(FlightFailed(self.world.tick, str(error)))
-            if self._blocks is not None:
-                self._blocks.finish()
-            raise
+        with self._telling(), limited():
+            for row in fly(self.world, self._answering, self._sinks):
+                renew_if_loaded()
+                yield row.tick
+            self.world.flight.books.settle()
 
     def move(self, senses: Senses) -> None:
-        """Fly the tick that was asked for and heard, by the crew's answer."""
-        move(self.world, self.crew.speak(senses), self._sinks)
+        """Fly the tick that was asked for and heard, by the crew's answer. Raises as `fly` does."""
+        with self._telling():
+            move(self.world, self.crew.speak(senses), self._sinks)
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Context in which a failure of a plug-in is the last event of the flight."""
+        try:
+            yield
+        except PluginFailed as error:
+            self.world.note(FlightFailed(self.world.tick, str(error)))
+            self.keep()
+            raise
+
+    def keep(self) -> None:
+        """Hand all rows to the sinks, of a run that ends without a summary."""
+        if self._blocks is not None:
+            self._blocks.finish()
 
     def complete(self, observe: Observer | None = None) -> dict[str, Any]:
         """Fly the whole flight; returns its summary. `observe` is called at take-off and after every tick. It may read
@@ -159,10 +171,9 @@ class Engine:
             schedule=self._schedule,
             can_be_steered=self._can_be_steered,
         )
-        if self._blocks is not None:
-            if world.over:
-                world.note(FlightFinished(world.tick, record["arrived"], world.scenario.uavs))
-            self._blocks.finish()
+        if world.over:
+            world.note(FlightFinished(world.tick, record["arrived"], world.scenario.uavs))
+        self.keep()
         return record
 
     def states_since(self, blocks: Sequence[Telemetry]) -> Floats:

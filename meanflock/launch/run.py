@@ -18,7 +18,7 @@ from meanflock.results.groups import run_name
 from meanflock.swarm import durable, logs
 from meanflock.swarm import scenario as scenarios
 from meanflock.swarm.declared import NO_LEARNER
-from meanflock.swarm.errors import BadInput, BusError, ProcessDied, RunFailed, needed
+from meanflock.swarm.errors import BadInput, BusError, PluginFailed, ProcessDied, RunFailed, needed
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.checkpoint import Resumption
 from meanflock.worldsim.steering import LOCKSTEP
@@ -132,9 +132,7 @@ def _fly(
             else:
                 with swarm:
                     outputs.summary = _processes(swarm, scenario, run_id, options, outputs, interrupted, start)
-        except RunFailed as error:
-            if swarm is not None and not isinstance(error, ProcessDied):
-                raise
+        except (PluginFailed, ProcessDied) as error:
             failure = error
     ended = EndedRun(scenario, outputs.folder.path, outputs.summary)
     if failure is not None or interrupted:

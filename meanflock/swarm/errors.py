@@ -41,6 +41,10 @@ class ProcessDied(RunFailed):
     """A process died that a run needs."""
 
 
+class PluginFailed(RunFailed):
+    """A plug-in failed without which no flight goes on: vehicle, channel or coding."""
+
+
 class BusError(RunFailed):
     """The bus could not be opened, or the swarm could not be joined."""
 

@@ -1,14 +1,18 @@
 """`mf.Stepped`: the caller commands each tick, and the flight is that of `mf.fly`."""
 
+import json
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import meanflock as mf
 from meanflock.swarm.plugins import load, load_file
+from tests.testing.good import GoodVehicle, calls
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL: dict[str, Any] = {"uavs": 4, "seed": 3, "duration": 6.0}
@@ -113,6 +117,26 @@ def test_a_method_that_is_given_is_ignored_with_a_warning() -> None:
         mf.Stepped("paper", method="lqr", **SMALL)
     with pytest.warns(UserWarning, match="method 'cruise' is ignored"):
         mf.Stepped(mf.Scenario(method="cruise", controller={"speed_m_s": 1.0}), **SMALL)
+
+
+def test_a_flight_that_fails_or_is_closed_leaves_a_folder_with_its_ticks(tmp_path: Path) -> None:
+    class Stopping(GoodVehicle):
+        name = "stopping"
+
+        def step(self, *given: Any) -> Any:
+            if calls(self) == 24:
+                raise ValueError("it stops")
+            return super().step(*given)
+
+    for vehicle, last in ((GoodVehicle, "nodes-joined"), (Stopping, "flight-failed")):
+        out = tmp_path / vehicle.name
+        with suppress(mf.RunFailed), mf.Stepped(**SMALL, out=out, **{"vehicle.model": vehicle}) as flight:
+            for _ in range(30):
+                flight.step(np.zeros((4, 2)))
+        (folder,) = out.iterdir()
+        events = [json.loads(line)["event"] for line in (folder / "events.jsonl").read_text().splitlines()]
+        assert events[-1] == last
+        assert pq.read_metadata(folder / "timeseries.parquet").num_rows == flight.tick + 1
 
 
 def test_a_flight_ended_early_is_a_run_with_a_folder(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from meanflock import kernels
 from meanflock.swarm import plugins, state
-from meanflock.swarm.errors import FAILURES, BadInput, RunFailed, last_line
+from meanflock.swarm.errors import FAILURES, BadInput, PluginFailed, last_line
 from meanflock.swarm.events import CommandsIgnored
 from meanflock.swarm.plugins.guard import check_array, check_bounded, check_memory, check_same_form, check_values
 from meanflock.swarm.scenario import Scenario
@@ -209,7 +209,7 @@ class Physics:
             check_memory("`init`: hidden", hidden, self._uavs)
             for name, part in hidden.items():
                 _check_finite(f"hidden[{name!r}] of `init`", part, self._names)
-        except (RunFailed, TypeError, ValueError) as error:
+        except (PluginFailed, TypeError, ValueError) as error:
             raise BadInput(f"vehicle {self._name!r}: {error}") from error
         return dict(hidden)
 
@@ -227,21 +227,21 @@ class Physics:
         `gust` is for a vehicle that takes it apart from `acceleration`; None: there is none.
 
         Raises:
-            RunFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
+            PluginFailed: the vehicle raised, or its result is invalid; the message names the vehicle and the UAV.
         """
         arguments: tuple[state.Vectors, ...] = (acceleration, noise)
         if self.takes_push:
             arguments = (acceleration, noise, self._calm if gust is None else gust)
         try:
             return self._moved(states, hidden, arguments, waiting)
-        except (RunFailed, TypeError, ValueError) as error:
-            raise RunFailed(f"vehicle {self._name!r}: {error}") from error
+        except (PluginFailed, TypeError, ValueError) as error:
+            raise PluginFailed(f"vehicle {self._name!r}: {error}") from error
 
     def power(self, states: state.States, hidden: Hidden, acceleration: state.Vectors) -> state.Rows:
         """The power of the rows of all UAVs in one or several ticks, by `Vehicle.power`, W.
 
         Raises:
-            RunFailed: see `step`.
+            PluginFailed: see `step`.
         """
         try:
             power = self._asked("power", states, hidden, acceleration)
@@ -252,17 +252,17 @@ class Physics:
             if power.min(initial=0.0) < 0.0:
                 row = int(power.argmin())
                 raise ValueError(f"power of UAV {names[row]}: {power[row]:g} W; expected 0 or more")
-        except (RunFailed, TypeError, ValueError) as error:
+        except (PluginFailed, TypeError, ValueError) as error:
             ticks = len(states) // self._uavs
             rows = "" if ticks == 1 else f" (of the rows of {ticks} ticks of {self._uavs} UAVs)"
-            raise RunFailed(f"vehicle {self._name!r}: {error}{rows}") from error
+            raise PluginFailed(f"vehicle {self._name!r}: {error}{rows}") from error
         return power
 
     def shown(self, hidden: Hidden, columns: int) -> state.Floats:
         """The numbers (N, columns) that the vehicle shows of all UAVs, by `Vehicle.shown`.
 
         Raises:
-            RunFailed: see `step`.
+            PluginFailed: see `step`.
         """
         for part in hidden.values():
             part.setflags(write=False)
@@ -271,8 +271,8 @@ class Physics:
             check_array("shown", shown, (self._uavs, columns), np.dtype(float))
             _check_finite("shown", shown, self._names)
             check_bounded("shown", shown)  # telemetry has it as float32
-        except (RunFailed, TypeError, ValueError) as error:
-            raise RunFailed(f"vehicle {self._name!r}: {error}") from error
+        except (PluginFailed, TypeError, ValueError) as error:
+            raise PluginFailed(f"vehicle {self._name!r}: {error}") from error
         return shown
 
     def _moved(
@@ -314,7 +314,7 @@ class Physics:
         try:
             return getattr(self._vehicle, method)(*arguments)
         except FAILURES as error:
-            raise RunFailed(f"`{method}` failed: {last_line(error)}") from error
+            raise PluginFailed(f"`{method}` failed: {last_line(error)}") from error
 
 
 def _check_finite(label: str, array: NDArray, uavs: NDArray[np.intp]) -> None:
