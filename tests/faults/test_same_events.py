@@ -100,3 +100,11 @@ def test_a_resumed_flight_tells_no_failure_again(before: int | None, rows: int |
     resumed = fly(flown, rows=rows, resume=past)[1].events
     assert comparable(resumed) == comparable(whole.events_from(past.block + 1))
     assert failures(resumed) == []
+
+
+def test_an_upload_that_several_nodes_refuse_counts_once() -> None:
+    keys = ["uavs=6", "duration=8", "federation.period=20", "federation.byzantine_fraction=0.3"]
+    flown = load(None, [*keys, "federation.topology=neighbours", "federation.byzantine_kind=huge"])
+    refused, *others = [fly(flown, rows=rows)[0]["uploads_refused"] for rows in (None, 1, 4)]
+    assert refused > 0
+    assert others == [refused, refused]
