@@ -12,7 +12,7 @@ from meanflock.comparison import Comparison
 from meanflock.launch import memory
 from meanflock.launch.temporary import TemporaryFolder
 from meanflock.progress import Progress, checked_progress
-from meanflock.settings import load_plugins, scenario_of, with_settings
+from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
 from meanflock.studies import before_take_off, study
 from meanflock.studies.store import Store
 from meanflock.studies.swept import add_point, point_of, refuse_twice
@@ -28,6 +28,7 @@ def compare(
     *,
     seeds: int = 8,
     scenario: str | Path | Scenario | None = "paper",
+    learner: str | Path | type | None = None,
     plugin: str | Path | Sequence[str | Path] | None = None,
     jobs: int = -1,
     out: str | Path | None = None,
@@ -40,9 +41,10 @@ def compare(
         methods: one or several controllers, by name or as classes.
         seeds: number of flights of each controller; their seeds follow on from the scenario's.
         scenario: the name of a shipped scenario, a TOML file, or a Scenario.
+        learner: a learner that trains in each flight, as for `mf.fly`.
         plugin: one or several files with plug-ins.
         jobs: number of processes; −1: one for each core. All flights are in this process if a plug-in of theirs was
-            registered in it (`mf.register`, or a class in `methods`), or if this process is a worker of
+            registered in it (`mf.register`, or a class that is given), or if this process is a worker of
             `multiprocessing`.
         out: folder for finished flights. After an interruption the same call flies the remaining ones.
         progress: called with the number of finished flights and of all flights.
@@ -53,8 +55,8 @@ def compare(
         RunFailed: a process died.
     """
     load_plugins(plugin)
-    if not (named := _several(methods)):
-        raise BadInput("compare: name a controller or more")
+    settings |= _training(learner)
+    named = _several("compare", methods, settings)
     points: dict[tuple[Any, ...], Scenario] = {}
     for method in named:
         flown = scenario_of(scenario, settings, method=method)
@@ -70,6 +72,7 @@ def sweep(
     methods: Sequence[str | type] | str | type | None = None,
     seeds: int = 8,
     scenario: str | Path | Scenario | None = "paper",
+    learner: str | Path | type | None = None,
     plugin: str | Path | Sequence[str | Path] | None = None,
     jobs: int = -1,
     out: str | Path | None = None,
@@ -89,11 +92,12 @@ def sweep(
         RunFailed: a process died.
     """
     load_plugins(plugin)
+    settings |= _training(learner)
     if not np.iterable(key) or not np.iterable(values):
         raise BadInput(f"sweep: {key!r}: {values!r}; give a key, or a list of keys, and a list of values")
     keys, listed = ([key], [values]) if isinstance(key, str) else (list(key), list(values))
     listed = [each if isinstance(each, str) or not np.iterable(each) else list(each) for each in listed]
-    named = _several(methods)
+    named = [] if methods is None else _several("sweep", methods, settings)
     _check_grid(keys, listed, settings, named)
     names = keys if "method" in keys else [*keys, "method"]
     points: dict[tuple[Any, ...], Scenario] = {}
@@ -117,18 +121,31 @@ def _check_grid(
     refuse_twice(keys)
     for key, values in zip(keys, listed, strict=True):
         if key in settings or (key == "method" and methods):
-            raise BadInput(f"{key} is what is swept; leave it out of the {'methods' if methods else 'settings'}")
+            place = "settings" if key in settings else "methods"
+            raise BadInput(f"{key} is what is swept; leave it out of the {place}")
         if not isinstance(values, list):
             raise BadInput(f"sweep: {key}: {values!r}; give a list of values")
         if not values:
             raise BadInput(f"sweep: give {key} a value or more")
 
 
-def _several(methods: Sequence[str | type] | str | type | None) -> list[str | type]:
-    """The controllers as a list, also if only one was given."""
-    if isinstance(methods, Iterable) and not isinstance(methods, str | type):
-        return list(methods)
-    return [] if methods is None else [methods]
+def _several(function: str, methods: Any, settings: Mapping[str, Any]) -> list[str | type]:
+    """The controllers as a list, also if only one was given.
+
+    Raises:
+        BadInput: there is none, or the settings name another one.
+    """
+    named = list(methods) if isinstance(methods, Iterable) and not isinstance(methods, str | type) else [methods]
+    if not named or methods is None:
+        raise BadInput(f"{function}: name a controller or more")
+    if "method" in settings:
+        raise BadInput(f"{function}: both `methods` and `method` name controllers; give one of them")
+    return named
+
+
+def _training(learner: str | Path | type | None) -> dict[str, str]:
+    """The key of a learner that is given, if one is."""
+    return {} if learner is None else {"training.learner": learner_named(learner)}
 
 
 def _processes(jobs: Any) -> int:

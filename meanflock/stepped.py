@@ -131,6 +131,7 @@ class Stepped:
     ) -> None:
         self._tell = checked_progress(progress)
         self._run: Run | None = None
+        self._is_closed = False
         with ExitStack() as stack:
             self._flight = prepared(self.scenario, out, record, stack, mission, is_stepped=True)
             self._stack = stack.pop_all()
@@ -186,8 +187,14 @@ class Stepped:
         return self._engine.models.copy()
 
     def finish(self) -> Run:
-        """Ends the flight, also before it is over, and completes its files; returns the run, as `mf.fly` does."""
+        """Ends the flight, also before it is over, and completes its files; returns the run, as `mf.fly` does.
+
+        Raises:
+            BadInput: `close` has abandoned the flight.
+        """
         if self._run is None:
+            if self._is_closed:
+                raise BadInput("finish: `close` has abandoned the flight; make another mf.Stepped, and finish it first")
             self.over = True
             with self._stack:
                 self._run = self._flight.finish()
@@ -195,7 +202,7 @@ class Stepped:
 
     def close(self) -> None:
         """Abandons the flight. Only needed with `out=`: its folder has the ticks that were flown."""
-        self.over = True
+        self.over = self._is_closed = True
         outputs = self._flight.outputs
         with self._stack:
             if outputs is not None and outputs.folder.is_owner:  # a fork writes nothing of its parent

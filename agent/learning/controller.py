@@ -76,6 +76,8 @@ class Learning:
         table = self._table = scenario.training
         check_isa(table.torch_isa)
         self._name = f"learner {learner.name!r}"
+        if isinstance(learner.keeps, str):
+            raise BadInput(f"{self._name}: `keeps` is a text; write ({learner.keeps!r},)")
         try:
             first = TRAININGS.call(self._initial)
             self._form = ModelForm(first, table.integers, (*learner.keeps, *table.keeps))
@@ -369,7 +371,8 @@ class Learning:
             return None
         if not isinstance(trained, Trained):
             raise TypeError(f"`fit` returns a {type(trained).__name__}; expected mf.Trained(model, examples) or None")
-        check_weights("`examples`", np.array([trained.examples], dtype=np.float64))
+        examples = _number("`examples`", trained.examples)
+        check_weights("`examples`", np.array([examples]))
         for label, raw, most in (("note", trained.note, self.note_bytes), ("state", state, self._state_bytes)):
             if not isinstance(raw, bytes) or len(raw) > most:
                 given = f"{len(raw)} bytes" if isinstance(raw, bytes) else f"a {type(raw).__name__}"
@@ -377,7 +380,6 @@ class Learning:
         model, kept = self._form.split(trained.model)
         metrics = measured | _numbers("`metrics` of `fit`", trained.metrics)
         left = max(0, started_threads() - threads)
-        examples = float(trained.examples)
         return TrainingResult(model, kept, examples, metrics, trained.note, state, self._problem(model), left)
 
     def _problem(self, model: Floats) -> str:
@@ -424,7 +426,14 @@ def _split(memory: Memory) -> tuple[Memory, Memory]:
 def _numbers(label: str, given: Any) -> dict[str, float]:
     if not isinstance(given, dict):
         raise TypeError(f"{label}: a {type(given).__name__}; expected a dict of numbers by name")
-    return {name: float(value) for name, value in given.items()}
+    return {name: _number(f"{label}: {name!r}", value) for name, value in given.items()}
+
+
+def _number(label: str, given: Any) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{label} is a {type(given).__name__}; expected a number") from error
 
 
 def _packed(texts: Sequence[bytes], room: int) -> NDArray[np.uint8]:

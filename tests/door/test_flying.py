@@ -26,6 +26,7 @@ from meanflock.cli.command import main
 from meanflock.comparison import Comparison
 from meanflock.results.quantities import DERIVED, SUMMARY
 from meanflock.studies import study
+from tests.agent.learning.lines import FLOWN, Line
 from tests.commands import loaded, printed
 from tests.testing.good import GoodVehicle
 
@@ -152,6 +153,17 @@ OUT = {"out": "runs"}
         (lambda: mf.sweep("wind.sigma", [0.1], seeds=2, **FEW | {"jobs": "2"}), "jobs: '2'; give a number"),
         (lambda: mf.sweep("wind.sigma", [0.1], **{"wind.sigma": 0.2}, **FEW), "leave it out"),
         (lambda: mf.sweep("method", ["mfg"], methods="hjb", **FEW), "leave it out of the methods"),
+        (lambda: mf.sweep("wind.sigma", [0.1], methods="hjb", **{"wind.sigma": 0.2}, **FEW), "out of the settings"),
+        (lambda: mf.sweep("wind.sigma", [0.1], methods=[], **FEW), "sweep: name a controller or more"),
+        (lambda: mf.compare("plan", learner="nowhere.py", **FEW), "--learner nowhere.py: No such file"),
+        (
+            lambda: mf.sweep("training.learner", ["line"], learner=Line, method="plan", **FEW),
+            "training.learner is what is swept; leave it out of the settings",
+        ),
+        (lambda: mf.compare([], **FEW), "compare: name a controller or more"),
+        (lambda: mf.compare("hjb", method="mfg", **FEW), "compare: both `methods` and `method`"),
+        (lambda: mf.sweep("wind.sigma", [0.1], methods="hjb", method="mfg", **FEW), "sweep: both `methods` and"),
+        (lambda: mf.fly(**{"federation.aggregation": 3}, **OUT), "nor the class of an aggregator"),
         (lambda: mf.sweep(["wind.sigma", "uavs"], [[0.1, 0.2]], **FEW), "2 keys, and values for 1"),
         (lambda: mf.sweep(["wind.sigma", "wind.sigma"], [[0.1], [0.2]], **FEW), "swept twice"),
         (lambda: mf.sweep(["wind.sigma", "uavs"], [0.1, 0.2], **FEW), "wind.sigma: 0.1; give a list"),
@@ -183,6 +195,14 @@ def test_bad_input_is_one_line_and_nothing_flies(call: Any, says: str, tmp_path,
 def test_classes_of_plugins_are_swept_by_their_names() -> None:
     rows = mf.sweep("vehicle.model", ["point-mass", GoodVehicle], methods=Still, seeds=1, **FEW)
     assert [row["vehicle.model"] for row in rows] == ["point-mass", "good"]
+
+
+def test_a_learner_that_is_given_trains_in_each_flight() -> None:
+    given = {"seeds": 1, "learner": Line} | FLOWN
+    swept = mf.sweep("federation.topology", ["leader", "neighbours"], **given)
+    compared = mf.compare([given.pop("method"), "straight"], **given)
+    assert set(compared.rounds()["learner"].to_pylist()) == {"line"}
+    assert compared["plan"]["last_round_mean_loss"] == swept["leader"]["last_round_mean_loss"]
 
 
 def test_progress_is_reported() -> None:

@@ -148,3 +148,11 @@ def test_a_flight_ended_early_is_a_run_with_a_folder(tmp_path: Path) -> None:
     assert seen == [(100, 3000)]
     np.testing.assert_array_equal(mf.open(run.folder).states, run.states)
     assert len(run.states) == 111
+
+
+@pytest.mark.parametrize("has_folder", [False, True])
+def test_a_closed_flight_cannot_be_finished(has_folder: bool, tmp_path: Path) -> None:
+    with mf.Stepped(uavs=2, out=tmp_path if has_folder else None) as flight:
+        flight.step(np.zeros((2, 2)))
+    with pytest.raises(mf.BadInput, match="`close` has abandoned the flight"):
+        flight.finish()

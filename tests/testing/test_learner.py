@@ -40,6 +40,8 @@ def counted(holder: Any) -> int:
         (adding(lambda self: np.nan), "its trained model is not finite; it uploads no model; guard divisions"),
         (lambda *_: None, "no UAV has trained a model in a round"),
         (lambda *_: 1 / 0, "ZeroDivisionError"),
+        (lambda self, model, config: mf.Trained(model, "x"), "`examples` is a str; expected a number"),
+        (lambda self, model, config: mf.Trained(model, 1, {"error": []}), "'error' is a list; expected a number"),
     ],
 )
 def test_what_is_wrong_with_a_learner(fit: Any, message: str) -> None:
@@ -60,6 +62,7 @@ def test_what_is_wrong_with_a_learner(fit: Any, message: str) -> None:
         ),
         ({"metrics": "error"}, r"learner 'wrong': `metrics` is a text; write \('error',\); no flight takes it"),
         ({"metrics": ("examples",)}, "learner 'wrong': `metrics` has 'examples', a column that meanflock adds"),
+        ({"keeps": "head.*"}, r"learner 'wrong': `keeps` is a text; write \('head.\*',\); no flight takes it"),
         ({"state_bytes": 2.5}, "learner 'wrong': `state_bytes` is 2.5; expected a whole number of at least 0"),
         ({"period_ticks": 0}, "learner 'wrong': `period_ticks` is 0; expected a whole number of at least 1"),
     ],

@@ -82,6 +82,12 @@ class Coding:
 
         Numbers are floats; or integers: of 8 bits int8, of fewer bits uint8 below 2^bits. A model that has numbers
         beyond all bounds, or NaN, gets numbers or scales that are not `valid`.
+
+        Args:
+            models: `models.numbers` (S, L), any float64; `models.starts` (P,), first numbers of the pieces, ascending;
+                `models.uavs` (S,), the UAVs that send; `models.round`, number of the round. `models.largest` and
+                `models.mean_size` (S, P) are sizes of the numbers of every piece, `models.scales(sizes)` makes scales
+                of sizes, and `models.spread(scales)` (S, L) has the scale of every number.
         """
         raise NotImplementedError
 

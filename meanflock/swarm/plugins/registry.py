@@ -161,11 +161,15 @@ def name_of(label: str, given: Any, kind: PluginKind) -> str:
     if isinstance(given, str):
         return given
     if not isinstance(given, type):
-        raise BadInput(f"{label}: {given!r} is neither the name nor the class of a {kind}; give one of these")
+        raise BadInput(f"{label}: {given!r} is neither the name nor the class of {_a(kind)}; give one of these")
     plugin = register(given)
     if plugin.kind != kind:
-        raise BadInput(f"{label}: {plugin.reference} is a {plugin.kind}; give the name or the class of a {kind}")
+        raise BadInput(f"{label}: {plugin.reference} is {_a(plugin.kind)}; give the name or the class of {_a(kind)}")
     return plugin.name
+
+
+def _a(kind: PluginKind) -> str:
+    return f"an {kind}" if kind == "aggregator" else f"a {kind}"
 
 
 def is_file(plugin: Plugin) -> bool:
