@@ -8,9 +8,9 @@ from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from pettingzoo import ParallelEnv
 
-from meanflock.env import memory
 from meanflock.env.episode import Episode, Form
 from meanflock.env.seeds import Seeds
+from meanflock.launch import memory
 from meanflock.runs import Run
 from meanflock.swarm.errors import BadInput
 from meanflock.swarm.state import Floats, States
@@ -32,7 +32,7 @@ class ParallelFlock(ParallelEnv[str, Floats, Floats]):
     render_mode = None
 
     def __init__(self, form: Form) -> None:
-        memory.check(form.scenario.uavs, 1, form.message)
+        memory.check_environment(form.scenario.uavs, 1, form.message)
         self._form = form
         self.possible_agents = [f"uav_{uav}" for uav in range(form.scenario.uavs)]
         self.agents: list[str] = []

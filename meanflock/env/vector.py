@@ -10,9 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from meanflock.env import memory
 from meanflock.env.episode import Episode, Form
 from meanflock.env.seeds import Seeds
+from meanflock.launch import memory
 from meanflock.runs import Run
 from meanflock.swarm.counts import count_of
 from meanflock.swarm.errors import BadInput
@@ -36,7 +36,7 @@ class VectorFlock(VectorEnv[Floats, Floats, Floats]):
 
     def __init__(self, form: Form, flights: int) -> None:
         flights = count_of("flights:", flights, 1)
-        memory.check(form.scenario.uavs, flights, form.message)
+        memory.check_environment(form.scenario.uavs, flights, form.message)
         self._form = form
         self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
         self.flights = flights

@@ -27,11 +27,16 @@ _ROUND_BYTES = 30  # more, if the flight has rounds: models that are sent, recei
 PAIR_BYTES = 330  # if UAVs share states: the states known to each UAV, and the links of a tick; or models: the mail
 FAR_PAIR_BYTES = 60  # if the UAVs do not reach all others
 
+# Of an environment, for each pair of UAVs.
+_WAITING_BYTES = 50  # of a flight while another one flies its tick: the states known to each UAV
+_MESSAGE_BYTES = 45  # more for each number of a message, in the flight that flies its tick
+_WAITING_MESSAGE_BYTES = 10  # in the others
+
 _BARE_MB = 110  # this process without the libraries of a learner
 _COPIED = 0.2  # share of a learner's libraries that a fork writes to, so that it has a copy
 _FLOAT_BYTES = 130  # of a learner's model, for each UAV: the model itself, of rounds and of trainings
 
-SMALL_MB = 500  # a flight in this process that is never refused
+_SMALL_MB = 500  # a flight in this process that is never refused
 _LARGE_MB = 10240  # from which on a text has GiB
 _ROWS = 25  # UAVs in a process, as advice for too many processes
 
@@ -84,7 +89,7 @@ def needed_mb(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMe
     return fixed + (UAV_KB * 1024 * uavs + (pair_bytes * uavs + learner.uav_bytes) * uavs) // MEGABYTE
 
 
-def in_words(needed: int, available: int) -> tuple[str, str]:
+def _in_words(needed: int, available: int) -> tuple[str, str]:
     """Needed and available memory, MB, with the same unit."""
     large = needed >= _LARGE_MB
     needs, left = (f"{mb / 1024:,.1f} GiB" if large else f"{mb} MB" for mb in (needed, available))
@@ -95,7 +100,7 @@ def shortage(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMem
     """Needed and available memory in words, and what to do if it is too little; empty if it is enough."""
     needed, (available, limit) = needed_mb(uavs, processes, pair_bytes, learner), available_mb()
     where = f"{processes} processes" if processes else "one process"
-    needs, left = in_words(needed, available)
+    needs, left = _in_words(needed, available)
     found = f"{needs} for {uavs} UAVs in {where}, {left} {limit}"
     if needed <= available:
         return found, ""
@@ -119,11 +124,35 @@ def check(flown: Iterable[Scenario]) -> None:
     """
     for scenario in flown:
         uavs, pairs, learner = scenario.uavs, pair_bytes(scenario), learner_memory(scenario)
-        if needed_mb(uavs, 0, pairs, learner) < SMALL_MB:
+        if needed_mb(uavs, 0, pairs, learner) < _SMALL_MB:
             continue
         found, remedy = shortage(uavs, 0, pairs, learner)
         if remedy:
             raise BadInput(f"memory: {found}; {remedy}")
+
+
+def check_environment(uavs: int, flights: int, message: int) -> None:
+    """Check that the flights of an environment fit into memory, of which one at a time flies a tick.
+
+    Args:
+        uavs: of each flight. message: W, numbers of a message.
+
+    Raises:
+        BadInput: they do not fit; the text has the memory that they need.
+    """
+    of_pair = PAIR_BYTES + _MESSAGE_BYTES * message
+    of_pair += (flights - 1) * (_WAITING_BYTES + _WAITING_MESSAGE_BYTES * message)
+    needed, (available, limit) = needed_mb(uavs, 0, of_pair), available_mb()
+    if needed <= max(available, _SMALL_MB):
+        return
+    needs, left = _in_words(needed, available)
+    most = bisect(range(1, uavs), available, key=lambda n: needed_mb(n, 0, of_pair))
+    what = f"{uavs} UAVs" if flights == 1 else f"{flights} flights of {uavs} UAVs each"
+    remedies = [f"take uavs={most} at most"] * (most > 0) + ["take fewer flights"] * (flights > 1)
+    raise BadInput(
+        f"memory: {needs} for an environment of {what}, {left} {limit}; each UAV stores what it knows of all others, "
+        f"so memory grows with N²: {', or '.join(remedies or ['free memory'])}"
+    )
 
 
 def available_mb(root: Path = Path("/")) -> tuple[int, str]:

@@ -243,7 +243,7 @@ def test_an_environment_that_does_not_fit_into_memory_is_refused_with_the_larges
         keys: dict[str, Any] = {"uavs": uavs, "message": 2}
         return env.parallel_env("massive", **keys) if flights == 1 else env.vector_env("massive", flights=4, **keys)
 
-    monkeypatch.setattr("meanflock.env.memory.available_mb", lambda: (600, "available"))
+    monkeypatch.setattr("meanflock.launch.memory.available_mb", lambda: (600, "available"))
     with pytest.raises(mf.BadInput, match=r"^memory: \d,\d{3}\.\d GiB for .* 0\.6 GiB available;") as caught:
         make(100_000)
     assert ("fewer flights" in str(caught.value)) == (flights > 1)
@@ -252,5 +252,5 @@ def test_an_environment_that_does_not_fit_into_memory_is_refused_with_the_larges
     make(most)
     with pytest.raises(mf.BadInput, match=f"uavs={most} at most"):
         make(most + 10)
-    monkeypatch.setattr("meanflock.env.memory.available_mb", lambda: (0, "available"))
+    monkeypatch.setattr("meanflock.launch.memory.available_mb", lambda: (0, "available"))
     make(25)  # never refused
