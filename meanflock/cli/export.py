@@ -8,6 +8,7 @@ import click
 from meanflock.cli.arguments import PATH, quiet_option, report, run_argument, scenario_arguments
 from meanflock.cli.study_arguments import progress_of
 from meanflock.swarm import logs
+from meanflock.swarm.durable import writable
 from meanflock.swarm.errors import BadInput, needed
 
 
@@ -70,10 +71,8 @@ def export(
             "chosen; /series/ has all"
         )
     for flag, path, write in writers:
-        try:
+        with writable(flag, path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BadInput(f"{flag} {path}: {error.strerror}; name a folder that can be written") from error
         with progress_of(f"writing {flag[2:]}", quiet, "ticks") as show:
             write(flight, path, show)
         report([path])

@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from meanflock.flower.app import App
+from meanflock.swarm.durable import writable
 from meanflock.swarm.errors import BadInput
 
 _SOURCE = '''"""The Flower app {folder}, whose files have the hash {fingerprint}."""
@@ -44,10 +45,8 @@ def written(app: App, folder: Path) -> Iterator[Path]:
         BadInput: the folder cannot be written.
     """
     new = [path for path in (folder / f"{app.name}.py", folder, folder.parent) if not path.exists()]
-    try:
+    with writable("--out", folder.parent):
         path = write(app, folder)
-    except OSError as error:
-        raise BadInput(f"--out {folder.parent}: {error.strerror}; name a folder that can be written") from error
     try:
         yield path
     except BadInput:

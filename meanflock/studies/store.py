@@ -36,13 +36,11 @@ class Store:
         self._out = out
         self.data = out / DATA
         self._jobs = self.data / "jobs"
-        try:
+        with durable.writable("--out", out):
             self._jobs.mkdir(parents=True, exist_ok=True)
             for left_over in self._jobs.glob(".*.part"):
                 if left_over.stat().st_mtime < self._jobs.stat().st_mtime - _FORGOTTEN_S:  # else a study may write it
                     left_over.unlink(missing_ok=True)
-        except OSError as error:
-            raise BadInput(f"--out {out}: {error.strerror}; name a folder that can be written") from error
 
     def finished(self) -> dict[str, StoredRun]:
         """All valid runs, by key. Invalid files are deleted, and flown again. Files are read once."""

@@ -124,6 +124,19 @@ def _part(path: Path) -> Path:
 
 
 @contextmanager
+def writable(flag: str, folder: Path) -> Iterator[None]:
+    """Context for writing to a folder that was given to `flag`.
+
+    Raises:
+        BadInput: it cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise BadInput(f"{flag} {folder}: {error.strerror}; name a folder that can be written") from error
+
+
+@contextmanager
 def new_folder(parent: Path, stem: str) -> Iterator[Path]:
     """Context with a new folder in `parent`, called `stem`, or `stem` with a number if that name is taken.
 
@@ -134,10 +147,8 @@ def new_folder(parent: Path, stem: str) -> Iterator[Path]:
         BadInput: no folder can be made there.
     """
     new = not parent.exists()
-    try:
+    with writable("--out", parent):
         folder = _made(parent, stem)
-    except OSError as error:
-        raise BadInput(f"--out {parent}: {error.strerror}; name a folder that can be written") from error
     try:
         yield folder
     finally:
@@ -183,10 +194,8 @@ def check_folder(folder: Path, flag: str) -> None:
     Raises:
         BadInput: no file can be written there.
     """
-    try:
+    with writable(flag, folder):
         tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise BadInput(f"{flag} {folder}: {error.strerror}; name a folder that can be written") from error
 
 
 def settle(flush: Callable[[float], None], path: Path | None) -> None:
