@@ -16,7 +16,7 @@ from meanflock.swarm.state import Mask
 _Failed: TypeAlias = str | FailedController | FailedTraining | FailedAverage
 Failure: TypeAlias = LeaderFailed | AgentFailed | AverageFailed | FitFailed
 
-_NUMBER = re.compile(r"\d[\d.e+-]*")
+NUMBER = re.compile(r"\d[\d.e+-]*")  # in a text: those that differ in numbers only have one cause
 _ORDER = (LeaderFailed, AgentFailed, AverageFailed, FitFailed)  # of the events of a tick
 
 
@@ -72,7 +72,7 @@ class Reports:
                         event = AverageFailed(tick, node, problem.failure, uavs)
                     case _:
                         method = groups[group_number(groups, own)].scenario.method
-                        alike = node, method, _NUMBER.sub("", problem.failure)
+                        alike = node, method, NUMBER.sub("", problem.failure)
                         of_controllers.setdefault(alike, {}).update(dict.fromkeys(uavs, problem.failure))
                         continue
             else:

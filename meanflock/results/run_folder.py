@@ -36,6 +36,7 @@ EVENTS = "events.jsonl"
 RECORDING = "recording.rrd"
 CHECKPOINT = "checkpoint.msgpack"  # only while the run is not finished
 LOSS = (AgentFailed, Diverged, Lost)  # events that say why UAVs are lost
+NO_AVERAGE = (LeaderFailed, AverageFailed)  # those that say why a round has no average
 _PAST_STATES = 50_000  # of rows that are spooled once more, in one block
 
 
@@ -348,7 +349,7 @@ class Failures(NamedTuple):
     def of_run(cls, folder: Path) -> "Failures":
         """Reads the events of a run once."""
         found = cls([], [], [])
-        texts = dict(zip((LOSS, (LeaderFailed, AverageFailed), (FitFailed,)), found, strict=True))
+        texts = dict(zip((LOSS, NO_AVERAGE, (FitFailed,)), found, strict=True))
         by_tag = {kind.__struct_config__.tag: told for kinds, told in texts.items() for kind in kinds}
         for row in map(json.loads, stored_lines(folder / EVENTS)):
             if (told := by_tag.get(row["event"])) is not None:

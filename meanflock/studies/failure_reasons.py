@@ -4,13 +4,14 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from meanflock.results.run_folder import LOSS
-from meanflock.swarm.events import AgentFailed, AverageFailed, Diverged, FitFailed, LeaderFailed, Lost
+from meanflock.results.run_folder import LOSS, NO_AVERAGE
+from meanflock.swarm.events import AgentFailed, Diverged, FitFailed, Lost
+from meanflock.worldsim.failures import NUMBER
 from meanflock.worldsim.tick import Row
 
 FAILURES = "failures"  # reasons, which a study stores beside the fields of a summary
 _MOST = 10  # reasons of a flight, and of a study
-_VARYING = re.compile(r" with UAVs? [^:]*|\d[\d.e+-]*")  # in a text about one cause
+_VARYING = re.compile(rf" with UAVs? [^:]*|{NUMBER.pattern}")  # in a text about one cause
 
 
 class FailureReasons:
@@ -22,7 +23,7 @@ class FailureReasons:
 
     def __init__(self, has_faults: bool) -> None:
         """`has_faults`: whether a fault script of the flight loses UAVs, which is no failure."""
-        self._kinds = (LeaderFailed, AverageFailed, FitFailed) + (() if has_faults else LOSS)
+        self._kinds = (*NO_AVERAGE, FitFailed) + (() if has_faults else LOSS)
         self._texts: dict[str, str] = {}
 
     def write(self, row: Row) -> None:
