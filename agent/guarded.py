@@ -331,10 +331,10 @@ class Guarded:
 
 def choose(mask: Mask, chosen: Memory, others: Memory) -> Memory:
     """The rows `mask` (M,) of the memory `chosen`, all others of the memory `others`."""
-    changed = {name for name, array in others.items() if chosen.get(name, array) is not array}
     return others | {
-        name: np.where(mask.reshape(-1, *(1,) * (others[name].ndim - 1)), chosen[name], others[name])
-        for name in changed
+        name: np.where(mask.reshape(-1, *(1,) * (array.ndim - 1)), chosen[name], array)
+        for name, array in others.items()
+        if chosen.get(name, array) is not array
     }
 
 

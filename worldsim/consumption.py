@@ -1,4 +1,4 @@
-"""What radios and computers of the nodes have consumed so far."""
+"""Energy and time on the air that radios and computers of the nodes have consumed so far."""
 
 import numpy as np
 
