@@ -123,8 +123,16 @@ def load(kind: PluginKind, name: str) -> type:
         BadInput: there is none, it cannot be imported, or it lacks a method.
     """
     plugin = find(kind, name)
-    if (kind, name) in registered:
-        return registered[kind, name][1]
+    return registered[kind, name][1] if (kind, name) in registered else _class_of(plugin)
+
+
+@cache
+def _class_of(plugin: Plugin) -> type:
+    """The class of a plug-in of a package, imported and checked when it is first asked for.
+
+    Raises:
+        BadInput: it cannot be imported, or it cannot be a plug-in of that kind.
+    """
     module, _, attribute = plugin.reference.partition(":")
     try:
         with threads.pinned_torch():
@@ -132,10 +140,10 @@ def load(kind: PluginKind, name: str) -> type:
         for part in attribute.split("."):
             found = getattr(found, part)
     except FAILURES as error:
-        title = f"{kind} {name!r} of {plugin.source}"
+        title = f"{plugin.kind} {plugin.name!r} of {plugin.source}"
         ours = lacking(error, title) if module.startswith("meanflock.") else ""
         raise BadInput(ours or f"{title}: {last_line(error)}") from error
-    return checked(kind, name, found, plugin.source)
+    return checked(plugin.kind, plugin.name, found, plugin.source)
 
 
 def register(made: type) -> Plugin:
