@@ -137,6 +137,7 @@ def _fly(
         done = fly(flown, FlightOptions(metrics=where, log_format=log_format, quiet=quiet or only_logs, **given), dead)
     from rich.console import Console
 
+    from meanflock.cli.tables import print_table
     from meanflock.launch.progress import groups_table, summary_table
     from meanflock.results.run_folder import EVENTS, Failures, lost_everyone
 
@@ -145,8 +146,6 @@ def _fly(
     else:
         Console().print(summary_table(done.summary, flown.until))
         if groups := done.summary["groups"]:
-            from meanflock.cli.tables import print_table  # only here: the module loads SciPy
-
             print_table(groups_table(groups))
     if every_uav_was_lost(flown, done.summary):
         raise RunFailed(lost_everyone(done.folder))

@@ -39,7 +39,8 @@ def rerun(file: Path, jobs: int, out: Path | None, quiet: bool) -> None:
     \b
     Example: meanflock study rerun out/sweep/study.json
     """
-    from meanflock.cli.tables import differences_table, print_table
+    from meanflock.cli.study_tables import differences_table
+    from meanflock.cli.tables import print_table
     from meanflock.studies.rerun import RERUN, Study
     from meanflock.studies.runner import terminable
     from meanflock.studies.study_file import STUDY_FILE, versions_here

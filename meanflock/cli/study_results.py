@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.cli.study_arguments import ResultsOptions
-from meanflock.cli.tables import (
+from meanflock.cli.study_tables import (
     counts_table,
     groups_table,
     means_table,
     payload_table,
-    print_table,
     rounds_table,
     tradeoff_table,
     until_table,
 )
+from meanflock.cli.tables import print_table
 from meanflock.federation.plan import plan_of
 from meanflock.results import flown_file, flown_plugins
 from meanflock.results.plots import comparison, learning, plotstyle

@@ -12,7 +12,7 @@ from rich.console import Console
 
 import meanflock as mf
 from meanflock.cli.command import main
-from meanflock.cli.tables import rounds_table
+from meanflock.cli.study_tables import rounds_table
 from meanflock.results import inbound
 from meanflock.results.event_log import past_events, row_of
 from meanflock.results.plots.rounds import plot_rounds

@@ -10,7 +10,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 import meanflock as mf
-from meanflock.cli.tables import counts_table, means_table, payload_table, print_table, until_table
+from meanflock.cli.study_tables import counts_table, means_table, payload_table, until_table
+from meanflock.cli.tables import print_table
 from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
