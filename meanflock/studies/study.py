@@ -18,7 +18,7 @@ from meanflock.launch.engine import Engine
 from meanflock.studies import runner
 from meanflock.studies.each_round import EachRound
 from meanflock.studies.failure_reasons import FailureReasons
-from meanflock.studies.job_file import StoredRun, decode, encode
+from meanflock.studies.job_file import StoredRun, decode, encode, version
 from meanflock.studies.runner import Jobs, WorkerDied
 from meanflock.studies.store import Store
 from meanflock.swarm import plugins
@@ -92,7 +92,8 @@ def fly_all(
 
     progress(done, total)
     try:
-        runner.run(partial(_fly, study=study, fly=fly or summarised), missing, jobs, keep)
+        code = version() if isinstance(jobs, int) else None  # a cluster may have other code, which `store` refuses
+        runner.run(partial(_fly, study=study, fly=fly or summarised, code=code), missing, jobs, keep)
     except KeyboardInterrupt:
         raise StudyInterrupted(f"interrupted; {_kept(done, total, store if keeps else None)}") from None
     except WorkerDied as error:
@@ -124,9 +125,9 @@ def _contents(plugin: plugins.Plugin) -> str:
     return f"{os.getpid()} {id(plugins.load(plugin.kind, plugin.name))}"  # a class of this process
 
 
-def _fly(flown: Scenario, study: str, fly: Fly) -> bytes:
-    """Flies one run; the content of its file in the store."""
-    return encode([StoredRun(key_of(flown, study), fly(flown))])
+def _fly(flown: Scenario, study: str, fly: Fly, code: str | None) -> bytes:
+    """Flies one run; the content of its file in the store. `code`: its version; None: see `encode`."""
+    return encode([StoredRun(key_of(flown, study), fly(flown))], code)
 
 
 def summarised(flown: Scenario) -> dict[str, Any]:
