@@ -88,6 +88,7 @@ def record(run: StoredFolder) -> dict[str, Any]:
         "when": run.when.astimezone().isoformat(timespec="seconds"),
         "status": run.status,
         "fault": run.fault or None,
+        "failure": run.failure or None,
         "method": run.named("method"),
         "mission": mission and mission.name,
         "changed": mission and mission.changed,

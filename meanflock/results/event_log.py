@@ -21,7 +21,7 @@ FIELDS = {  # of a line
     "fields": "object with all fields of the event that the line does not have already",
 }
 
-_LAST_BYTES = 4096  # room for the line of the event that ends a flight
+_LAST_BYTES = 16384  # room for the line of the event that ends a flight
 
 
 class EventLog:
@@ -125,11 +125,15 @@ def stored_lines(path: Path) -> list[bytes]:
         raise BadInput(f"{path}: {error.strerror}; fly the run again") from error
 
 
-def ends_flight(events: IO[bytes]) -> bool:
-    """Returns whether the last event in a file of events says that the flight is over."""
+def last_event(events: IO[bytes]) -> tuple[str, str]:
+    """Kind and text of the last event in a file of events; empty where it has none, or one that is cut off."""
     events.seek(max(0, os.fstat(events.fileno()).st_size - _LAST_BYTES))
     lines = events.read().splitlines()
-    return bool(lines) and b'"kind": "finished"' in lines[-1]
+    try:
+        row = json.loads(lines[-1])
+        return str(row["kind"]), str(row["text"])
+    except (LookupError, TypeError, ValueError, RecursionError):
+        return "", ""
 
 
 def _event(row: Any, uavs: int) -> FlightEvent:

@@ -68,6 +68,7 @@ def outcome(run: StoredFolder) -> str:
     """The result of the flight, in sentences."""
     time = f"{number(run.figure('sim_time_s'))} s"
     sentences = [_STATES[run.status].format(time=time)] if run.status in _STATES else []
+    sentences += [f"It failed: {run.failure.rstrip('.')}."] if run.failure else []
     sentences += ["`meanflock resume` flies the rest, from its last checkpoint."] if run.resumable else []
     if run.status in ("interrupted", "unfinished") and not run.resumable:
         sentences.append("It has no checkpoint, so nothing can fly the rest.")

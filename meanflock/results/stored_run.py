@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from meanflock.results.event_log import ends_flight, lock
+from meanflock.results.event_log import last_event, lock
 from meanflock.results.flown import read_keys
 from meanflock.results.quantities import DERIVED
 from meanflock.results.quantities import SUMMARY as FIELDS
@@ -24,6 +24,7 @@ _NAMED = re.compile(r"(\d{8}-\d{6})-")  # the local time at the start of a run's
 _ZONE_STEP_S = 900  # time zones differ by multiples of it
 _ZONES_S = (-12 * 3600, 14 * 3600)  # the least and the greatest time zone
 _BEGINNING_S = 10.0  # at most between the naming of a run and the writing of its scenario
+_LONGEST_REASON = 1000  # characters
 _UNITS = {known.key: known.unit for known in (*FIELDS, *DERIVED)}
 
 
@@ -33,7 +34,7 @@ class StoredFolder:
 
     when: UTC time at which the run began, see `began`. fault: why it is damaged. summary:
     empty if there is none, or it is damaged. keys: of its scenario, dotted; empty if the file cannot be read.
-    scenario: its name; None: the folder does not say it.
+    scenario: its name; None: the folder does not say it. failure: why the flight failed; empty if it did not.
     method: its controller by the scenario; of groups, those of all, joined by "+"; None if the file cannot be read.
     resumable: whether it did not finish and has a checkpoint.
     """
@@ -47,6 +48,7 @@ class StoredFolder:
     method: str | None = None
     scenario: str | None = None
     resumable: bool = False
+    failure: str = ""
 
     @property
     def mission(self) -> NamedMission | None:
@@ -138,7 +140,8 @@ def finished_run(folder: Path) -> StoredFolder:
     if run.status == "flying":
         raise BadInput(f"{folder}: the run still flies; wait for its end")
     if run.status != "finished":
-        raise BadInput(f"{folder}: the run has not finished; {go_on(folder)}")
+        why = f", because it failed: {run.failure}" if run.failure else ""
+        raise BadInput(f"{folder}: the run has not finished{why}; {go_on(folder)}")
     return run
 
 
@@ -171,7 +174,10 @@ def _read(folder: Path) -> StoredFolder:
     except RecursionError:
         fault = f"{SCENARIO}: tables are nested too deeply; bring the file back, or fly the run again"
     resumable = status in ("interrupted", "unfinished") and (folder / CHECKPOINT).exists()
-    return StoredFolder(folder, began(folder), status, printable(fault), summary, keys, method, name, resumable)
+    failure = _failure(folder) if status == "unfinished" else ""
+    return StoredFolder(
+        folder, began(folder), status, printable(fault), summary, keys, method, name, resumable, failure
+    )
 
 
 def status_of(folder: Path) -> Status:
@@ -182,7 +188,7 @@ def status_of(folder: Path) -> Status:
     try:
         with paths.opened(folder / EVENTS) as events:
             if has_summary:
-                return "finished" if ends_flight(events) else "interrupted"
+                return "finished" if last_event(events)[0] == "finished" else "interrupted"
             try:
                 lock(events, folder)
             except BadInput:
@@ -192,6 +198,16 @@ def status_of(folder: Path) -> Status:
     except OSError as error:
         raise BadInput(f"{EVENTS}: {error.strerror}; bring the file back, or fly the run again") from error
     return "unfinished"
+
+
+def _failure(folder: Path) -> str:
+    """Why a flight failed, by its last event; empty if that does not say it."""
+    try:
+        with paths.opened(folder / EVENTS) as events:
+            kind, text = last_event(events)
+    except OSError:
+        return ""
+    return printable(text, _LONGEST_REASON) if kind == "failed" else ""
 
 
 def began(folder: Path) -> datetime:

@@ -196,6 +196,8 @@ def test_the_power_of_a_vehicle_that_fails_is_the_error_and_the_last_event_of_th
     assert (
         pq.read_metadata(command.folder / "timeseries.parquet").num_rows == last["tick"]
     )  # none of the tick that failed
+    assert main(["show", str(command.folder)]) == 0
+    assert f"It failed: {failure}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_processes_inherit_only_the_variables_that_are_theirs(command, monkeypatch) -> None:
