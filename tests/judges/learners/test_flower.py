@@ -12,7 +12,8 @@ import pytest
 
 pytest.importorskip("flwr", reason="make learners")
 
-from meanflock.flower.app import joined, split
+from meanflock.flower import plugin
+from meanflock.flower.app import App, joined, split
 from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
 
 ROUNDS = 10
@@ -284,6 +285,14 @@ def test_the_keys_that_name_the_app_cannot_be_set(app: Path) -> None:
     assert (
         "--set federation.aggregation=median: `federation.aggregation` is the app; leave out this --set" in flown.said
     )
+
+
+def test_flights_of_an_app_with_other_configurations_share_a_folder(app: Path, tmp_path: Path) -> None:
+    described = App.read(app)
+    faster = described._replace(config=described.config | {"learning-rate": 0.5})
+    files = [plugin.write(each, tmp_path) for each in (described, faster, described)]
+    assert files[0] == files[2] != files[1]
+    assert ["'learning-rate': 0.5" in file.read_text(encoding="utf-8") for file in files] == [False, True, False]
 
 
 def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
