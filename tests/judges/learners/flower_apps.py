@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from sklearn.datasets import load_digits
 
 from tests.commands import COMMAND, ended
 from tests.sources import ROOT
@@ -46,6 +47,16 @@ def main(grid, context):
 '''
 
 
+STORED = """
+from pathlib import Path
+
+
+def load_digits(return_X_y):
+    with np.load(Path(__file__).with_name("digits.npz")) as stored:
+        return stored["images"], stored["labels"]
+"""
+
+
 class Flown(NamedTuple):
     """What came of a flight: exit code, standard error, `result.json`, and what the app saved."""
 
@@ -61,10 +72,21 @@ class Flown(NamedTuple):
         return summary["trajectory_sha256"], summary["models_sha256"], summary["payload_bits"], self.result["rounds"]
 
 
-def build(folder: Path, variant: str = "", main: str = "") -> Path:
-    """Make an app in a folder: the example, its files replaced by those of a variant, its ServerApp by a function."""
+def build(folder: Path, variant: str = "", main: str = "", *, as_shipped: bool = False) -> Path:
+    """Make an app in a folder: the example, its files replaced by those of a variant, its ServerApp by a function.
+
+    Unless it is `as_shipped`, it reads its pictures from a file: each process would take a second to import sklearn.
+    """
     app = folder / (variant or "app")
     shutil.copytree(ROOT / "examples" / "flower_app", app, ignore=shutil.ignore_patterns("__pycache__"))
+    if not as_shipped:
+        images, labels = load_digits(return_X_y=True)
+        np.savez(app / "flower_digits" / "digits.npz", images=images, labels=labels)
+        task = app / "flower_digits" / "task.py"
+        importing = "from sklearn.datasets import load_digits\n"
+        code = task.read_text()
+        assert importing in code
+        task.write_text(code.replace(importing, STORED))
     if variant:
         shutil.copytree(VARIANTS / variant, app / "flower_digits", dirs_exist_ok=True)
     if main:

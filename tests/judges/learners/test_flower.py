@@ -68,7 +68,9 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def lossy(app: Path) -> Callable[..., Flown]:
+def lossy(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Flown]:
+    app = build(tmp_path_factory.mktemp("shipped"), as_shipped=True)
+
     def flown(*flags: object) -> Flown:
         settings = ("federation.retries=1", "federation.period=20")
         return fly(app, "--mission", "lossy", *flags, settings=settings, num_server_rounds=4)
