@@ -13,7 +13,7 @@ from meanflock.launch import memory
 from meanflock.launch.temporary import TemporaryFolder
 from meanflock.progress import Progress, checked_progress
 from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
-from meanflock.studies import before_take_off, study
+from meanflock.studies import after_landing, before_take_off, study
 from meanflock.studies.store import Store
 from meanflock.studies.swept import add_point, point_of, refuse_twice
 from meanflock.swarm import paths
@@ -190,6 +190,14 @@ def _fly(
     memory.check(scenarios.values())
     before_take_off.warn(names, scenarios)
     points = {at: study.seeded(flown, count) for at, flown in scenarios.items()}
+    flown = _flown(points, jobs, show, out)
+    after_landing.warn(scenarios.values(), [summary for summaries in flown.values() for summary in summaries])
+    return flown
+
+
+def _flown(
+    points: Mapping[Any, Sequence[Scenario]], jobs: int, show: Progress, out: str | Path | None
+) -> dict[Any, study.Summaries]:
     try:
         if out is not None:
             return study.fly_all(points, jobs, show, Store(paths.given(out)))

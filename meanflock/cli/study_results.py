@@ -25,9 +25,8 @@ from meanflock.results.plots import comparison, learning, plotstyle
 from meanflock.results.plots import tradeoff as tradeoff_plot
 from meanflock.results.points import labels
 from meanflock.results.quantities import with_unit
-from meanflock.studies import flight_table, study_file
+from meanflock.studies import after_landing, flight_table, study_file
 from meanflock.studies.each_round import EACH_ROUND
-from meanflock.studies.failure_reasons import counted_reasons
 from meanflock.studies.latex import latex_table
 from meanflock.studies.means import Means
 from meanflock.studies.objectives import Objective, objective
@@ -91,21 +90,7 @@ class StudyResults:
         ]
         for table in filter(None, shown):
             print_table(table)
-        self._warn_of_failures([summary for summaries in flown.values() for summary in summaries])
-
-    def _warn_of_failures(self, summaries: Sequence[Mapping[str, Any]]) -> None:
-        """Warn of flights that lost UAVs without a fault script, of those that federated nothing, and why."""
-        has_faults = any(flight.faults for flights in self._scenarios.values() for flight in flights)
-        lost = [] if has_faults else [summary["lost"] for summary in summaries if summary["lost"]]
-        void = [summary for summary in summaries if summary["rounds_void"] and not summary["rounds"]]
-        every, reasons = len(summaries), counted_reasons(summaries)
-        if lost:
-            logs.note(f"flights that lost UAVs: {len(lost)} of {every}, {sum(lost)} UAVs", logging.WARNING)
-        if void:
-            why = "" if reasons else "; `meanflock run` with the values of one says why"
-            logs.note(f"flights whose rounds were all void: {len(void)} of {every}{why}", logging.WARNING)
-        for reason, flights in reasons:
-            logs.note(f"in {flights} of {every} flights: {reason}", logging.WARNING)
+        after_landing.warn(firsts, [summary for summaries in flown.values() for summary in summaries])
 
     def write(self, flown: Points, out: Path) -> list[Path]:
         """Write all files; study.json last, when the others are whole. Returns their paths.

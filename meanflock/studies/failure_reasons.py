@@ -1,11 +1,12 @@
-"""Reasons of failures in a flight of a study: of lost UAVs, of rounds without average, of trainings without model."""
+"""Reasons of failures in a flight of a study: of lost UAVs, of rounds without average, of trainings without model, and
+of random numbers that no other flight draws."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from meanflock.results.run_folder import LOSS, NO_AVERAGE
-from meanflock.swarm.events import AgentFailed, Diverged, FitFailed, Lost
+from meanflock.swarm.events import AgentFailed, Diverged, FitFailed, GlobalDraw, Lost
 from meanflock.worldsim.failures import NUMBER
 from meanflock.worldsim.tick import Row
 
@@ -18,16 +19,18 @@ class FailureReasons:
     """Sink that collects the distinct reasons of the failures of a flight, in order of time.
 
     Reasons that differ in UAVs and numbers only are one, with the text of the first. The loss of a UAV has no reason of
-    its own in the tick in which its agent reports one.
+    its own in the tick in which its agent reports one. Random numbers come last, because nothing fails of them.
     """
 
     def __init__(self, has_faults: bool) -> None:
         """`has_faults`: whether a fault script of the flight loses UAVs, which is no failure."""
         self._kinds = (*NO_AVERAGE, FitFailed) + (() if has_faults else LOSS)
         self._texts: dict[str, str] = {}
+        self._draws: list[str] = []
 
     def write(self, row: Row) -> None:
         """Look for failures in the events of a row."""
+        self._draws += [event.text for event in row.events if isinstance(event, GlobalDraw)]
         failed = [event for event in row.events if isinstance(event, self._kinds)]
         is_reported = any(isinstance(event, AgentFailed) for event in failed)
         for event in failed:
@@ -43,7 +46,7 @@ class FailureReasons:
     @property
     def fields(self) -> dict[str, Any]:
         """The reasons, as a study stores them."""
-        return {FAILURES: list(self._texts.values())}
+        return {FAILURES: [*self._texts.values(), *self._draws]}
 
 
 def counted_reasons(flights: Iterable[Mapping[str, Any]]) -> Sequence[tuple[str, int]]:

@@ -97,6 +97,23 @@ def test_flights_that_lost_uavs_or_whose_rounds_were_all_void_are_counted(run, t
     assert err.splitlines()[-1].endswith("all void: 2 of 2; `meanflock run` with the values of one says why")
 
 
+def test_python_prints_the_warnings_of_the_command(run, tmp_path, capsys) -> None:
+    step = "import numpy\nreturn mf.Step(memory, numpy.random.normal(size=(len(own), 2)))"
+    draws = controller_file(tmp_path, "draws", step)
+    fails = controller_file(tmp_path, "fails", "return None")
+    files = ("--plugin", draws.name, "--plugin", fails.name)
+    _, _, err = run("compare", "draws", "fails", *files, "--seeds", "2", "--uavs", "2", *QUICK)
+    warned = [line for line in err.splitlines() if line.startswith("warning: ")]
+    assert [line.partition(";")[0] for line in warned] == [
+        "warning: flights that lost UAVs: 2 of 4, 4 UAVs",
+        "warning: in 2 of 4 flights: controller 'draws' draws from a global random generator, so other processes fly "
+        "another flight",
+        "warning: in 2 of 4 flights: controller 'fails' failed with UAVs 0, 1: TypeError: `step` returns a NoneType",
+    ]
+    mf.compare(["draws", "fails"], plugin=[draws, fails], seeds=2, uavs=2, duration=3.0)
+    assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")] == warned
+
+
 @pytest.mark.parametrize(
     ("swept", "label"),
     [("wind.sigma=0.1,0.2", "wind.sigma (m/s/√s)"), ("radio.fading=amplitude,power", "radio.fading")],

@@ -141,7 +141,7 @@ def mixed(course: Course) -> list[str]:
 
 
 def notes(course: Course) -> list[str]:
-    """Notes on rows: failed flights, lost UAVs, failed rounds and trainings, missing rows."""
+    """Notes on rows: failed flights, lost UAVs, failed rounds and trainings, global random numbers, missing rows."""
     remarks = []
     for row in course.standings:
         if row.failed:
@@ -151,7 +151,7 @@ def notes(course: Course) -> list[str]:
                 f"{row.name}: UAVs lost in all flights: {row.lost}; the first: {row.why or 'by the fault script'}"
             )
         elif row.why and not row.group:  # groups share the reasons of their flights
-            remarks.append(f"{row.name}: rounds or trainings failed; the first: {row.why}")
+            remarks.append(f"{row.name}: rounds, trainings or random numbers went wrong; the first: {row.why}")
     return remarks + not_flown(course.absent, ", ")
 
 

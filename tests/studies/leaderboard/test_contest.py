@@ -157,7 +157,12 @@ def test_trainings_that_give_no_model_have_their_reason(run, tmp_path, small) ->
     (row,) = board.read(tmp_path / "out/leaderboard.json").courses[0].standings
     assert (row.lost, row.failed, "its trained model is not finite" in row.why) == (0, 0, True)
     for text in (out, (tmp_path / "out/leaderboard.md").read_text()):
-        assert " ".join(text.split()).count(f"cruise: rounds or trainings failed; the first: {row.why}") == 1
+        assert (
+            " ".join(text.split()).count(
+                f"cruise: rounds, trainings or random numbers went wrong; the first: {row.why}"
+            )
+            == 1
+        )
 
 
 def test_a_learner_trains_under_rows_without_a_model_and_the_others_are_left_out(run, tmp_path, small) -> None:
