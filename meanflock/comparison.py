@@ -59,7 +59,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         flights = sum(map(len, self.means.points.values()))
-        return f"<Comparison of {len(self)} points of {', '.join(self.means.names)}: {flights} flights>"
+        points = f"{len(self)} point{'s' * (len(self) != 1)}"
+        return f"<Comparison of {points} of {', '.join(self.means.names)}: {flights} flight{'s' * (flights != 1)}>"
 
     def _repr_html_(self) -> str:
         return html_of_means(self.means)

@@ -17,7 +17,7 @@ from meanflock.results.series import check_reports
 from meanflock.runs import Run
 from meanflock.settings import learner_named, load_plugins, scenario_of, with_settings
 from meanflock.swarm import paths, threads
-from meanflock.swarm.errors import BadInput
+from meanflock.swarm.errors import BadInput, PluginFailed, RunFailed
 from meanflock.swarm.scenario import Scenario
 from meanflock.worldsim.reporting import BlockSink
 
@@ -72,10 +72,14 @@ def fly(
     flown = scenario_of(scenario, settings, **options)
     with ExitStack() as stack:
         flight = prepared(flown, out, record, stack, scenario_name(scenario))
-        for tick in flight.engine.fly():
-            if tick % 100 == 0:
-                tell(tick, flown.max_ticks)
-        return flight.finish()
+        try:
+            for tick in flight.engine.fly():
+                if tick % 100 == 0:
+                    tell(tick, flown.max_ticks)
+            return flight.finish()
+        except PluginFailed as error:
+            failure = error
+    raise flight.failed(failure) from failure
 
 
 class Prepared(NamedTuple):
@@ -85,6 +89,10 @@ class Prepared(NamedTuple):
     engine: Engine
     memory: StoredTelemetry
     outputs: "Outputs | None"
+
+    def failed(self, failure: PluginFailed) -> RunFailed:
+        """The error of a flight whose files are complete up to a failure, with what its folder has, if it has one."""
+        return failure if self.outputs is None else RunFailed(f"{failure}\n{self.outputs.what_there_is}")
 
     def finish(self) -> Run:
         """End the flight."""

@@ -53,6 +53,8 @@ def learner_named(given: str | Path | type, option: str = "--learner") -> str:
     """
     if isinstance(given, type):
         return plugins.name_of(option, given, "learner")
+    if not isinstance(given, str | Path):
+        raise BadInput(f"{option}: {given!r} is no learner; give its name, its class or its file")
     if paths.given(given).suffix != ".py":
         return plugins.find("learner", str(given)).name
     plugins.load_files([given], option)

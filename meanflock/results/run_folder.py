@@ -4,6 +4,7 @@ import errno
 import hashlib
 import json
 import os
+import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -313,7 +314,7 @@ def alone(folder: Path) -> Iterator[None]:
 def go_on(folder: Path) -> str:
     """Text that says how to fly the rest of a run that did not finish."""
     if (folder / CHECKPOINT).exists():
-        return f"`meanflock resume {folder}` flies the rest"
+        return f"`meanflock resume {shlex.quote(str(folder))}` flies the rest"
     return f"there is no checkpoint to resume from: {fly_again(folder)}"
 
 
@@ -326,7 +327,8 @@ def fly_again(folder: Path) -> str:
         files = None
     if files is None:
         return "fly the run again"
-    return f"fly the run again with `meanflock run {path}{''.join(f' --plugin {file}' for file in files)}`"
+    command = shlex.join(["meanflock", "run", str(path), *(text for file in files for text in ("--plugin", str(file)))])
+    return f"fly the run again with `{command}`"
 
 
 def _sync(events: EventLog, spool: Spool) -> None:

@@ -21,6 +21,10 @@ def count_of(label: str, value: Any, least: int, most: int | None = None, expect
     except TypeError:
         number = None
     if number is None or isinstance(value, bool) or number < least or (most is not None and number > most):
-        bounds = f"expected {least} … {most}" if most is not None else f"expected a whole number of at least {least}"
+        bounds = (
+            f"expected a whole number of {least} … {most}"
+            if most is not None
+            else f"expected a whole number of at least {least}"
+        )
         raise BadInput(f"{label} {value!r}; {expected or bounds}")
     return number

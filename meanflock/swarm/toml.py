@@ -32,7 +32,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         for name in self.__struct_fields__:
             whole = getattr(self, name)
             for value in _flat(whole) if isinstance(whole, _NESTED) else (whole,):
-                if isinstance(value, float) and not abs(value) < BEYOND_SENSE:  # false for NaN
+                if isinstance(value, float) and not abs(value) <= BEYOND_SENSE:  # false for NaN
                     raise ValueError(f"`{name}` must be a finite number within ±{BEYOND_SENSE:.0e}, not {value}")
                 if isinstance(value, str) and _SURROGATE.search(value):
                     raise ValueError(f"`{name}` must be Unicode text, not {value!a}")

@@ -93,7 +93,7 @@ BEGINS_WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "remembers complex numbers": ({"init": lambda *_: {"model": np.zeros((5, 2), "c16")}}, r"keeps arrays of bool,"),
     "remembers large integers": ({"init": lambda *_: {"n": np.zeros(5, np.uint64)}}, r"memory\['n'\] is uint64 "),
     "declares a truth": ({"parameters": True}, r"`parameters` is True"),
-    "declares too much": ({"parameters": 10**9}, r"`parameters` is 1000000000; expected 0 … 1000000"),
+    "declares too much": ({"parameters": 10**9}, r"`parameters` is 1000000000; expected a whole number of 0 … 1000000"),
     "declares parts that do not add up": ({"parts": (1, 1)}, r"`parts` \(1, 1\) do not add up to its 3"),
     "declares no period": ({"period_ticks": 0}, r"`period_ticks` is 0"),
     "declares a text of diagnostics": ({"diagnostics": "speed"}, r"is a text; write \('speed',\)"),

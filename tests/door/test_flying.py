@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -141,7 +142,12 @@ OUT = {"out": "runs"}
         (lambda: mf.fly("paper", out=b"runs"), "b'runs' is no path of a file; give a text or a Path"),
         (lambda: mf.fly("paper", method=Clash, **OUT), "x_m: the time series has columns of that name"),
         (lambda: mf.fly("paper", plugin=5, **OUT), "5 is no path of a file"),
-        (lambda: mf.fly("paper", learner=5, **OUT), "5 is no path of a file"),
+        (lambda: mf.fly("paper", learner=5, **OUT), "--learner: 5 is no learner; give its name, its class or its file"),
+        (
+            lambda: mf.fly("swop", **OUT),
+            "swop: No such file or directory; give a readable scenario, or name one of crowd",
+        ),
+        (lambda: mf.fly("runs/s1", **OUT), "runs/s1: No such file or directory; give a readable scenario"),
         (lambda: mf.fly("paper", record=True), "out="),
         (lambda: mf.fly("nowhere.toml", **OUT), "nowhere.toml"),
         (lambda: mf.fly("patrol", method="offline", **OUT), "patrol: `energy.battery_J` sends UAVs home"),
@@ -304,12 +310,37 @@ def test_importing_loads_nothing_and_changes_nothing(tmp_path: Path) -> None:
     assert not hasattr(mf, "flie")
 
 
+FAILING = """import meanflock as mf
+
+class Failing(mf.Channel):
+    name = "failing"
+
+    def transmit(self, distance_m, bits, rng):
+        return 1 / 0
+"""
+
+
+def test_the_error_of_a_flight_that_failed_says_what_its_folder_has(tmp_path: Path) -> None:
+    plugin = tmp_path / "my channel.py"
+    plugin.write_text(FAILING)
+    keys = {"plugin": plugin, "method": "orca", "radio.model": "failing", **SMALL}
+    with pytest.raises(mf.RunFailed, match=r"^channel 'failing': failed: .*$"):
+        mf.fly("paper", **keys)
+    with pytest.raises(mf.RunFailed) as caught:
+        mf.fly("paper", out=tmp_path / "my runs", **keys)
+    (folder,) = (tmp_path / "my runs").iterdir()
+    assert f"\n{folder} has the flight up to tick " in str(caught.value)
+    again = str(caught.value).partition("`")[2].partition("`")[0]
+    assert shlex.split(again) == ["meanflock", "run", str(folder / "scenario.toml"), "--plugin", str(plugin)]
+
+
 def test_controllers_are_compared_by_the_means_of_the_same_seeds() -> None:
     found = mf.compare(["mfg", "hjb"], seeds=3, **FEW)
     assert [(row["method"], row["n"], row["uavs"]) for row in found] == [("mfg", 3, 2), ("hjb", 3, 2)]
     assert [found["mfg",], found["hjb"]] == list(found)
     with pytest.raises(mf.BadInput, match="'orca': no point of this study; name values of method: 'mfg'; 'hjb'"):
         found["orca"]
+    assert repr(mf.compare("mfg", seeds=1, **FEW)) == "<Comparison of 1 point of method: 1 flight>"
     for row, ((method,), summaries) in zip(found, found.summaries.items(), strict=True):
         assert [summary["seed"] for summary in summaries] == [1, 2, 3]
         alone = mf.fly(method=method, uavs=2, duration=3.0, seed=2)

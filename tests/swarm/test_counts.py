@@ -30,7 +30,7 @@ def test_a_count_is_what_operator_index_takes(value: Any) -> None:
 
 @pytest.mark.parametrize("value", [3.0, "3", None, True, np.float64(3.0), np.array([3]), np.bool_(True), 0, Whole(4)])
 def test_another_value_is_bad_input(value: Any) -> None:
-    with pytest.raises(mf.BadInput, match=r"^rows: .*; expected 1 … 3$"):
+    with pytest.raises(mf.BadInput, match=r"^rows: .*; expected a whole number of 1 … 3$"):
         count_of("rows:", value, 1, 3)
 
 

@@ -83,6 +83,7 @@ def test_listed_places_and_goals_are_used() -> None:
         (["uavs=1", "start.positions=[[1, 2]]", "start.formation=grid"], "both given; leave one of them out"),
         (["uavs=2", "start.positions=[[1, 2], [1.05, 2]]"], "UAV 0 and UAV 1 start 0.05 m apart, nearer than"),
         (["uavs=100", "start.formation=circle", "start.radius=1"], "start 0.0628.* m apart"),
+        (["duration=1.1e30"], r"`duration` must be a finite number within ±1e\+30, not 1.1e\+30"),
         (["start.centre=[1e300, 0]"], r"`centre` must be a finite number within ±1e\+30, not 1e\+300"),
         (["start.centre=[1e5, 0]", "radio.bits_per_float=16"], "`start` places a UAV 100003 m out.*65504"),
         (["destination.goals=across"], '"across" needs streams'),

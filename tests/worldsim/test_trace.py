@@ -164,7 +164,18 @@ def test_a_flight_begins_with_the_remark_that_commands_have_no_effect(tmp_path: 
 
 GOOD = "t_s,uav,x_m,y_m\n0,0,0,0\n0,1,9,0\n1,0,1,0\n1,1,9,1\n"
 BAD_FILES: dict[str, tuple[str, str]] = {  # content, and a part of the error
-    "no column": (GOOD.replace("y_m", "lat"), "no column y_m; it needs t_s, uav, x_m, y_m, and has t_s, uav, x_m, lat"),
+    "no column": (
+        GOOD.replace("y_m", "lat"),
+        "no column y_m; it needs t_s, uav, x_m, y_m, and has 't_s', 'uav', 'x_m', 'lat'",
+    ),
+    "spaces": (
+        GOOD.replace(",", ", "),
+        "it has no column uav and no x_m and no y_m; it needs t_s, uav, x_m, y_m, and has 't_s', ' uav'",
+    ),
+    "a date": (
+        GOOD.replace("\n0,", "\n2026-11-21,").replace("\n1,", "\n2026-11-22,"),
+        "row 1: `t_s` is '2026-11-21'; give a number of seconds",
+    ),
     "a column twice": ("t_s,t_s,uav,x_m,y_m\n0,0,0,0,0\n", "it has the column t_s 2 times; leave the others out"),
     "a third axis": ("t_s,uav,x_m,y_m,z_m\n0,0,0,0,5\n", "a column z_m, and the flight is in the plane; set"),
     "no rows": ("t_s,uav,x_m,y_m\n", "it has no rows; give each UAV one at least"),
@@ -175,7 +186,10 @@ BAD_FILES: dict[str, tuple[str, str]] = {  # content, and a part of the error
     "an empty cell": (GOOD.replace("1,0,1,0", "1,0,1,"), "row 3: `y_m` is empty or NaN; give a number"),
     "NaN": (GOOD.replace("1,0,1,0", "1,0,nan,0"), "row 3: `x_m` is empty or NaN; give a number"),
     "infinite": (GOOD.replace("1,0,1,0", "1,0,inf,0"), "row 3: `x_m` is inf; give a finite number"),
-    "long ago": (GOOD.replace("1,0,1,0", "-1e308,0,1,0"), "row 3: `t_s` is -1e+308; no time is 1e+12 s away"),
+    "long ago": (
+        GOOD.replace("1,0,1,0", "-1e308,0,1,0"),
+        "row 3: `t_s` is -1e+308; no time is 1e+12 s away; give seconds",
+    ),
     "far away": (GOOD.replace("1,0,1,0", "1,0,1e9,0"), "row 3: `x_m` is 1e+09; no place is 1e+08 m away"),
     "half a UAV": (GOOD.replace("1,0,1,0", "1,0.5,1,0"), "row 3: `uav` is 0.5; number UAVs from 0"),
     "a UAV below 0": (GOOD.replace("1,0,1,0", "1,-1,1,0"), "row 3: `uav` is -1; number UAVs from 0"),

@@ -125,10 +125,10 @@ def _columns(content: bytes, suffix: str, names: tuple[str, ...], axes: int) -> 
 
 def _check_header(found: list[str], names: tuple[str, ...], axes: int) -> None:
     if missing := [name for name in names if name not in found]:
-        remedy = f"it needs {', '.join(names)}, and has {', '.join(found) or 'none'}"
+        remedy = f"it needs {', '.join(names)}, and has {', '.join(map(repr, found)) or 'none'}"
         if missing == [PLACE[-1]]:
             remedy = f"add it, or set `space.dimensions` {axes} to {state.PLANE}"
-        raise ValueError(f"it has no column {' and '.join(missing)}; {remedy}")
+        raise ValueError(f"it has no column {' and no '.join(missing)}; {remedy}")
     if twice := [name for name in names if found.count(name) > 1]:
         raise ValueError(f"it has the column {twice[0]} {found.count(twice[0])} times; leave the others out")
     if axes == state.PLANE and PLACE[-1] in found:
@@ -154,14 +154,16 @@ def _numbers(column: Any, name: str) -> Floats:
     if column.null_count or not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
         for row, value in enumerate(column.to_pylist(), 1):
             if not _is_number(value):
-                raise ValueError(f"row {row}: `{name}` is {_shown(value)}; give a number")
+                raise ValueError(
+                    f"row {row}: `{name}` is {_shown(value)}; give a number{' of seconds' * (name == TIME)}"
+                )
         raise ValueError(f"`{name}` is a column of {column.type}; give numbers")
     values: Floats = column.to_numpy().astype(np.float64)
     _refuse(~(np.abs(values) < np.inf), values, name, "give a finite number")
     if name == UAV:
         _refuse((values != np.floor(values)) | (values < 0.0) | (values >= 2**31), values, name, "number UAVs from 0")
     elif name == TIME:
-        _refuse(~(np.abs(values) < _LONGEST_S), values, name, f"no time is {_LONGEST_S:g} s away")
+        _refuse(~(np.abs(values) < _LONGEST_S), values, name, f"no time is {_LONGEST_S:g} s away; give seconds")
     else:
         _refuse(~(np.abs(values) < _FARTHEST_M), values, name, f"no place is {_FARTHEST_M:g} m away")
     return values
@@ -175,7 +177,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _shown(value: Any) -> str:
-    return "empty or NaN" if value is None else repr(value)
+    return "empty or NaN" if value is None else repr(value if isinstance(value, str) else str(value))
 
 
 def _refuse(bad: NDArray[np.bool_], values: Floats, name: str, remedy: str) -> None:

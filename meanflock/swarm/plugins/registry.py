@@ -106,6 +106,7 @@ def find(kind: PluginKind, name: str) -> Plugin:
             )
         suggested, option = meant(name, names(kind)), "--learner" if kind == "learner" else "--plugin"
         found = f"there are {', '.join(names(kind))}" if names(kind) else "no other is installed"
+        found += "".join(f"; there is {_a(other.kind)} {name!r}" for other in installed() if other.name == name)
         raise BadInput(
             f"{kind} {name!r} is not installed here{suggested + ' Else' if suggested else ';'} install its package, or "
             f"name its file: {option} FILE.py; {found}"

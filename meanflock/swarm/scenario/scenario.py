@@ -179,9 +179,7 @@ class Scenario(_Table, frozen=True, kw_only=True, dict=True, metaclass=_Validati
                 f"scenario: {source!r}; give the name of a shipped one, a TOML file or a Scenario; of keys "
                 "mf.Scenario(**keys) makes one"
             )
-        path = paths.given(source)
-        path = path if path.suffix else toml.FOLDER / f"{path}.toml"
-        return with_keys(toml.read(path, "scenario"), settings, cls, str(source))
+        return with_keys(toml.read(paths.given(source), "scenario"), settings, cls, str(source))
 
     def replace(self, **settings: Any) -> Self:
         """A copy with some keys set; this scenario stays as it is.
