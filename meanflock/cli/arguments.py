@@ -84,10 +84,17 @@ def _register(context: click.Context, _parameter: click.Parameter, files: tuple[
 
     with redirect_stdout(sys.stderr):  # what they print is not what the command says
         plugins.load_files(files)
+    context.meta[_PLUGINS] = files
+
+
+def given_plugins() -> tuple[Path, ...]:
+    """The files of `--plugin`."""
+    files: tuple[Path, ...] = click.get_current_context().meta.get(_PLUGINS, ())
+    return files
 
 
 # in the `meta` of a context
-_LEARNER, _UNTIL, _RADIO = "meanflock.learner", "meanflock.until", "meanflock.radio"
+_PLUGINS, _LEARNER, _UNTIL, _RADIO = "meanflock.plugins", "meanflock.learner", "meanflock.until", "meanflock.radio"
 
 
 def _take_learner(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:

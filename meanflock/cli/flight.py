@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meanflock.cli import display
-from meanflock.cli.arguments import load_scenario
-from meanflock.federation.plan import plan_of
+from meanflock.cli.arguments import given_plugins, load_scenario
+from meanflock.cli.catalogue import KEYS
+from meanflock.federation.plan import plan_of, plugins_of
 from meanflock.launch import doctor as checks
 from meanflock.launch.memory import learner_memory, pair_bytes
 from meanflock.launch.options import FlightOptions, records
@@ -21,7 +22,7 @@ from meanflock.net.access import Address
 from meanflock.results import disk
 from meanflock.results.scenario_name import scenario_name
 from meanflock.studies import before_take_off
-from meanflock.swarm import logs, scenario
+from meanflock.swarm import logs, paths, plugins, scenario
 from meanflock.swarm.errors import BadInput, RunFailed
 from meanflock.swarm.scenario.values import as_builtins, with_keys
 from meanflock.worldsim.clocks import factor
@@ -75,6 +76,7 @@ def run_loaded(
         disk.check(flown, given["out"], record, disk.OF_RUN)
     if given["log_format"] != logs.JSON:  # the world reports it
         before_take_off.warn((), {(): flown})
+        _warn_of_unused(flown)
     if view and not web:
         display.check("add --web to watch in a browser, or fly without --view and use `meanflock picture` afterwards")
     given["realtime"] = factor(realtime) if realtime is not None else None
@@ -88,6 +90,18 @@ def run_loaded(
 
         return _fly(flown, as_json, watch=open_viewer, **given)
     return _fly(flown, as_json, record=record, **given)
+
+
+def _warn_of_unused(flown: scenario.Scenario) -> None:
+    """Warn of files of `--plugin` of which the flight uses no plug-in."""
+    used = {(kind, name) for kind, name, _ in plugins_of(flown)}
+    for file in given_plugins():
+        source = str(paths.given(file.resolve()))
+        there = [(plugin.kind, plugin.name) for plugin in plugins.installed() if plugin.source == source]
+        if used.isdisjoint(there):
+            named = " and no ".join(f"{kind} {name!r}" for kind, name in there)
+            keys = " or ".join(f"--set {KEYS[kind]}={name}" for kind, name in there)
+            logs.note(f"--plugin {file}: this flight uses no {named}; to fly it, add {keys}", logging.WARNING)
 
 
 def _fly_in_a_browser(flown: scenario.Scenario, as_json: bool, **given: Any) -> EndedRun:

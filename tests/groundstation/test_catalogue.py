@@ -234,3 +234,23 @@ def test_standard_output_is_json_alone(tmp_path: Path, command: tuple[str, ...])
     assert (done.returncode, "imported" in done.stderr) == (0, True), done.stderr
     found = json.loads(done.stdout)
     assert found["ticks"] == 10 if command[0] == "run" else "noisy" in {entry["name"] for entry in found}
+
+
+USED = ("--method", "mine")
+UNUSED = (
+    "warning: --plugin mine.py: this flight uses no controller 'mine' and no channel 'clear'; to fly it, add "
+    "--set method=mine or --set radio.model=clear"
+)
+CHANNEL = "\nclass Clear(mf.Channel):\n    name = 'clear'\n\n    def transmit(self, distance_m, bits, rng): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("flags", "warned"),
+    [((), [UNUSED]), (USED, []), (("--set", 'groups=[{name="a",count=2,method="mine"}]'), [])],
+)
+def test_a_flight_warns_of_a_plugin_file_that_it_does_not_use(run, tmp_path, flags, warned) -> None:
+    path = controller_file(tmp_path, "mine", "return mf.Step(memory, 0.0 * own[:, :2])")
+    path.write_text(path.read_text() + CHANNEL)
+    flight = ("--plugin", path.name, "--uavs", "2", "--duration", "1", "--in-process", "--no-record", "--quiet")
+    code, _, err = run("run", *flight, *flags)
+    assert (code, [line for line in err.splitlines() if line.startswith("warning: ")]) == (EXIT_DONE, warned)
