@@ -207,6 +207,16 @@ def test_a_flight_whose_process_dies_is_tried_twice(tmp_path: Path) -> None:
     assert (tmp_path / "dying.died").exists()
 
 
+@pytest.mark.processes
+def test_a_plugin_file_that_changes_before_a_process_has_read_it_is_refused(tmp_path: Path) -> None:
+    file = controller_file(tmp_path, "changing", "return mf.Step(memory, 0.0 * own[:, :2])")
+    plugins.load_files([file])
+    flights = study.seeded(load(None, method="changing", uavs=2, duration=1.0), 2)
+    file.write_text(file.read_text().replace("0.0", "0.5"))
+    with pytest.raises(BadInput, match=rf"{file}: was changed since it was loaded"):
+        study.fly_all({"changing": flights}, 2, lambda *_: None, Store(tmp_path / "out"))
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_processes_start_waits_for_the_end_of_the_block(number: signal.Signals) -> None:
     done: list[object] = []

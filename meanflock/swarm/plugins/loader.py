@@ -133,12 +133,12 @@ def hold(wanted: Iterable[tuple[str, str]]) -> None:
     """Register the files that another process has; register a file again if its contents changed.
 
     Raises:
-        BadInput: like `load_file`.
+        BadInput: like `load_file`, or the contents are no longer those that the other process loaded.
     """
     held = files()
     for path, contents in wanted:
-        if (path, contents) not in held:
-            load_file(path)
+        if (path, contents) not in held and load_file(path)[0].fingerprint != contents:
+            raise BadInput(f"--plugin {path}: was changed since it was loaded; repeat the command")
 
 
 def _advice(path: Path, error: BaseException) -> str:
