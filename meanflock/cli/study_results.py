@@ -60,7 +60,7 @@ class StudyResults:
         self._verb, self._names, self._scenarios, self._wanted = verb, names, scenarios, wanted
         firsts = [flights[0] for flights in scenarios.values()]
         self.objectives: list[Objective] = [objective(text, firsts, "--pareto") for text in wanted.pareto or ()]
-        self._plugins = {name: raw for flown in firsts for name, raw in flown_plugins.files(flown).items()}
+        self._plugins = flown_plugins.files(*firsts)
         planned = (plan_of(flown).scenario for flown in firsts)
         self._read = {place: raw for flown in planned for place, raw in flown_file.contents(flown, True).items()}
 

@@ -12,14 +12,14 @@ from meanflock.swarm.scenario import Scenario
 FOLDER = "plugins"
 
 
-def files(flown: Scenario) -> dict[str, bytes]:
-    """Names and contents of the files with plug-ins of the scenario; none for classes of this process.
+def files(*flights: Scenario) -> dict[str, bytes]:
+    """Names and contents of the files with plug-ins of scenarios; none for classes of this process.
 
     Raises:
         BadInput: a file has changed since it was loaded, or cannot be read; or a plug-in is not installed here.
     """
     found: dict[str, bytes] = {}
-    for kind, name, fingerprint in plugins_of(flown):
+    for kind, name, fingerprint in (plugin for flown in flights for plugin in plugins_of(flown)):
         plugin = plugins.find(kind, name)
         if not plugins.is_file(plugin) or plugin.source == plugins.HERE:
             continue

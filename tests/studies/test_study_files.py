@@ -129,6 +129,23 @@ def test_a_learner_is_a_key_of_the_grid_and_a_column(
     assert code == EXIT_DONE
 
 
+def test_a_study_with_two_plugin_files_of_one_name_flies_again_from_their_copies(
+    run: Any, undrawn: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, rate in (("slow", 0.1), ("fast", 0.5)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.py").write_text(LEARNERS.format(name=name, rate=rate))
+    keys = ("--set", "federation.period=20", "--set", "federation.fraction=1", "--seeds", "1", "--out", "out")
+    files = ("slow/mine.py", "fast/mine.py")
+    code, _, err = run("sweep", "uavs=3,4", "--methods", "plan", "--learners", *files, *keys, *SHORT[2:])
+    assert (code, err) == (EXIT_DONE, "")
+    monkeypatch.setattr(registry, "registered", {})  # a process without them
+    copies = [f"--plugin={path}" for path in sorted(Path("out/plugins").iterdir())]
+    assert len(copies) == 2
+    code, out, _ = run("study", "rerun", "out/study.json", *copies, "--jobs", "1", "--quiet")
+    assert (code, out) == (EXIT_DONE, "All 4 flights are the same.\n")
+
+
 def test_the_same_study_has_the_same_figures_with_embedded_fonts_of_the_printed_width(
     grid: Path, tmp_path: Path
 ) -> None:
