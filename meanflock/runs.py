@@ -69,8 +69,8 @@ class Run:
         assert self.folder is not None
         path = self.folder / EVENTS
         try:
-            return [json.loads(line) for line in stored_lines(path)]
-        except ValueError as error:
+            return [dict(json.loads(line)) for line in stored_lines(path)]
+        except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"{path}: damaged: {error}; fly the run again") from error
 
     def rounds(self) -> pa.Table:

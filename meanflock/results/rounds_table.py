@@ -90,7 +90,7 @@ def stored_rounds(events: Path) -> list[RoundEnded]:
     try:
         found = (event_of_row(json.loads(line)) for line in stored_lines(events) if _NAME in line)
         return [event for event in found if isinstance(event, RoundEnded)]
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise BadInput(f"{events}: damaged: {error}; fly the run again") from error
 
 

@@ -196,7 +196,7 @@ def status_of(folder: Path) -> Status:
     except FileNotFoundError:
         return "finished" if has_summary else "unfinished"
     except OSError as error:
-        raise BadInput(f"{EVENTS}: {error.strerror}; bring the file back, or fly the run again") from error
+        raise BadInput(f"{folder / EVENTS}: {error.strerror}; bring the file back, or fly the run again") from error
     return "unfinished"
 
 

@@ -13,13 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import meanflock as mf
 from meanflock.cli.command import main
 from meanflock.results.event_log import EventLog
 from meanflock.results.quantities import SUMMARY
 from meanflock.results.summary_file import Summary, read_summary
 from meanflock.studies import job_file
 from meanflock.studies.store import Store
-from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED
+from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_RUN_FAILED, BadInput
 from tests.groundstation.conftest import QUICK
 
 DEEP = 1100
@@ -130,6 +131,37 @@ def test_an_odd_record_is_one_marked_row_and_a_line_where_it_is_asked_for(run, b
     for line in (("show", bad), ("show", bad, "--json"), ("diff", bad, bad)):
         code, out, err = run(*map(str, line))
         assert (code, out, err.count("\n"), says in err) == (EXIT_BAD_INPUT, "", 1, True)
+
+
+LINES = {
+    "cut off": b'{"tick": 3, "kind": "coll',
+    "not UTF-8": b"\xff\x00\xfe\n",
+    "no object": b"null\n",
+    "a list": b"[1, 2]\n",
+    "lists in lists": 10 * DEEP * b"[" + b"\n",
+    "an endless number": b'{"tick": 1e999, "kind": "collision", "text": "", "uavs": [0]}\n',
+    "a megabyte": b'{"tick": 1, "kind": "failed", "text": "' + b"x" * 10**6 + b'", "uavs": []}\n',
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("has_summary", [True, False])
+def test_events_that_end_in_an_odd_line_are_read_or_refused(run, undrawn, bad: Path, name: str, has_summary) -> None:
+    with (bad / "events.jsonl").open("ab") as events:
+        events.write(LINES[name])
+    if not has_summary:
+        (bad / "summary.json").unlink()
+    code, out, _ = run("show", str(bad))
+    assert (code, "interrupted" in out, "did not finish" in " ".join(out.split())) == (
+        EXIT_DONE,
+        has_summary,
+        not has_summary,
+    )
+    for line in (("list",), ("plot", str(bad), "--out", "plots"), ("show", str(bad), "--rounds")):
+        assert run(*line)[0] == EXIT_DONE
+    if has_summary and name not in ("an endless number", "a megabyte"):
+        with pytest.raises(BadInput, match=r"events\.jsonl: damaged"):
+            mf.open(bad).events  # noqa: B018
 
 
 def test_a_number_that_is_unknown_is_shown_as_such(run, bad: Path) -> None:

@@ -168,7 +168,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
             row = json.loads(text)
             uavs = [int(uav) for uav in row.get("uavs", ())]
             found.append({"kind": str(row["kind"]), "tick": int(row["tick"]), "uavs": uavs})
-        except (ValueError, TypeError, KeyError, AttributeError):
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
             continue
     return found
 
