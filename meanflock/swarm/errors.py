@@ -14,6 +14,7 @@ EXIT_DONE = 0
 EXIT_RUN_FAILED = 1
 EXIT_BAD_INPUT = 2
 _SIMILAR = 0.7  # least share of common letters of two names that are similar
+_LONGEST_REASON = 2000  # characters of the error of a plug-in: PyTorch names all layers that do not fit
 _LONGEST_TEXT = 300  # characters; a key expression of Zenoh may have thousands
 LEAN = frozenset({"click", "psutil", "pyarrow", "rich", "tomli_w"})  # libraries of the extra `fly`
 PLUGIN_MODULE = "meanflock_plugin_"  # prefix of the names of modules loaded from files
@@ -187,10 +188,11 @@ def plugin_line(error: BaseException) -> tuple[str, int] | None:
 
 
 def reason(error: BaseException) -> str:
-    """The error in one line, without its notes."""
+    """The error in one line, without its notes; a longer one is cut off and ends in "…"."""
     trace = traceback.TracebackException(type(error), error, None)
     trace.__notes__ = []  # the notes would be the last lines
     *_, last = trace.format_exception_only()
     if type(error).__module__.startswith(PLUGIN_MODULE):  # the name that the loader gave the module
         last = last.removeprefix(f"{type(error).__module__}.")
-    return " ".join(filter(None, map(str.strip, last.splitlines())))
+    line = " ".join(filter(None, map(str.strip, last.splitlines())))
+    return line[:_LONGEST_REASON] + "…" * (len(line) > _LONGEST_REASON)
