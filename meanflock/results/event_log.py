@@ -21,7 +21,7 @@ FIELDS = {  # of a line
     "fields": "object with all fields of the event that the line does not have already",
 }
 
-_LAST_BYTES = 16384  # room for the line of the event that ends a flight
+_LAST_BYTES = 65536  # room for the line of the event that ends a flight, whose reason is in it twice and in escapes
 
 
 class EventLog:

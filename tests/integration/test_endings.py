@@ -247,3 +247,14 @@ def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(number, to_
         assert err.startswith("error: interrupted; ")
         assert "repeat the command to fly the rest" in err
     until(lambda: not any(map(alive, workers)), "no worker", SOON_S)
+
+
+def test_show_finds_why_a_flight_failed_by_an_error_of_a_megabyte(command, capsys) -> None:
+    (plugin := command.out.parent / "mine.py").write_text(VEHICLE.replace('"flat"', '"flat" + 10**6 * "🛩"'))
+    flags = ("--plugin", str(plugin), "--set", "vehicle.model=mine", "--uavs", "2", "--method", "hjb", "--no-record")
+    assert main(["run", "--quiet", "--out", str(command.out), "--in-process", *flags]) == 1
+    capsys.readouterr()
+    assert main(["show", str(command.folder)]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "It failed: vehicle 'mine': `power` failed: ValueError: flat🛩" in shown
+    assert len(shown) < 5000
