@@ -136,10 +136,6 @@ def _take_radio(context: click.Context, _parameter: click.Parameter, given: Path
 
 def _with_flags(context: click.Context, _parameter: click.Parameter, settings: tuple[str, ...]) -> tuple[str, ...]:
     """The settings, after those of `--radio`, which they override; and those of `--learner` and `--until`."""
-    if len(settings) > 1:
-        from meanflock.studies.swept import refuse_repeated
-
-        refuse_repeated(settings)
     if (radio := context.meta.get(_RADIO)) is not None:
         settings = (*radio.settings, *settings)
     for flag, key, value in (

@@ -112,15 +112,6 @@ def refuse_twice(keys: Sequence[str]) -> None:
         raise BadInput(f"{twice[0]} is swept twice; give all its values at once")
 
 
-def refuse_repeated(settings: Sequence[str]) -> None:
-    """Raise BadInput if `--set` sets a key twice."""
-    keys = [setting.partition("=")[0].strip() for setting in settings]
-    for place, key in enumerate(keys):
-        if key in keys[:place]:
-            first = settings[keys.index(key)]
-            raise BadInput(f"--set {settings[place]}: --set {first} sets `{key}` already; leave out one of them")
-
-
 def refuse_setting(key: str, settings: Iterable[str], reason: str) -> None:
     """Raise BadInput if `--set` sets a key that another argument decides."""
     for setting in settings:

@@ -307,4 +307,4 @@ def test_a_flight_that_federated_nothing_says_so(tmp_path, monkeypatch, capsys) 
     )
     assert "no model of another UAV arrived" not in said
     assert main(["run", *flags]) == 0
-    assert "federated" not in capsys.readouterr().err
+    assert "nothing was federated" not in capsys.readouterr().err

@@ -70,10 +70,6 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("run", "single.toml"), "single.toml: obstacles: expected a list, got {'radius': 3}; write [[obstacles]]"),
     (("run", "--method", "orac"), "did you mean 'orca'?"),
     (("run", "--method", "ecbf"), "windmap; there is a filter 'ecbf'"),
-    (
-        ("run", "--set", "wind.sigma=0.1", "--set", " wind.sigma=0.2"),
-        "--set wind.sigma=0.1 sets `wind.sigma` already; leave out one of them",
-    ),
     (("run", "--method", "ORCA"), "did you mean 'orca'?"),
     (("run", "swap", "paper"), "unexpected extra argument (paper). See `meanflock run --help`."),
     (("run", "--method"), "Option '--method' requires an argument. See `meanflock run --help`."),
