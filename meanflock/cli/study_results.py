@@ -132,5 +132,6 @@ class StudyResults:
             if one.place
         ]
         if found and points:
-            figures["pareto"] = tradeoff_plot.plot_tradeoff(points, found.x.label, found.y.label, columns)
+            unknown = [named[at] for at, one in found.placed.items() if not one.place]
+            figures["pareto"] = tradeoff_plot.plot_tradeoff(points, found.x.label, found.y.label, columns, unknown)
         return figures

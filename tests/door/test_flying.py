@@ -25,7 +25,7 @@ import meanflock as mf
 from meanflock import env, swarm
 from meanflock.cli.command import main
 from meanflock.comparison import Comparison
-from meanflock.results.quantities import DERIVED, SUMMARY
+from meanflock.results.quantities import COMPARED, DERIVED, SUMMARY
 from meanflock.studies import study
 from tests.agent.learning.lines import FLOWN, Line
 from tests.commands import loaded, printed
@@ -440,7 +440,7 @@ def test_a_grid_is_drawn_along_its_first_key_with_a_line_for_each_of_the_others(
     figure = grid.plot()
     lines = [text.get_text() for text in figure.legends[0].get_texts()]
     assert lines == ["plan, uavs=2", "hjb, uavs=2", "plan, uavs=3", "hjb, uavs=3"]
-    assert [ax.get_xlabel() for ax in figure.axes] == ["", "", *["wind.sigma (m/s/√s)"] * 2]
+    assert [ax.get_xlabel() for ax in figure.axes] == [*[""] * (len(COMPARED) - 2), *["wind.sigma (m/s/√s)"] * 2]
     energy = np.array([line.get_ydata() for line in figure.axes[1].get_lines() if len(line.get_ydata()) == 2])
     means = [row["energy_mean_J"] for row in grid]
     assert {tuple(row) for row in energy} >= {(means[k], means[k + 4]) for k in range(4)}

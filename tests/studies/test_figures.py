@@ -16,6 +16,7 @@ from meanflock.results.plots.comparison import plot_compare, plot_points, plot_s
 from meanflock.results.plots.learning import plot_learning
 from meanflock.results.plots.tradeoff import DOMINATED, FRONT, UNDECIDED, TradeoffPoint, plot_tradeoff
 from meanflock.results.points import labels
+from meanflock.results.quantities import COMPARED
 from meanflock.results.statistics import exact, mean
 
 ENERGIES = (1.0, 9.0)  # of the flights of a point: their interval reaches far below 0
@@ -45,7 +46,7 @@ def test_categories_are_points_side_by_side_and_numbers_are_joined() -> None:
         assert line.get_linestyle() == "None"
         assert len(bars) == 1  # the interval
         places.append(np.asarray(line.get_xdata()))
-    assert [text.get_text() for text in figure.axes[2].get_xticklabels()] == ["fdma", "tdma", "csma"]
+    assert [text.get_text() for text in figure.axes[-1].get_xticklabels()] == ["fdma", "tdma", "csma"]
     assert 0.05 < places[1][0] - places[0][0] < 0.5
     low, high = figure.axes[1].get_xlim()
     assert low < places[0][0] - 0.3
@@ -84,20 +85,33 @@ def test_intervals_side_by_side_have_arrows_where_the_axis_ends_and_a_caption_th
 @pytest.mark.parametrize("count", [2, 5, 12])
 def test_methods_side_by_side_fit_a_page_and_all_texts_fit_the_figure(columns: int, count: int) -> None:
     methods = ("a-controller-of-mine", *(f"m{number}" for number in range(1, count)))
-    figure = plot_compare({method: flights(ENERGIES) for method in methods}, columns)
+    check_fits(plot_compare({method: flights(ENERGIES) for method in methods}, columns), columns)
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("values", [(1.0, 2.0), ("fdma", "tdma", "csma")])
+def test_a_sweep_has_a_panel_for_each_compared_metric_and_fits_a_page(columns: int, values: tuple[Any, ...]) -> None:
+    figure = sweep(values, columns)
+    assert len(figure.axes) == len(COMPARED)
+    check_fits(figure, columns)
+
+
+def check_fits(figure: Figure, columns: int) -> None:
+    """Titles and labels lie within the figure, which fits a page."""
     assert figure.get_figwidth() == plotstyle.WIDTHS_IN[columns]
     assert figure.get_figheight() < 10.0
     figure.draw_without_rendering()
     for ax in figure.axes:
-        for text in (ax._left_title, ax.xaxis.label) if ax.get_visible() else ():
-            extent = text.get_window_extent()
-            assert -1.0 <= extent.x0 < extent.x1 <= figure.bbox.width + 1.0, text.get_text()
+        for text in (ax._left_title, ax.xaxis.label, ax.yaxis.label):
+            if text.get_text():
+                extent = text.get_window_extent()
+                assert -1.0 <= extent.x0 < extent.x1 <= figure.bbox.width + 1.0, text.get_text()
 
 
 def test_swept_numbers_are_the_ticks_unless_they_are_close() -> None:
-    ticks = [text.get_text() for text in sweep((0.1, 0.2, 0.35)).axes[2].get_xticklabels()]
+    ticks = [text.get_text() for text in sweep((0.1, 0.2, 0.35)).axes[-1].get_xticklabels()]
     assert ticks == ["0.1", "0.2", "0.35"]
-    assert len(sweep((1, 2, 1000)).axes[2].get_xticks()) > 3
+    assert len(sweep((1, 2, 1000)).axes[-1].get_xticks()) > 3
 
 
 def test_a_point_has_the_colour_of_its_line_and_a_mark_and_a_dash_for_its_value() -> None:
@@ -140,7 +154,7 @@ def test_a_sweep_of_the_method_of_a_group_has_a_line_for_all_controllers_of_a_fl
     figure = plot_points(names, dict.fromkeys(grid, flights(ENERGIES)))
     lines = {str(handle.get_label()): handle.get_color() for handle in figure.legends[0].get_lines()}
     assert sorted(lines) == sorted(f"{own}+{other}" for own in methods for other in ("orca", "bvc"))
-    assert figure.axes[2].get_xlabel() == "wind.sigma (m/s/√s)"
+    assert figure.axes[-1].get_xlabel() == "wind.sigma (m/s/√s)"
     assert {point: look.colour for point, look in point_looks(names, grid).items()} == {
         point: lines[point[-1]] for point in grid
     }
@@ -171,13 +185,15 @@ def test_many_learning_curves_fit_a_page_and_the_lowest_panels_have_the_labels(c
     figure = learning(3, 11, columns)
     assert figure.get_figwidth() == plotstyle.WIDTHS_IN[columns]
     assert figure.get_figheight() < 10.0
-    shown = [ax for ax in figure.axes if ax.get_visible()]
+    shown = figure.axes
     labelled = [place for place, ax in enumerate(shown) if ax.get_xlabel()]
     assert labelled == [*range(11 - across, 11)]
     figure.draw_without_rendering()
     numbered = [place for place, ax in enumerate(shown) if ax.xaxis.get_tick_params()["labelbottom"]]
     assert numbered == labelled
-    assert len(learning(3, 3, columns).axes) == 3 + (columns == 2)  # few stand in the columns that are printed
+    assert (
+        learning(3, 3, columns).axes[0].get_subplotspec().get_gridspec().ncols == columns
+    )  # few stand in the columns that are printed
 
 
 def test_bands_that_lie_on_one_another_stay_pale() -> None:
@@ -213,7 +229,9 @@ def test_a_front_has_the_same_marks_in_its_legend_which_says_what_they_mean(colu
     crowd = [*PLACED, *[PLACED[2]._replace(label=f"method={number}") for number in range(10)]]
     (legend,) = plot_tradeoff(crowd, "payload (bits)", "loss", columns).legends  # dominated points have no names there
     assert [text.get_text() for text in legend.get_texts()] == ["method=hjb", "method=orca", *meanings]
-    only = plot_tradeoff(PLACED[1:2], "payload (bits)", "loss", columns)
+    only = plot_tradeoff(PLACED[1:2], "payload (bits)", "loss", columns, ["method=plan", "method=mfg"])
+    caption = only.get_supxlabel().replace("\n", " ")
+    assert caption == "not drawn, because a number is unknown: method=plan, method=mfg one flight each: no interval"
     assert [text.get_text() for text in only.legends[0].get_texts()] == ["method=hjb", meanings[0]]
 
 

@@ -16,6 +16,7 @@ from meanflock.launch.engine import Engine
 from meanflock.launch.station import StoredTelemetry
 from meanflock.recording import blueprint as look
 from meanflock.recording.replay import verify
+from meanflock.results.quantities import COMPARED
 from meanflock.studies import runner, side_by_side, study
 from meanflock.studies.markdown import replaced, table
 from meanflock.studies.means import Means
@@ -120,7 +121,7 @@ def test_python_prints_the_warnings_of_the_command(run, tmp_path, capsys) -> Non
 )
 def test_a_sweep_is_drawn_along_numbers_or_names(run, undrawn, swept: str, label: str) -> None:
     assert run("sweep", swept, "--methods", "mfg", "--seeds", "1", "--uavs", "2", *QUICK)[0] == EXIT_DONE
-    assert {(len(figure.axes), figure.axes[-1].get_xlabel()) for figure in undrawn} == {(4, label)}
+    assert {(len(figure.axes), figure.axes[-1].get_xlabel()) for figure in undrawn} == {(len(COMPARED), label)}
 
 
 def test_values_are_words_numbers_lists_or_tables() -> None:

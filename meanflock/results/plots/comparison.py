@@ -22,7 +22,6 @@ Summaries = Sequence[Mapping[str, Any]]  # of runs that differ in their seed
 Points = Mapping[tuple[Any, ...], Summaries]
 
 _PAGE_IN = 9.0  # height of the text of a printed page
-_MOST_ROWS = 4  # of panels that share their x axis
 FLIGHTS_BELOW = 0.32  # of the distance of two rows
 _APART = 0.012  # points of one number, as a share of the axis; so their intervals do not cover each other
 _TICKS_APART = 0.12  # numbers nearer to each other, as a share of the axis, have no ticks of their own
@@ -37,16 +36,18 @@ def panels(
     share: str,
     least_in: float | None = None,
     left_in: float = 0.0,
+    most_rows: int = 4,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of a printed width with a panel for each title, in as many columns as are printed.
 
     Args:
         row_in: height of a row. more_in: further height. share: the axis that all panels share. Numbers of a shared x
-            axis are below the lowest panels. More than four rows of panels have a column more.
+            axis are below the lowest panels.
         least_in: height of a row where the figure would be longer than a page otherwise; None: `row_in`.
         left_in: width of what stands left of all panels.
+        most_rows: of panels; more have a column more.
     """
-    across = min(columns + (len(titles) > _MOST_ROWS * columns), len(titles))
+    across = min(columns + (len(titles) > most_rows * columns), len(titles))
     rows = -(-len(titles) // across)
     if least_in is not None:
         row_in = max(least_in, min(row_in, (_PAGE_IN - more_in) / rows))
@@ -55,7 +56,7 @@ def panels(
     for place, (title, ax) in enumerate(zip(titles, axes, strict=False)):
         plotstyle.titled(ax, plotstyle.letter(place), title, left_in)
     for ax in axes[len(titles) :]:
-        ax.set_visible(False)
+        ax.remove()
     axes = axes[: len(titles)]
     for ax in lowest(axes):
         ax.xaxis.set_tick_params(labelbottom=True)
@@ -89,13 +90,7 @@ def plot_compare(runs: Mapping[str, Summaries], columns: int = 2) -> Figure:
             ax.set_yticks(range(len(methods)), methods)
             ax.grid(visible=False, axis="y")
             ax.set_xlabel(plotstyle.axis(key))
-            ax.xaxis.set_major_locator(MaxNLocator(ticks, integer=key in ("arrived", "collisions")))
-            if key.startswith("payload_bits"):
-                plotstyle.bit_axis(ax.xaxis)
-            if key == "arrived":
-                most = max(number(summary, "uavs") for summaries in runs.values() for summary in summaries)
-                ax.set_xlim(0.0, most)
-            _never_negative(ax.xaxis)
+            _scale(ax.xaxis, key, runs.values(), ticks)
             for place, (method, estimate) in enumerate(zip(methods, estimates, strict=True)):
                 has_arrows |= _arrows(ax.xaxis, [place], [estimate], looks[method].colour)
         flights = [len(summaries) for summaries in runs.values()]
@@ -107,12 +102,18 @@ def _titles(metrics: Sequence[str]) -> list[str]:
     return [FIELDS[metric].remarked for metric in metrics]
 
 
-def _never_negative(axis: Axis) -> None:
-    """Begins an axis just before 0 where it would begin farther below: no metric here is negative."""
+def _scale(axis: Axis, metric: str, flown: Iterable[Summaries], ticks: int) -> None:
+    """Sets ticks and limits of a metric: counts are whole, arrivals end at the number of UAVs. An axis begins just
+    before 0 where it would begin farther below: no metric here is negative."""
+    axis.set_major_locator(MaxNLocator(ticks, integer=metric in ("arrived", "collisions")))
+    if metric.startswith("payload_bits"):
+        plotstyle.bit_axis(axis)
+    limit = axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim
+    if metric == "arrived":
+        limit(0.0, max(number(summary, "uavs") for summaries in flown for summary in summaries))
     low, high = axis.get_view_interval()
     if low <= 0.0:
         high = max(high, 1.0) if axis.get_data_interval()[1] <= 0.0 else high
-        limit = axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim
         limit(-0.03 * high, 1.03 * high)
 
 
@@ -228,8 +229,8 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
     has_arrows = False
     apart = _APART * np.ptp(places) if numeric else min(least, most / len(lines))
     with plotstyle.style():
-        figure, axes = panels(_titles(COMPARED[:4]), columns, 1.75, 0.65, "x")
-        for metric, ax in zip(COMPARED[:4], axes, strict=True):
+        figure, axes = panels(_titles(COMPARED), columns, 1.75, 0.65, "x", 1.1, most_rows=len(COMPARED))
+        for metric, ax in zip(COMPARED, axes, strict=True):
             drawn = []
             for place, line in enumerate(lines):
                 at = places + apart * (place - (len(lines) - 1) / 2)
@@ -237,12 +238,10 @@ def plot_sweep(names: Sequence[str], points: Points, columns: int = 2) -> Figure
                 estimates = [statistics.mean([number(each, metric) for each in summaries]) for summaries in flown]
                 plotstyle.dots(ax, looks[line.name], at, estimates, joined=numeric)
                 drawn.append((list(at), estimates, looks[line.name].colour))
-            _never_negative(ax.yaxis)
+            ax.set_ylabel(plotstyle.axis(metric))
+            _scale(ax.yaxis, metric, points.values(), ticks=5)
             for intervals in drawn:
                 has_arrows |= _arrows(ax.yaxis, *intervals)
-            ax.set_ylabel(plotstyle.axis(metric))
-            if metric.startswith("payload_bits"):
-                plotstyle.bit_axis(ax.yaxis)
             if not numeric or np.diff(np.sort(places)).min(initial=np.inf) >= _TICKS_APART * np.ptp(places):
                 ax.set_xticks(places, [str(value) for value in values])
             if not numeric:

@@ -31,12 +31,14 @@ class TradeoffPoint(NamedTuple):
     place: str
 
 
-def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int = 1) -> Figure:
+def plot_tradeoff(
+    points: Sequence[TradeoffPoint], x: str, y: str, columns: int = 1, unknown: Sequence[str] = ()
+) -> Figure:
     """Means and 95 % intervals: filled on the front, hollow where undecided, pale where dominated.
 
     The legend names all points, or of more than 12 those that are not dominated.
 
-    x, y: labels of the axes.
+    x, y: labels of the axes. unknown: labels of configurations of which a mean is unknown, for the caption.
     """
     ink = plotstyle.MethodLook(plotstyle.INK, "o", plotstyle.SOLID)
     ordered = sorted(points, key=lambda point: [*_MEANINGS].index(point.place))
@@ -59,7 +61,8 @@ def plot_tradeoff(points: Sequence[TradeoffPoint], x: str, y: str, columns: int 
             if "(bits)" in label:
                 axis.set_major_formatter(EngFormatter())
         plotstyle.place_legend(figure, handles)
-        explained(figure, [point.x.n for point in points])
+        before = f"not drawn, because a number is unknown: {', '.join(unknown)}\n" if unknown else ""
+        explained(figure, [point.x.n for point in points], before)
     return figure
 
 
