@@ -23,7 +23,7 @@ Point: TypeAlias = Annotated[
 ]  # x, y, and in space perhaps z
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, repr_omit_defaults=True):
     """Base class of a scenario's tables. It rejects unknown keys, numbers whose squares are not finite, and texts that
     are not Unicode.
     """

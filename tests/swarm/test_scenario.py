@@ -70,6 +70,11 @@ def test_a_replaced_scenario_is_the_one_that_was_set_from_the_start(tmp_path: Pa
     assert changed == Scenario.load("windy").replace(**{"wind.sigma": 0.7}) == load(Path("windy"), ["wind.sigma=0.7"])
 
 
+def test_a_printed_scenario_has_the_values_that_are_no_defaults() -> None:
+    printed = repr(Scenario(uavs=9, **{"radio.access": "tdma"}))
+    assert re.sub(r" \w+=\w+\(\),?", "", printed) == "Scenario(uavs=9, radio=Radio(access='tdma'),)"
+
+
 def test_a_scenario_that_cannot_be_saved_is_bad_input_and_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"nowhere/my\.toml: .*; name a file in a folder"):
         Scenario().save(tmp_path / "nowhere" / "my.toml")
