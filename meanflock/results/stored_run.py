@@ -91,7 +91,9 @@ def runs_in(folder: Path, progress: Callable[[int, int], None] = lambda _done, _
     try:
         found = [path for path in folder.iterdir() if is_run(path)]
     except OSError as error:
-        raise BadInput(f"{folder}: {error.strerror}; name a folder with runs") from error
+        raise BadInput(
+            f"{folder}: {error.strerror}; fly one with `meanflock run`, or name a folder with runs"
+        ) from error
     runs = []
     for number, path in enumerate(found, 1):
         runs.append(_read(path))
@@ -113,7 +115,8 @@ def latest(parent: Path, *, is_resumable: bool = False) -> Path:
     for path in sorted(found, key=lambda path: (began(path), path.name), reverse=True):
         if not is_resumable or _read(path).resumable:
             return path
-    raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; name the folder of one")
+    mend = "name the folder of one" if found else "fly one with `meanflock run`, or name the folder of one"
+    raise BadInput(f"latest: there is no run {wanted}".rstrip() + f" in {parent.absolute()}; {mend}")
 
 
 def stored_run(folder: Path) -> StoredFolder:

@@ -87,4 +87,6 @@ def test_resume_takes_the_latest_run_that_can_be_resumed(flown: Path, run) -> No
     shutil.rmtree("runs")
     code, _, err = run("resume", "latest")
     assert (code, "latest: there is no run that can be resumed in" in err) == (EXIT_BAD_INPUT, True)
-    assert "latest: there is no run in" in run("show", "latest")[2]
+    err = run("show", "latest")[2]
+    assert "latest: there is no run in" in err
+    assert "fly one with `meanflock run`" in err
