@@ -62,7 +62,8 @@ def free_mb(folder: Path) -> int:
 def room(scenario: Scenario, folder: Path, record: bool, remedies: Remedies, flown: int = 0) -> tuple[str, str | None]:
     """The space that a run folder needs and that is free; and advice, or None if it fits. Arguments: `needed_mb`."""
     needed, free = needed_mb(scenario, record, flown), free_mb(folder)
-    found = f"up to {needed} MB for {scenario.uavs} UAVs over {scenario.max_ticks - flown} ticks, {free} MB free"
+    ticks = scenario.max_ticks - flown
+    found = f"up to {needed:,} MB for {scenario.uavs:,} UAVs over {ticks:,} ticks, {free:,} MB free"
     if needed <= free:
         return found, None
     if record and needed_mb(scenario, False, flown) <= free:

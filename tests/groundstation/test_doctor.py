@@ -202,8 +202,8 @@ def test_a_run_that_does_not_fit_on_the_disk_is_refused(tmp_path, capsys, monkey
     assert main(["run", "--in-process", "--uavs", "200", "--out", str(folder), *flags]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     most = disk.needed_mb(load(None, ["uavs=200"]), record=not flags)
-    assert line.startswith(f"error: disk: up to {most} MB for 200 UAVs over ")
-    assert f"{free_mb} MB free" in line
+    assert line.startswith(f"error: disk: up to {most:,} MB for 200 UAVs over ")
+    assert f"{free_mb:,} MB free" in line
     assert remedy in line
     assert not folder.parent.exists()
 
@@ -227,5 +227,5 @@ def test_a_run_is_resumed_only_if_the_rest_of_it_fits(tmp_path, capsys, monkeypa
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=(most - 1) * 10**6))
     before = sorted(folder.iterdir())
     assert main(["resume", str(folder), "--in-process", "--no-record"]) == 2
-    assert f"{most - 1} MB free; make room on its disk" in capsys.readouterr().err
+    assert f"{most - 1:,} MB free; make room on its disk" in capsys.readouterr().err
     assert sorted(folder.iterdir()) == before
