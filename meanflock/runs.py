@@ -15,10 +15,10 @@ from meanflock.notebook import html_of_run
 from meanflock.progress import Progress, checked_progress
 from meanflock.results.event_log import row_of, stored_lines
 from meanflock.results.rounds_table import rounds_table, stored_rounds
-from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, go_on
+from meanflock.results.run_folder import EVENTS, RECORDING, SCENARIO, SUMMARY, alone, completed, go_on
 from meanflock.results.series import long_form, rows_of, states_of
 from meanflock.results.summary_file import read_summary
-from meanflock.results.timeseries_file import TIMESERIES, Per, read_table, recover, write_csv
+from meanflock.results.timeseries_file import TIMESERIES, Per, read_table, write_csv
 from meanflock.swarm import paths, scenario
 from meanflock.swarm.errors import BadInput, available
 from meanflock.swarm.events import RoundEnded
@@ -197,12 +197,13 @@ def open_run(folder: str | Path) -> Run:
 
     Raises:
         BadInput: the folder has no run, or the run has not finished.
+        RunFailed: the run was killed, and there is no room for its tables.
     """
     path = paths.given(folder)
     if not (path / SCENARIO).is_file():
         raise BadInput(f"{path}: no run; name the folder of one")
     with alone(path):
-        recover(path)
+        completed(path)
     if not (path / SUMMARY).exists():
         raise BadInput(f"{path}: the run has not finished: it has no {SUMMARY}; {go_on(path)}")
     try:

@@ -97,8 +97,9 @@ def stored_rounds(events: Path) -> list[RoundEnded]:
 def write_rounds(folder: Path, events: Path, dt: float) -> None:
     """Write the rounds of a run, completely or not at all, if there were any. Raises OSError if there is no room."""
     if rounds := stored_rounds(events):
-        with durable.replacing(folder / ROUNDS) as file:
-            pq.write_table(rounds_table(rounds, dt), file)
+        table = pa.BufferOutputStream()
+        pq.write_table(rounds_table(rounds, dt), table)
+        durable.replace(folder / ROUNDS, memoryview(table.getvalue()))
 
 
 def row_of_round(ended: RoundEnded, dt: float) -> dict[str, Any]:

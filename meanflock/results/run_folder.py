@@ -20,7 +20,7 @@ from meanflock.results.event_log import EventLog, lock, past_events, stored_line
 from meanflock.results.rounds_table import write_rounds
 from meanflock.results.scenario_name import headed
 from meanflock.results.series import block_of, check_reports, unbroken
-from meanflock.results.spool import Spool
+from meanflock.results.spool import Spool, spooled
 from meanflock.results.timeseries_file import SPOOL, TIMESERIES, Past, read_table, recover
 from meanflock.swarm import durable, paths, scenario
 from meanflock.swarm.durable import reason, remedy
@@ -275,10 +275,10 @@ class RunFolder:
             if failure is not None and issubclass(failure, BadInput) and not self._resumed:
                 shutil.rmtree(self.path)
             elif self._full is None:  # without room the rows stay in the spool, as after a kill
-                if SPOOL not in gone:
-                    recover(self.path)
                 if EVENTS not in gone and self._has_rounds:
                     write_rounds(self.path, self.path / EVENTS, self._flown.dt)
+                if SPOOL not in gone:
+                    recover(self.path)  # last: as long as there is a spool, the folder is not complete
                 gone += [name for name in self.files if not (self.path / name).exists() and name not in gone]
                 if gone and failure is None:
                     raise RunFailed(
@@ -366,12 +366,18 @@ def lost_everyone(folder: Path) -> str:
 
 
 def completed(folder: Path) -> None:
-    """Like `recover`, for commands that read a run.
+    """Complete the rounds and the time series of a run that was killed, also after its summary was written.
 
     Raises:
-        RunFailed: there is no room for the time series; the spool keeps its rows.
+        BadInput: its events are damaged.
+        RunFailed: there is no room for the tables; the spool keeps its rows.
     """
+    if not (folder / SPOOL).exists():
+        return
     try:
+        if (folder / EVENTS).exists():
+            dt = next((stored.dt for stored in spooled(folder / SPOOL)), 0.0)  # without rows there are no rounds
+            write_rounds(folder, folder / EVENTS, dt)
         recover(folder)
     except OSError as error:
         raise RunFailed(f"{folder}: {reason(error)}; {remedy(error)}, then give the command again") from error
@@ -432,9 +438,10 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
             raise MessageRejected("malformed", "its checksum is wrong")
         record = control.decode_record(whole["record"])
         return {name: record[name] for name in ("tick", "block", "events_bytes", "body")}
+    except FileNotFoundError as error:
+        raise BadInput(f"{folder}: {go_on(folder)}") from error
     except OSError as error:
-        advice = "name the folder of a run of a hundred ticks that did not finish and has no event `checkpoint`"
-        raise BadInput(f"{path}: {error.strerror}; {advice}") from error
+        raise BadInput(f"{path}: {error.strerror}; let it be read, then give the command again") from error
     except (MessageRejected, KeyError, TypeError) as error:
         raise BadInput(
             f"{path}: damaged, or of an older version ({error}); the run cannot be resumed: {fly_again(folder)}"

@@ -15,6 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import meanflock as mf
@@ -39,7 +40,7 @@ from meanflock.worldsim.checkpoint import EVERY_TICKS, SCHEMA
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
-from tests.faults.dying import LATER, dead, events, flight, resumed, steady
+from tests.faults.dying import LATER, Died, dead, events, flight, resumed, steady
 from tests.memory_swarm import MemorySwarm
 from tests.telemetry import Record, comparable, fly
 from tests.testing.good import GoodVehicle
@@ -156,6 +157,41 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1
 
 
+LAST_STEPS = {  # of a run that has its summary, and may die in each
+    "rounds": "meanflock.results.run_folder.write_rounds",
+    "time series": "meanflock.results.run_folder.recover",
+    "its name": "meanflock.results.timeseries_file.durable.move",
+    "the spool": "meanflock.results.timeseries_file.durable.remove",
+}
+READERS: dict[str, Callable[[Path], object]] = {
+    "open": mf.open,
+    "plot": lambda folder: main(["plot", str(folder), "--quiet", "--csv", str(folder.parent / "rows.csv")]),
+    "export": lambda folder: main(["export", str(folder), "--quiet", "--radio", str(folder.parent / "radio.json")]),
+}
+
+
+def die(path: Path, *_: object) -> None:
+    """In place of a step; the checkpoint is deleted as by the step."""
+    if path.name != CHECKPOINT:
+        raise Died
+    path.unlink()
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("step", LAST_STEPS)
+def test_a_run_that_dies_after_its_summary_has_all_its_tables_for_the_first_reader(step, reader, tmp_path) -> None:
+    flown = scenario(LATER)
+    flight(tmp_path / "whole", flown)
+    with patch(LAST_STEPS[step], side_effect=die), pytest.raises(Died):
+        flight(tmp_path / "dead", flown)
+    whole, folder = (tmp_path / name / "run" for name in ("whole", "dead"))
+    assert (folder / SPOOL).exists()
+    READERS[reader](folder)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
+    for name in ("rounds.parquet", "timeseries.parquet"):
+        assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
+
+
 def test_while_some_are_paused_no_checkpoint_is_taken_that_would_lack_their_minds() -> None:
     lab = Lab(scenario('faults=[{kind="pause", tick=95, duration_s=1.0, uavs=[1]}]'))
     lab.fly()
@@ -233,7 +269,7 @@ def of_another_version(folder: Path) -> None:
 
 
 DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a part of the verdict
-    "no checkpoint": (lambda folder: (folder / CHECKPOINT).unlink(), "hundred ticks"),
+    "no checkpoint": (lambda folder: (folder / CHECKPOINT).unlink(), "there is no checkpoint to resume from"),
     "half a checkpoint": (changed(CHECKPOINT, lambda content: content[:-7]), "meanflock run"),
     "a time series cut off": (changed(".telemetry", lambda content: content[: len(content) // 3]), "missing"),
     "an empty scenario": (changed("scenario.toml", lambda content: b""), "not the scenario that was flown"),
@@ -248,7 +284,10 @@ DAMAGES: dict[str, tuple[Damage, str]] = {  # what happened to a folder, and a p
         changed(EVENTS, lambda content: b'{"tick": 1, "kind": "x", "text": "x", "uavs": [77]}' + b"\n" * 5000),
         EVENTS,
     ),
-    "no checkpoint but a summary": (lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY), "hundred ticks"),
+    "no checkpoint but a summary": (
+        lambda folder: (folder / CHECKPOINT).rename(folder / SUMMARY),
+        "there is no checkpoint to resume from",
+    ),
     "the end of a flight": (over, "finished"),
     "a folder of another version": (of_another_version, "resume the run with the version that flew it"),
     "no scenario": (lambda folder: (folder / "scenario.toml").unlink(), "no run"),

@@ -16,6 +16,7 @@ from meanflock.launch.engine import Engine
 from meanflock.launch.options import FlightOptions
 from meanflock.launch.outputs import Outputs
 from meanflock.results.run_folder import CHECKPOINT, RunFolder, completed, go_on
+from meanflock.results.timeseries_file import SPOOL
 from meanflock.swarm import durable
 from meanflock.swarm.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, RunFailed
 from meanflock.swarm.plugins import load_file
@@ -136,6 +137,7 @@ def test_each_error_of_a_file_has_its_own_advice(tmp_path: Path, monkeypatch, nu
         assert f"{said}{then}" in str(failed.value)
 
     (tmp_path / "run").mkdir()
+    (tmp_path / SPOOL).touch()
     with monkeypatch.context() as patched:
         patched.setattr(durable, "replace", fails)
         not_written(lambda: durable.put(tmp_path / "table.csv", b""), " and repeat the command")

@@ -66,8 +66,8 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
         *(*durably(SCENARIO), "elsewhere", "→ .telemetry", "run"),
         *(3 * [*rows, *durably(CHECKPOINT)]),
         *(*rows, *durably(SUMMARY), "run"),  # and the checkpoint taken away
-        *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled
         *durably(ROUNDS),
+        *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled, last
     ]
 
 
