@@ -312,23 +312,28 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def go_on(folder: Path) -> str:
-    """Text that says how to fly the rest of a run that did not finish."""
+    """Text that says how to fly the rest of a run that did not finish, with its plug-ins if they are here."""
     if (folder / CHECKPOINT).exists():
-        return f"`meanflock resume {shlex.quote(str(folder))}` flies the rest"
+        return f"`{shlex.join(['meanflock', 'resume', str(folder), *(_plugin_options(folder) or ())])}` flies the rest"
     return f"there is no checkpoint to resume from: {fly_again(folder)}"
 
 
 def fly_again(folder: Path) -> str:
     """Text that says how to fly a run again, with the command if its scenario and plug-ins are here."""
+    options = _plugin_options(folder)
+    if options is None:
+        return "fly the run again"
+    return f"fly the run again with `{shlex.join(['meanflock', 'run', str(folder / SCENARIO), *options])}`"
+
+
+def _plugin_options(folder: Path) -> list[str] | None:
+    """The options `--plugin` of a run; None if its scenario or a plug-in is not here."""
     path = folder / SCENARIO
     try:
         files = flown_plugins.sources(scenario.load(path)) if path.is_file() else None
     except BadInput:
-        files = None
-    if files is None:
-        return "fly the run again"
-    command = shlex.join(["meanflock", "run", str(path), *(text for file in files for text in ("--plugin", str(file)))])
-    return f"fly the run again with `{command}`"
+        return None
+    return None if files is None else [text for file in files for text in ("--plugin", file)]
 
 
 def _sync(events: EventLog, spool: Spool) -> None:

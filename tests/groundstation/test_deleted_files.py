@@ -105,6 +105,9 @@ def test_how_to_go_on_names_files_that_are_there(tmp_path: Path) -> None:
     assert go_on(tmp_path) == "there is no checkpoint to resume from: fly the run again"
     load_file(spring)
     assert go_on(tmp_path).endswith(f"`meanflock run {tmp_path}/scenario.toml --plugin {spring}`")
+    (tmp_path / CHECKPOINT).touch()
+    assert go_on(tmp_path) == f"`meanflock resume {tmp_path} --plugin {spring}` flies the rest"
+    (tmp_path / CHECKPOINT).unlink()
     (tmp_path / "scenario.toml").unlink()
     assert go_on(tmp_path) == "there is no checkpoint to resume from: fly the run again"
 
