@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import psutil
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -18,6 +19,7 @@ from meanflock.launch.processes import Swarm
 from meanflock.launch.temporary import TemporaryFolder
 from meanflock.net.process import CHILD
 from meanflock.net.session import ZenohBus
+from meanflock.results.quantities import VARYING
 from tests.controller_files import controller_file
 from tests.faults.by_hand import Process, Processes
 from tests.faults.launched import alive
@@ -247,6 +249,42 @@ def test_a_study_that_is_ended_leaves_no_worker_and_can_be_continued(number, to_
         assert err.startswith("error: interrupted; ")
         assert "repeat the command to fly the rest" in err
     until(lambda: not any(map(alive, workers)), "no worker", SOON_S)
+
+
+REST = ("compare", "mfg", "--seeds", "40", "--uavs", "9", "--duration", "60", "--set", "stop=duration", "--quiet")
+
+
+def tables(out: Path) -> tuple[bytes, pa.Table]:
+    """Means of a study, and its flights without the times that they took."""
+    flights = pq.read_table(out / "flights.parquet")
+    return (out / "compare.csv").read_bytes(), flights.drop_columns([*VARYING & set(flights.column_names)])
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, pa.Table]:
+    out = tmp_path_factory.mktemp("undisturbed")
+    assert main([*REST, "--jobs", "1", "--out", str(out)]) == 0
+    return tables(out)
+
+
+@pytest.mark.xdist_group("the rest of a study")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_study_that_was_ended_flies_the_rest_to_the_tables_of_an_undisturbed_one(
+    number, undisturbed, tmp_path, processes
+) -> None:
+    def finished() -> dict[str, int]:
+        return {path.name: path.stat().st_ino for path in (tmp_path / "data" / "jobs").glob("*.job")}
+
+    study = processes.start("cli", *REST, "--jobs", "2", "--out", str(tmp_path), base=())
+    until(finished, "a flight that is finished", pause_s=0.005)
+    study.send_signal(number)
+    study.communicate(timeout=DEADLINE_S)
+    kept = finished()
+    assert 0 < len(kept) < 40
+    assert main([*REST, "--jobs", "2", "--out", str(tmp_path)]) == 0
+    assert kept.items() <= finished().items()
+    assert len(finished()) == 40
+    assert tables(tmp_path) == undisturbed
 
 
 def test_show_finds_why_a_flight_failed_by_an_error_of_a_megabyte(command, capsys) -> None:
