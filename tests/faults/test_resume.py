@@ -37,6 +37,7 @@ from meanflock.swarm.events import FlightFailed, FlightFinished
 from meanflock.swarm.scenario import Scenario
 from meanflock.swarm.wire import control
 from meanflock.worldsim.checkpoint import EVERY_TICKS, SCHEMA
+from tests.agent.learning import lines
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
@@ -157,6 +158,39 @@ def test_an_interrupted_run_that_has_its_summary_goes_on_too(
     assert [event["kind"] for event in events(folder.path)].count("finished") == 1
 
 
+def shipped(name: str, *settings: str) -> Scenario:
+    """A shipped scenario, for 250 ticks."""
+    path = Path(__file__).parents[2] / "scenarios" / f"{name}.toml"
+    return scenarios.load(path, ("duration=25", "stop=duration", *settings))
+
+
+SUBJECTS: dict[str, Callable[[], Scenario]] = {
+    "groups": lambda: shipped("groups", "federation.period=25"),
+    "batteries and landings": lambda: shipped("patrol"),
+    "a station, by TDMA": lambda: shipped("mast", "federation.period=20", "uavs=6"),
+    "fragments and retries": lambda: shipped("lossy", "federation.period=25", "federation.retries=2", "uavs=4"),
+    "quadrotors": lambda: shipped("sphere", "vehicle.model=quadrotor", "uavs=4", "federation.period=20"),
+    "a fault script": lambda: shipped("faults"),
+    "a learner": lambda: lines.scenario(duration=25.0),
+}
+TABLES = ("rounds.parquet", "timeseries.parquet")
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_each_file_of_a_resumed_run_is_that_of_an_undisturbed_one(subject: str, tmp_path: Path) -> None:
+    flown = SUBJECTS[subject]()
+    summary = flight(tmp_path / "whole", flown)
+    whole, folder = tmp_path / "whole" / "run", dead(tmp_path / "dead", flown, 170)
+    kept = back(folder)
+    assert kept.start.tick in (1, 101)  # none while UAVs are paused
+    assert steady(flight(folder.parent, flown, kept=kept)) == steady(summary)
+    assert events(folder, "resumed") == events(whole)
+    files = sorted(path.name for path in whole.iterdir())
+    assert sorted(path.name for path in folder.iterdir()) == files
+    for name in {*TABLES} & {*files}:
+        assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
+
+
 LAST_STEPS = {  # of a run that has its summary, and may die in each
     "rounds": "meanflock.results.run_folder.write_rounds",
     "time series": "meanflock.results.run_folder.recover",
@@ -188,7 +222,7 @@ def test_a_run_that_dies_after_its_summary_has_all_its_tables_for_the_first_read
     assert (folder / SPOOL).exists()
     READERS[reader](folder)
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
-    for name in ("rounds.parquet", "timeseries.parquet"):
+    for name in TABLES:
         assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
 
 
