@@ -41,7 +41,7 @@ from tests.agent.learning import lines
 from tests.commands import COMMAND, ended
 from tests.faults.by_hand import ticks_of
 from tests.faults.conftest import Lab, honest, scenario
-from tests.faults.dying import LATER, Died, dead, events, flight, resumed, steady
+from tests.faults.dying import LATER, dead, events, flight, resumed, steady
 from tests.memory_swarm import MemorySwarm
 from tests.telemetry import Record, comparable, fly
 from tests.testing.good import GoodVehicle
@@ -188,41 +188,6 @@ def test_each_file_of_a_resumed_run_is_that_of_an_undisturbed_one(subject: str, 
     files = sorted(path.name for path in whole.iterdir())
     assert sorted(path.name for path in folder.iterdir()) == files
     for name in {*TABLES} & {*files}:
-        assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
-
-
-LAST_STEPS = {  # of a run that has its summary, and may die in each
-    "rounds": "meanflock.results.run_folder.write_rounds",
-    "time series": "meanflock.results.run_folder.recover",
-    "its name": "meanflock.results.timeseries_file.durable.move",
-    "the spool": "meanflock.results.timeseries_file.durable.remove",
-}
-READERS: dict[str, Callable[[Path], object]] = {
-    "open": mf.open,
-    "plot": lambda folder: main(["plot", str(folder), "--quiet", "--csv", str(folder.parent / "rows.csv")]),
-    "export": lambda folder: main(["export", str(folder), "--quiet", "--radio", str(folder.parent / "radio.json")]),
-}
-
-
-def die(path: Path, *_: object) -> None:
-    """In place of a step; the checkpoint is deleted as by the step."""
-    if path.name != CHECKPOINT:
-        raise Died
-    path.unlink()
-
-
-@pytest.mark.parametrize("reader", READERS)
-@pytest.mark.parametrize("step", LAST_STEPS)
-def test_a_run_that_dies_after_its_summary_has_all_its_tables_for_the_first_reader(step, reader, tmp_path) -> None:
-    flown = scenario(LATER)
-    flight(tmp_path / "whole", flown)
-    with patch(LAST_STEPS[step], side_effect=die), pytest.raises(Died):
-        flight(tmp_path / "dead", flown)
-    whole, folder = (tmp_path / name / "run" for name in ("whole", "dead"))
-    assert (folder / SPOOL).exists()
-    READERS[reader](folder)
-    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
-    for name in TABLES:
         assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
 
 

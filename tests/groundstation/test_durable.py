@@ -3,8 +3,10 @@
 import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -12,6 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from rerun.chunk import RrdReader
 
+import meanflock as mf
+from meanflock.cli.command import main
 from meanflock.launch import engine
 from meanflock.launch.options import FlightOptions
 from meanflock.launch.outputs import Outputs
@@ -69,6 +73,41 @@ def test_rows_and_events_are_on_the_disk_before_the_checkpoint_and_that_before_i
         *durably(ROUNDS),
         *(f".{table}", f"→ {table}", "run", "run"),  # and what was spooled, last
     ]
+
+
+LAST_STEPS = {  # of a run that has its summary, and may die in each
+    "rounds": "meanflock.results.run_folder.write_rounds",
+    "time series": "meanflock.results.run_folder.recover",
+    "its name": "meanflock.results.timeseries_file.durable.move",
+    "the spool": "meanflock.results.timeseries_file.durable.remove",
+}
+READERS: dict[str, Callable[[Path], object]] = {
+    "open": mf.open,
+    "plot": lambda folder: main(["plot", str(folder), "--quiet", "--csv", str(folder.parent / "rows.csv")]),
+    "export": lambda folder: main(["export", str(folder), "--quiet", "--radio", str(folder.parent / "radio.json")]),
+}
+
+
+def die(path: Path, *_: object) -> None:
+    """In place of a step; the checkpoint is deleted as by the step."""
+    if path.name != CHECKPOINT:
+        raise dying.Died
+    path.unlink()
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("step", LAST_STEPS)
+def test_a_run_that_dies_after_its_summary_has_all_its_tables_for_the_first_reader(step, reader, tmp_path) -> None:
+    flown = scenario(dying.LATER)
+    dying.flight(tmp_path / "whole", flown)
+    with patch(LAST_STEPS[step], side_effect=die), pytest.raises(dying.Died):
+        dying.flight(tmp_path / "dead", flown)
+    whole, folder = (tmp_path / name / "run" for name in ("whole", "dead"))
+    assert (folder / SPOOL).exists()
+    READERS[reader](folder)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in whole.iterdir())
+    for name in (ROUNDS, TIMESERIES):
+        assert pq.read_table(folder / name).equals(pq.read_table(whole / name)), name
 
 
 BLOCKS = flight(uavs=2, ticks=60)
