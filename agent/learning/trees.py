@@ -5,6 +5,7 @@ Floats are sent, in the order of the tree. Integers and booleans are sent as flo
 path to it, its parts joined by dots.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
@@ -50,6 +51,8 @@ class ModelForm:
         self._tree = tree
         self._leaves = [self._leaf(name, array, integers, keeps) for name, array in arrays_of(tree)]
         names = [leaf.name for leaf in self._leaves]
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            raise BadInput(f"the model has two arrays {twice[0]!r}, its parts joined by dots; rename one of them")
         if unused := [pattern for pattern in keeps if not any(fnmatchcase(name, pattern) for name in names)]:
             raise BadInput(f"`training.keeps` {unused[0]!r} fits no array of the model; there are {', '.join(names)}")
         self._sent = [leaf for leaf in self._leaves if leaf.is_sent]
@@ -86,9 +89,8 @@ class ModelForm:
         """
         found = dict(arrays_of(tree))
         if found.keys() != {leaf.name for leaf in self._leaves}:
-            raise ValueError(
-                f"the model has arrays {', '.join(found)}; expected {', '.join(one.name for one in self._leaves)}"
-            )
+            has = f"arrays {', '.join(found)}" if any(found) else "no array with a name"
+            raise ValueError(f"the model has {has}; expected {', '.join(one.name for one in self._leaves)}")
         for leaf in self._leaves:
             if found[leaf.name].shape != leaf.shape:
                 raise ValueError(f"{leaf.name!r} has shape {found[leaf.name].shape}; expected {leaf.shape}")

@@ -21,6 +21,11 @@ from meanflock.swarm.errors import EXIT_BAD_INPUT, BadInput, MeanflockError, Pro
 
 log = logging.getLogger("meanflock.launch")
 
+_THREADS = (
+    "the import of a plug-in starts a thread, so each process imports all libraries itself: take-off is later, and each"
+    " needs the memory of all libraries; start threads in methods, or take --uavs-per-process"
+)
+
 
 def free_endpoint() -> str:
     """A free loopback endpoint."""
@@ -60,6 +65,8 @@ class Swarm(Family):
         """Returns whether its processes are forks, which start at once. It waits until it is known."""
         if self._forker is not None and not self._forker.may_fork():
             self._check_forker()
+            if not self._forker.gone:
+                log.warning(_THREADS)
             self._forker.close()
             self._forker = None
         return self._forker is not None

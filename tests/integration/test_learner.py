@@ -85,3 +85,12 @@ def test_a_learner_that_ends_the_process_of_all_uavs_again_and_again_ends_the_fl
     code, _, text = flown(tmp_path, "exits", "--uavs-per-process", "3")
     assert code == EXIT_RUN_FAILED
     assert "agent process 0 ended with exit code 3" in text
+
+
+def test_a_learner_whose_import_starts_a_thread_flies_and_the_cost_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "threaded.py"
+    starts = "import threading\nthreading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+    file.write_text(starts + MISBEHAVING.read_text(encoding="utf-8"), encoding="utf-8")
+    code, found, text = flown(tmp_path, "leaves-threads", "--learner", str(file), "--set", "training.options.uavs=[]")
+    assert (code, found["lost"]) == (EXIT_DONE, 0)
+    assert text.count("each process imports all libraries itself") == 1

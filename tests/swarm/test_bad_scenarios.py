@@ -42,6 +42,8 @@ CONTRADICTIONS = [
     ("[filter.options]\nreach_m = 1.0", "`filter.options` has no effect without `filter.kind`", "filter.kind=ecbf"),
     ("[wind]\nfield_length = 5.0", "`wind.field_length` has no effect", "wind.field_rms"),
     ("[cost]\nseparation_range = 2.0", "cost.separation_range", "cost.separation="),
+    ('until = "accuracy"', "`until` is 'accuracy'", "accuracy=0.9", "loss<=0.3"),
+    ('until = "accuracy=nan"', "`until` is 'accuracy=nan'", "accuracy=0.9"),
     ('[federation]\nbyzantine_kind = "noise"', "federation.byzantine_kind", "federation.byzantine_fraction="),
 ]
 TABLES = [*((*row, REMEDY) for row in WRONG_KEYS), *CONTRADICTIONS]

@@ -1,5 +1,6 @@
 """The condition of the key `until`."""
 
+import math
 import re
 from typing import NamedTuple
 
@@ -22,10 +23,9 @@ class Until(NamedTuple):
         """
         found = _FORM.fullmatch(text)
         try:
-            if found is None:
+            if found is None or not math.isfinite(value := float(found[3])):
                 raise ValueError
-            metric, sign, value = found.groups()
-            return cls(metric, float(value), sign == "<=")
+            return cls(found[1], value, found[2] == "<=")
         except ValueError:
             raise ValueError(
                 f"`until` is {text!r}; expected a metric and a bound, as in accuracy=0.9 (at least) or loss<=0.3"

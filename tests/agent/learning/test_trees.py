@@ -55,6 +55,7 @@ def test_means_of_whole_numbers_are_rounded() -> None:
         ({"w": np.zeros(1)}, "send", ("head.*",), "'head.\\*' fits no array of the model; there are w"),
         ({"w": np.zeros(1)}, "send", ("w",), "no array that is sent"),
         ({}, "send", (), "no array that is sent"),
+        ({"a.b": np.zeros(1), "a": {"b": np.ones(1)}}, "send", (), "two arrays 'a.b'"),
     ],
 )
 def test_a_model_that_cannot_be_sent(tree: Any, integers: str, keeps: tuple[str, ...], message: str) -> None:
@@ -67,6 +68,7 @@ def test_a_model_that_cannot_be_sent(tree: Any, integers: str, keeps: tuple[str,
     [
         ({"w": np.zeros((3, 2), np.float32)}, "'w' has shape \\(3, 2\\); expected \\(2, 3\\)"),
         ({"w": np.zeros((2, 3))}, "'w' is of float64; expected float32"),
+        (3.0, "the model has no array with a name; expected w"),
         ({"v": np.zeros((2, 3), np.float32)}, "the model has arrays v; expected w"),
         ({"w": np.zeros((2, 3), np.float32), "v": np.zeros(1)}, "the model has arrays w, v; expected w"),
         (None, "a NoneType; expected an array"),
