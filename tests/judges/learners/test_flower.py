@@ -335,7 +335,8 @@ def test_other_topologies_standby_leaders_and_unknown_keys_are_refused(app: Path
     assert elsewhere.said == f"error: --out {mission}: Not a directory; name a folder that can be written\n"
     assert "a ServerApp needs a leader" in neighbours.said
     assert "has a standby leader, which cannot go on with the rule" in standby.said
-    assert "the app has no such key; did you mean 'learning-rate'?" in unknown.said
+    assert "the app has no such key; there are fraction-evaluate, " in unknown.said
+    assert "; did you mean 'learning-rate'?" in unknown.said
 
 
 def test_secure_aggregation_is_refused_in_words(tmp_path: Path) -> None:
