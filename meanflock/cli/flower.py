@@ -73,9 +73,9 @@ def flower(
     described = App.read(app)
     for key, value in _pairs(run_config).items():
         if key not in described.config:
-            keys = ", ".join(sorted(described.config)) or "none"
+            there = ", ".join(sorted(described.config)) or "none"
             similar = meant(key, described.config)
-            raise BadInput(f"--run-config {key}: the app has no such key; there are {keys}{similar}")
+            raise BadInput(f"--run-config {key}: the app has no such key; there are {there}{similar}")
         described.config[key] = value
     for key in ("training.learner", "federation.aggregation"):
         refuse_setting(key, settings, "is the app")

@@ -8,14 +8,13 @@ import click
 from meanflock.cli import completion
 from meanflock.cli.arguments import number_option, out_option, quiet_option, report, scenario_arguments
 from meanflock.cli.study_arguments import (
-    backend_option,
-    jobs_option,
+    WorkersOptions,
     list_option,
     lists,
     names,
     progress_of,
-    scheduler_option,
     store_in,
+    workers_options,
 )
 from meanflock.swarm.errors import BadInput
 
@@ -78,9 +77,7 @@ def _losses(given: tuple[str, ...]) -> list[float]:
 )
 @number_option("--failures", "C", 0, "Flights with a collision that a plan allows; more take more flights.", least=0)
 @number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
-@jobs_option
-@backend_option
-@scheduler_option
+@workers_options
 @out_option("out/frontier")
 @quiet_option
 def frontier(
@@ -93,9 +90,7 @@ def frontier(
     seeds: int | None,
     failures: int,
     first_seed: int,
-    jobs: int,
-    backend: str,
-    scheduler: str | None,
+    workers: WorkersOptions,
     out: Path,
     quiet: bool,
 ) -> None:
@@ -113,7 +108,7 @@ def frontier(
     from meanflock.studies.frontier.policies import check
     from meanflock.studies.leaderboard import missions as known
     from meanflock.studies.leaderboard import rows
-    from meanflock.studies.runner import terminable, workers
+    from meanflock.studies.runner import terminable
 
     chosen = [name for name in names(policies) if name != "all"]
     check(chosen)
@@ -129,12 +124,12 @@ def frontier(
     grid = FrontierGrid(extent, failures, seeds, first_seed, chosen)
     with terminable(out):
         with (
-            workers(backend, scheduler, jobs) as available,
+            workers.start() as jobs,
             store_in(out) as store,
             progress_of("frontier", quiet) as progress,
         ):
             store.claim()
-            record = grid.fly(available, progress, store)
+            record = grid.fly(jobs, progress, store)
         _tell(record)
         report(_written(record, out))
 

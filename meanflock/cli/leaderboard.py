@@ -16,14 +16,13 @@ from meanflock.cli.arguments import (
     scenario_arguments,
 )
 from meanflock.cli.study_arguments import (
-    backend_option,
-    jobs_option,
+    WorkersOptions,
     list_option,
     lists,
     names,
     progress_of,
-    scheduler_option,
     store_in,
+    workers_options,
 )
 
 if TYPE_CHECKING:
@@ -48,9 +47,7 @@ _DEFAULT_POLICY = "event-4"  # tests compare it with the scenario's
 @scenario_arguments("radio", "learner", "plugin")
 @number_option("--seeds", "K", 30, "Flights of each, with one seed each.")
 @number_option("--first-seed", "S", _FIRST_SEED, "First of the seeds.", least=0)
-@jobs_option
-@backend_option
-@scheduler_option
+@workers_options
 @out_option("out/leaderboard")
 @quiet_option
 def leaderboard(
@@ -59,9 +56,7 @@ def leaderboard(
     policies: tuple[str, ...],
     seeds: int,
     first_seed: int,
-    jobs: int,
-    backend: str,
-    scheduler: str | None,
+    workers: WorkersOptions,
     out: Path,
     quiet: bool,
 ) -> None:
@@ -78,7 +73,7 @@ def leaderboard(
     from meanflock.studies.leaderboard import rows
     from meanflock.studies.leaderboard.contest import Contest
     from meanflock.studies.leaderboard.page import write
-    from meanflock.studies.runner import terminable, workers
+    from meanflock.studies.runner import terminable
 
     chosen = known.chosen(names(missions))
     if names(controllers) != [rows.ALL]:
@@ -94,11 +89,11 @@ def leaderboard(
     )
     with terminable(out):
         with (
-            workers(backend, scheduler, jobs) as available,
+            workers.start() as jobs,
             store_in(out) as store,
             progress_of("leaderboard", quiet) as progress,
         ):
-            board = contest.fly(available, progress, store)
+            board = contest.fly(jobs, progress, store)
         _tell(board)
         report(write(board, out))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from meanflock.cli.arguments import PATH, CommandGroup, quiet_option, scenario_arguments
-from meanflock.cli.study_arguments import jobs_option, progress_of, store_in
+from meanflock.cli.study_arguments import WorkersOptions, progress_of, store_in, workers_options
 from meanflock.swarm import logs
 from meanflock.swarm.errors import BadInput, RunFailed
 
@@ -24,12 +24,12 @@ def study_group() -> None:
 @study_group.command()
 @click.argument("file", metavar="FILE", type=PATH)
 @scenario_arguments("plugin")
-@jobs_option
+@workers_options
 @click.option(
     "--out", type=PATH, metavar="DIR", help="Where flights are kept meanwhile.  [default: rerun, beside FILE]"
 )
 @quiet_option
-def rerun(file: Path, jobs: int, out: Path | None, quiet: bool) -> None:
+def rerun(file: Path, workers: WorkersOptions, out: Path | None, quiet: bool) -> None:
     """Fly a study again, and say which flights differ.
 
     FILE is the study.json that sweep and compare write. All flights are flown again, with the same scenarios and seeds,
@@ -53,7 +53,7 @@ def rerun(file: Path, jobs: int, out: Path | None, quiet: bool) -> None:
     out = out or file.parent / RERUN
     if (out / STUDY_FILE).exists():
         raise BadInput(f"--out {out}: it has a study of its own; name another folder")
-    with terminable(out), store_in(out) as store, progress_of("rerun", quiet) as progress:
+    with terminable(out), workers.start() as jobs, store_in(out) as store, progress_of("rerun", quiet) as progress:
         differences = study.fly(jobs, progress, store)
     if not differences:
         click.echo(f"All {study.flights} flights are the same.")

@@ -22,17 +22,16 @@ from meanflock.cli.arguments import (
 from meanflock.cli.study_arguments import (
     SEEDS,
     ResultsOptions,
-    backend_option,
-    jobs_option,
+    WorkersOptions,
     keys_or_list,
     lists,
     names,
     progress_of,
     results_options,
     scenario_option,
-    scheduler_option,
     seeds_option,
     store_in,
+    workers_options,
 )
 from meanflock.swarm.errors import BadInput
 
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "radio", "learner", "until", "plugin")
 @seeds_option
-@jobs_option
+@workers_options
 @click.option("--record", is_flag=True, help="Record the flights of the first seed side by side, in OUT/compare.rrd.")
 @out_option("out/compare")
 @results_options
@@ -54,7 +53,7 @@ def compare(
     methods: tuple[str, ...],
     file: Path | None,
     seeds: int | None,
-    jobs: int,
+    workers: WorkersOptions,
     record: bool,
     out: Path,
     quiet: bool,
@@ -80,7 +79,7 @@ def compare(
     if record:  # before anything flies, for Rerun may not be installed; it takes a third of a second to load
         from meanflock.studies import side_by_side
         from meanflock.studies.runner import terminable
-    _fly("compare", ("method",), scenarios, seeds or SEEDS, jobs, out, quiet, wanted)
+    _fly("compare", ("method",), scenarios, seeds or SEEDS, workers, out, quiet, wanted)
     if record:
         with terminable(out):
             side_by_side.record({method: flown for (method,), flown in scenarios.items()}, out / "compare.rrd")
@@ -106,7 +105,7 @@ def compare(
 @scenario_option
 @scenario_arguments("uavs", "seed", "duration", "settings", "radio", "learner", "until", "plugin")
 @seeds_option
-@jobs_option
+@workers_options
 @out_option("out/sweep")
 @results_options
 @quiet_option
@@ -116,7 +115,7 @@ def sweep(
     learners: tuple[str, ...],
     file: Path | None,
     seeds: int | None,
-    jobs: int,
+    workers: WorkersOptions,
     out: Path,
     quiet: bool,
     wanted: ResultsOptions,
@@ -154,7 +153,7 @@ def sweep(
             one = load_scenario(file, (*settings, *grid.settings(point)), method=name, **given)
             add_point(scenarios, point_of(named, point, one), one)
     given_keys.check_values()  # after the scenarios, which know unknown keys
-    _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, jobs, out, quiet, wanted)
+    _fly("sweep", named, scenarios, 1 if "seed" in keys else seeds or SEEDS, workers, out, quiet, wanted)
 
 
 def _fly(
@@ -162,7 +161,7 @@ def _fly(
     columns: tuple[str, ...],
     scenarios: "Mapping[Any, Scenario]",
     seeds: int,
-    jobs: int,
+    workers: WorkersOptions,
     out: Path,
     quiet: bool,
     wanted: ResultsOptions,
@@ -177,14 +176,15 @@ def _fly(
     from meanflock.studies import before_take_off, study, study_file
     from meanflock.studies.runner import terminable
 
-    memory.check(scenarios.values())
+    if workers.backend == "processes":  # a cluster has a memory of its own
+        memory.check(scenarios.values())
     points = {at: study.seeded(one, seeds) for at, one in scenarios.items()}
     results = StudyResults(verb, columns, points, wanted)
     study_file.check_folder(out, points)
     before_take_off.warn(columns, scenarios)
     results.warn()
     with terminable(out):
-        with store_in(out) as store, progress_of(verb, quiet) as progress:
+        with workers.start() as jobs, store_in(out) as store, progress_of(verb, quiet) as progress:
             flown = study.fly_all(points, jobs, progress, store)
         results.tell(flown)
         report(results.write(flown, out))
@@ -204,18 +204,14 @@ def _fly(
     metavar="NAME",
     help="Judge this scenario instead: paper-slow, paper-printed, paper-exchanged or a file.  [default: paper]",
 )
-@jobs_option
-@backend_option
-@scheduler_option
+@workers_options
 @click.option("--out", type=PATH, metavar="DIR", help="Where results are written.  [default: out/paper, or out/NAME]")
 @quiet_option
 def paper(
     seeds: int,
     only: tuple[str, ...],
     name: str | None,
-    jobs: int,
-    backend: str,
-    scheduler: str | None,
+    workers: WorkersOptions,
     out: Path | None,
     quiet: bool,
 ) -> None:
@@ -243,9 +239,9 @@ def paper(
     out = out or Path("out") / (file.stem if file else "paper")
     tell_if_slow()
     with terminable(out):
-        results = run_grid(out, seeds, experiments, jobs, backend, scheduler, quiet, scenario=file)
+        results = run_grid(out, seeds, experiments, *workers, quiet, scenario=file)
         with progress_of("theory", quiet) as progress:
-            theory = measured(out, jobs=jobs, progress=progress, scenario=base)
+            theory = measured(out, jobs=workers.jobs, progress=progress, scenario=base)
         records = evaluate(results, theory)
         draw(results, out / "figures", only)
         paths = write_report(results, records, out, theory)

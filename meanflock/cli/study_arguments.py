@@ -1,7 +1,7 @@
 """Options of the commands that fly many times, their progress bar, and their store of flights."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -15,6 +15,7 @@ from meanflock.swarm.durable import check_folder
 from meanflock.swarm.errors import BadInput
 
 if TYPE_CHECKING:
+    from meanflock.studies.runner import Jobs
     from meanflock.studies.store import Store
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -32,14 +33,6 @@ def _number_of_jobs(_context: click.Context, _option: click.Parameter, jobs: int
     return jobs
 
 
-jobs_option = click.option(
-    "--jobs",
-    type=int,
-    default=-1,
-    metavar="J",
-    help="Processes that fly at once; -1: one per core.  [default: -1]",
-    callback=_number_of_jobs,
-)
 scenario_option = click.option(
     "--scenario",
     "file",
@@ -118,18 +111,58 @@ def results_options(command: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
-backend_option = click.option(
-    "--backend",
-    type=click.Choice(("processes", "dask")),
-    default="processes",
-    show_default=True,
-    help="Processes of this machine, or a Dask cluster.",
+_WORKERS = (
+    click.option(
+        "--jobs",
+        type=int,
+        default=-1,
+        metavar="J",
+        help="Processes that fly at once; -1: one per core.  [default: -1]",
+        callback=_number_of_jobs,
+    ),
+    click.option(
+        "--backend",
+        type=click.Choice(("processes", "dask")),
+        default="processes",
+        show_default=True,
+        help="Processes of this machine, or a Dask cluster.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
+    ),
 )
-scheduler_option = click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Dask scheduler, e.g. tcp://127.0.0.1:8786.  [default: a cluster on this machine]",
-)
+
+
+class WorkersOptions(NamedTuple):
+    """The workers that the options ask for; see `meanflock.studies.runner.workers`."""
+
+    jobs: int
+    backend: str
+    scheduler: str | None
+
+    def start(self) -> "AbstractContextManager[Jobs]":
+        """Context with the workers.
+
+        Raises:
+            BadInput: there are no such workers.
+        """
+        from meanflock.studies.runner import workers
+
+        return workers(self.backend, self.scheduler, self.jobs)
+
+
+def workers_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator that adds the options of the workers of a study; the command gets them as `workers`."""
+
+    @wraps(command)
+    def call(jobs: int, backend: str, scheduler: str | None, **given: Any) -> None:
+        command(workers=WorkersOptions(jobs, backend, scheduler), **given)
+
+    for option in reversed(_WORKERS):
+        call = option(call)
+    return call
 
 
 @contextmanager

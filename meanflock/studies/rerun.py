@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from meanflock.results import flown_file, flown_plugins
 from meanflock.studies import study
 from meanflock.studies.flight_table import FLIGHTS, flight_table
+from meanflock.studies.runner import Jobs
 from meanflock.studies.store import Store
 from meanflock.studies.study_file import (
     StudyRecord,
@@ -72,7 +73,7 @@ class Study:
         path = file.parent / FLIGHTS
         self._expected: pa.Table | None = pq.read_table(path) if path.exists() else None
 
-    def fly(self, jobs: int, progress: Callable[[int, int], None], store: Store) -> list[FlightDifference]:
+    def fly(self, jobs: Jobs, progress: Callable[[int, int], None], store: Store) -> list[FlightDifference]:
         """Fly all flights that `store` does not have, and compare them; the store is then deleted.
 
         Raises:

@@ -146,6 +146,7 @@ LINES: list[tuple[tuple[str, ...], str]] = [
     (("sweep", "wind.sigma="), "error: wind.sigma=: write it as KEY=VALUE,VALUE"),
     (("sweep", "wind.sgima=0.1"), "there is no key `sgima`; did you mean `wind.sigma`?"),
     (("sweep", "wind.sigma=0.1,0.2", "--jobs", "0"), "--jobs 0"),
+    (("sweep", "wind.sigma=0.1,0.2", "--uavs", "2", "--scheduler", "tcp://127.0.0.1:1"), "add --backend dask"),
     (("leaderboard", "--missions", "mars"), "--missions mars: no such mission; there are paper"),
     (("leaderboard", "--controllers", "magic"), "--controllers magic: no such row or controller; rows are"),
     (("leaderboard", "--controllers", "cruise", "--missions"), "--missions: name one or more, or all"),

@@ -1,10 +1,12 @@
 """The files of a study of short flights: tidy frames, figures for print, a record that flies again, bad folders."""
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
@@ -211,6 +213,21 @@ def test_a_study_flies_again_and_is_the_same(copy: Path, capsys: pytest.CaptureF
     assert main(["study", "rerun", str(copy / "study.json"), "--jobs", "1", "--quiet"]) == EXIT_DONE
     assert capsys.readouterr().out == "All 8 flights are the same.\n"
     assert {path.name: path.read_bytes() for path in copy.iterdir()} == before
+
+
+@pytest.mark.processes
+@patch.dict(os.environ)  # Distributed sets variables of this process, and leaves them
+def test_a_dask_cluster_flies_a_study_and_flies_it_again(
+    grid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed")
+    cluster = ("--quiet", "--backend", "dask")
+    assert main(["sweep", *GRID, "--seeds", "2", *SHORT, *cluster, "--out", str(tmp_path / "out")]) == EXIT_DONE
+    hashes = ["trajectory_sha256", "models_sha256"]
+    here, there = (pq.read_table(out / "flights.parquet").select(hashes) for out in (grid, tmp_path / "out"))
+    assert here.equals(there)
+    assert main(["study", "rerun", str(tmp_path / "out/study.json"), *cluster]) == EXIT_DONE
+    assert "All 8 flights are the same." in capsys.readouterr().out
 
 
 def test_a_study_of_recorded_movement_flies_again_elsewhere_by_its_copies_of_the_files(
