@@ -17,6 +17,7 @@ from pathlib import Path
 from meanflock.net.process import CHILD, TERM_GRACE_S
 
 SAFE = sys.platform == "linux"  # elsewhere system libraries may not survive a fork
+_ENDING_S = 1.0  # longest wait for a thread that is ending
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD)
 
 
@@ -105,7 +106,13 @@ class Forks:
 
 
 def is_alone() -> bool:
-    """Returns whether this process has no other thread, so that it may fork."""
+    """Returns whether this process has no other thread, so that it may fork; waits for threads that are ending.
+
+    The system has a thread a moment longer than Python, also after `join`.
+    """
+    end = time.monotonic() + _ENDING_S
+    while SAFE and len(os.listdir("/proc/self/task")) > 1 and time.monotonic() < end:
+        time.sleep(0.001)
     return SAFE and len(os.listdir("/proc/self/task")) == 1
 
 

@@ -156,6 +156,21 @@ def test_a_fork_that_ends_at_once_is_not_waited_for() -> None:
     printed(sys.executable, "-c", f"{made}if forks.fork(0):\n    time.sleep(1e4)\nforks.end_all(1e4)")
 
 
+def test_a_process_whose_threads_have_ended_may_fork_and_one_with_a_thread_may_not() -> None:
+    program = """
+import threading
+from meanflock.launch.forks import is_alone
+def join():
+    thread = threading.Thread(target=lambda: None)
+    thread.start()
+    thread.join()
+print(all(join() is None and is_alone() for _ in range(1000)))
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+print(is_alone())
+"""
+    assert printed(sys.executable, "-c", program).split() == ["True", "False"]
+
+
 def test_a_process_ends_with_its_code_after_its_threads_and_what_is_registered_for_its_end() -> None:
     program = """
 import atexit, threading, time
