@@ -98,19 +98,23 @@ _PLUGINS, _LEARNER, _UNTIL, _RADIO = "meanflock.plugins", "meanflock.learner", "
 
 
 def _take_learner(context: click.Context, _parameter: click.Parameter, given: str | None) -> None:
-    """Register the file of `--learner`, and keep the learner's name for `_with_flags`."""
+    """Register the file of `--learner`, and keep its name; another name may be in a file of a later `--plugin`."""
     if given is None or context.resilient_parsing:
         return
     from meanflock.settings import learner_named
 
     with redirect_stdout(sys.stderr):
-        context.meta[_LEARNER] = learner_named(given)
+        context.meta[_LEARNER] = learner_named(given) if given.endswith(".py") else given
 
 
 def given_learner() -> str | None:
     """Name of the learner of `--learner`; None without that option."""
     name: str | None = click.get_current_context().meta.get(_LEARNER)
-    return name
+    if name is None:
+        return None
+    from meanflock.settings import learner_named
+
+    return learner_named(name)
 
 
 def given_radio() -> "LentRadio | None":
@@ -139,7 +143,7 @@ def _with_flags(context: click.Context, _parameter: click.Parameter, settings: t
     if (radio := context.meta.get(_RADIO)) is not None:
         settings = (*radio.settings, *settings)
     for flag, key, value in (
-        ("--learner", "training.learner", context.meta.get(_LEARNER)),
+        ("--learner", "training.learner", given_learner()),
         ("--until", "until", context.meta.get(_UNTIL)),
     ):
         if value is not None:

@@ -31,6 +31,11 @@ def test_a_file_or_a_name(run: Any, tmp_path: Path) -> None:
     assert {mf.open(folder).scenario.training.learner for folder in tmp_path.iterdir()} == {"line"}
 
 
+def test_a_name_may_stand_before_the_plugin_file_that_has_it(run: Any, tmp_path: Path) -> None:
+    flags = ("--learner", "line", "--plugin", str(LINES), *FLOWN)
+    assert run("run", *flags, "--out", str(tmp_path))[0] == EXIT_DONE
+
+
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
