@@ -187,7 +187,9 @@ def read(path: Path) -> StudyRecord:
             _check(record)
             return record
     except (ValueError, TypeError, RecursionError) as error:
-        raise BadInput(f"{path}: damaged: {error}; repeat the command of the study, which writes it anew") from error
+        raise BadInput(
+            f"{path}: damaged: {error}; remove it and repeat the command of the study, which writes it anew"
+        ) from error
     raise BadInput(
         f"{path}: flown with meanflock {flown_by}, and this is {__version__}, whose flights may differ; install that "
         f"version: pip install meanflock=={flown_by}"
@@ -215,12 +217,15 @@ def check_folder(out: Path, scenarios: Mapping[Point, Sequence[Scenario]]) -> No
     """Check that the folder has no study, or one of which all flights are among these: more values, methods or seeds.
 
     Raises:
-        BadInput: it has another study, whose results would be lost, or a damaged record.
+        BadInput: it has another study, whose results would be lost, or a record that is damaged or of another version.
     """
     path = out / STUDY_FILE
     if not path.exists():
         return
-    before = read(path)
+    try:
+        before = read(path)
+    except BadInput as error:
+        raise BadInput(f"{error}; or name another folder: --out DIR") from error
     there = {flight.scenario_sha256 for point in before.points for flight in point.flights}
     if not there <= {flown.sha256() for flights in scenarios.values() for flown in flights}:
         raise BadInput(f"{out}: it has another study, `{before.command}`; name another folder: --out DIR")

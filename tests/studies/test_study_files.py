@@ -362,9 +362,15 @@ def test_more_seeds_and_values_join_a_study_and_another_one_is_refused(run: Any,
     assert code == EXIT_BAD_INPUT
     assert "out: it has another study, `meanflock sweep wind.sigma=0.1,0.2,0.3 --seeds 2" in err
     assert (tmp_path / "out/study.json").read_bytes() == before
-    (tmp_path / "out/study.json").write_text('{"schema": 1, "nam')
-    code, _, err = run("sweep", "wind.sigma=0.1,0.2", "--seeds", "1", *fixed)
-    assert (code, "damaged" in err) == (EXIT_BAD_INPUT, True)
+    for unusable, said in (
+        ('{"schema": 1, "nam', "damaged: "),
+        ('{"meanflock": "1.0.0"}', "pip install meanflock==1.0.0"),
+    ):
+        (tmp_path / "out/study.json").write_text(unusable)
+        code, _, err = run("sweep", "wind.sigma=0.1,0.2", "--seeds", "1", *fixed)
+        assert (code, said in err, "or name another folder: --out DIR" in err) == (EXIT_BAD_INPUT, True, True)
+    (tmp_path / "out/study.json").unlink()
+    assert run("sweep", "wind.sigma=0.1,0.2", "--seeds", "1", *fixed)[0] == EXIT_DONE
 
 
 @pytest.mark.parametrize(

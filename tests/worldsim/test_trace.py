@@ -194,7 +194,7 @@ BAD_FILES: dict[str, tuple[str, str]] = {  # content, and a part of the error
     "half a UAV": (GOOD.replace("1,0,1,0", "1,0.5,1,0"), "row 3: `uav` is 0.5; number UAVs from 0"),
     "a UAV below 0": (GOOD.replace("1,0,1,0", "1,-1,1,0"), "row 3: `uav` is -1; number UAVs from 0"),
     "a number left out": (GOOD.replace(",1,", ",2,"), "row 2: `uav` is 2, and there are 2 UAVs; number them 0…1"),
-    "one UAV more": (GOOD + "0,2,5,5\n", "it has 3 UAVs, and `uavs` is 2; set `uavs` to 3"),
+    "one UAV more": (GOOD + "0,2,5,5\n", "it has 3 UAVs, and 2 fly; set `uavs`, or the `count` of the group, to 3"),
     "a time twice": (GOOD + "1,1,9,2\n", "row 5: `t_s` of UAV 1 is 1 s, as in row 4; keep one of the rows"),
     "back in time": (GOOD + "0.5,1,9,2\n", "row 5: `t_s` of UAV 1 is 0.5 s before that of row 4; sort the rows by t_s"),
     "a gap": (GOOD + "9,1,9,2\n", "row 5: `t_s` of UAV 1 is 8 s after row 4, more than `vehicle.options.gap_s` 5 s"),
@@ -368,7 +368,9 @@ def test_a_run_has_a_copy_of_the_file_of_each_group_and_resumes_with_it(
 
 def test_what_a_group_contradicts_is_refused_with_its_name(tmp_path: Path) -> None:
     path = written(tmp_path / "way.csv", winding(2, uavs=4))
-    with pytest.raises(BadInput, match=r"group 'cars': trace .*it has 4 UAVs, and `uavs` is 5"):
+    with pytest.raises(
+        BadInput, match=r"group 'cars': trace .*it has 4 UAVs, and 5 fly; set `uavs`, or the `count` of the group, to 4"
+    ):
         plan_of(grouped(path))
     with pytest.raises(BadInput, match=r"group 'cars': .*`start.formation` has no effect"):
         plan_of(grouped(path, count=5, start={"formation": "circle"}))

@@ -200,7 +200,9 @@ def check(table: TraceRows, uavs: int, bounds: StepBounds) -> None:
             f"0…{len(numbers) - 1}"
         )
     if len(numbers) != uavs:
-        raise ValueError(f"it has {len(numbers)} UAVs, and `uavs` is {uavs}; set `uavs` to {len(numbers)}")
+        raise ValueError(
+            f"it has {len(numbers)} UAVs, and {uavs} fly; set `uavs`, or the `count` of the group, to {len(numbers)}"
+        )
     if table.places.shape[1] == state.SPACE:
         height = table.places[:, -1]
         _refuse(height < 0.0, height, PLACE[-1], "the ground is at z = 0: raise all heights")
