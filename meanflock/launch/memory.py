@@ -34,7 +34,8 @@ _WAITING_MESSAGE_BYTES = 10  # in the others
 
 _BARE_MB = 110  # this process without the libraries of a learner
 _COPIED = 0.2  # share of a learner's libraries that a fork writes to, so that it has a copy
-_FLOAT_BYTES = 130  # of a learner's model, for each UAV: the model itself, of rounds and of trainings
+_FLOAT_BYTES = 75  # of a learner's model, for each UAV: the model itself, of rounds, trainings and checkpoints
+_SENT_FLOAT_BYTES = 165  # more, if agents have processes: messages, and what world and leader store of them
 
 _SMALL_MB = 500  # a flight in this process that is never refused
 _LARGE_MB = 10240  # from which on a text has GiB
@@ -57,10 +58,12 @@ def pair_bytes(scenario: Scenario) -> int:
 
 
 class LearnerMemory(NamedTuple):
-    """Memory of what UAVs learn. imported_mb: of the libraries of a learner. uav_bytes: of the model of a UAV."""
+    """Memory of what UAVs learn. imported_mb: of the libraries of a learner. uav_bytes: of the model of a UAV.
+    sent_bytes: more of it, if agents have processes of their own."""
 
     imported_mb: int = 0
     uav_bytes: int = 0
+    sent_bytes: int = 0
 
 
 def learner_memory(scenario: Scenario) -> LearnerMemory:
@@ -71,7 +74,8 @@ def learner_memory(scenario: Scenario) -> LearnerMemory:
         has_rounds = plan.hops and plan.period_ticks <= scenario.max_ticks
         return LearnerMemory(0, (_WEIGHT_BYTES + (_ROUND_BYTES if has_rounds else 0)) * plan.declared.weights)
     imported_mb = max(0, psutil.Process().memory_info().rss // MEGABYTE - _BARE_MB)
-    return LearnerMemory(imported_mb, _FLOAT_BYTES * plan_of(scenario).declared.parameters)
+    floats = plan_of(scenario).declared.parameters
+    return LearnerMemory(imported_mb, _FLOAT_BYTES * floats, _SENT_FLOAT_BYTES * floats)
 
 
 def needed_mb(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMemory | None = None) -> int:
@@ -82,11 +86,12 @@ def needed_mb(uavs: int, processes: int, pair_bytes: int = 0, learner: LearnerMe
             there is none.
     """
     learner = learner or LearnerMemory()
-    fixed = NETWORKED_MB + AGENT_MB * processes if processes else IN_PROCESS_MB
+    fixed, uav_bytes = IN_PROCESS_MB, UAV_KB * 1024 + pair_bytes * uavs + learner.uav_bytes
     if processes:
+        fixed, uav_bytes = NETWORKED_MB + AGENT_MB * processes, uav_bytes + learner.sent_bytes
         copies = 1 + _COPIED * processes if forks.SAFE else processes
         fixed += int(learner.imported_mb * copies)
-    return fixed + (UAV_KB * 1024 * uavs + (pair_bytes * uavs + learner.uav_bytes) * uavs) // MEGABYTE
+    return fixed + uav_bytes * uavs // MEGABYTE
 
 
 def _in_words(needed: int, available: int) -> tuple[str, str]:

@@ -209,8 +209,10 @@ class RunFolder:
 
     def _keep(self, checkpoint: dict[str, Any]) -> None:
         _sync(self._events, self._spool)  # a checkpoint goes on from these rows and events
-        record = control.encode_record(checkpoint)
-        durable.replace(self.path / CHECKPOINT, control.encode_record({"sha256": _digest(record), "record": record}))
+        body = checkpoint.pop("body")  # hundreds of megabytes, if UAVs learn large models
+        record = control.parts_of_record(checkpoint, "body", [body])
+        whole = control.parts_of_record({"sha256": _digest(*record)}, "record", record)
+        durable.replace(self.path / CHECKPOINT, *whole)
 
     def check_owner(self) -> None:
         """Raise RunFailed in a fork of the process that began the run, to which the folder belongs."""
@@ -453,8 +455,11 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
         ) from error
 
 
-def _digest(record: bytes) -> bytes:
-    return hashlib.sha256(record).digest()
+def _digest(*parts: bytes) -> bytes:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.digest()
 
 
 def _is_at(file: EventLog | Spool, path: Path) -> bool:

@@ -23,12 +23,13 @@ _REMEDIES = {
 }
 
 
-def replace(path: Path, content: bytes | memoryview) -> None:
-    """Writes `content` to a temporary file and, once that is on the disk, renames it to `path`."""
+def replace(path: Path, *parts: bytes | memoryview) -> None:
+    """Writes all `parts` to a temporary file and, once that is on the disk, renames it to `path`."""
     part = _part(path)
     try:
         with part.open("wb", buffering=0) as file:
-            write(file, content)
+            for content in parts:
+                write(file, memoryview(content))
             os.fsync(file.fileno())
         rename(part, path)
     except OSError:

@@ -70,6 +70,14 @@ def test_a_record_is_read_as_it_was_written(record: dict[str, Any]) -> None:
         same(read[name], value)
 
 
+@QUICK
+@given(st.dictionaries(st.text(max_size=3), st.integers(-1, 9), max_size=20), st.lists(st.binary(max_size=300)))
+def test_a_record_in_parts_is_read_as_one_whose_last_value_is_its_last_parts(record, last: list[bytes]) -> None:
+    parts = control.parts_of_record(record, "the last", last)
+    assert all(part is given_ for part, given_ in zip(parts[1:], last, strict=True))
+    assert control.decode_record(b"".join(parts)) == record | {"the last": b"".join(last)}
+
+
 @pytest.mark.parametrize("other", [[], {3: 4}])
 def test_a_value_that_is_no_record_is_malformed(other: Any) -> None:
     with pytest.raises(MessageRejected, match=r"^malformed"):

@@ -7,6 +7,7 @@ buffer. Nothing is ever unpickled; a decoded array is a read-only view of the re
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import msgpack
@@ -19,6 +20,8 @@ from meanflock.swarm.wire.messages import Message
 MAX_BYTES = 512 * 2**20  # of any message; the world has a lower limit for each node, by the scenario
 
 _ARRAY = 1  # the extension code
+_BYTES = struct.Struct(">BI")  # of bytes in MessagePack: `_BIN_32` and their number
+_BIN_32 = 0xC6
 _DTYPES = tuple(np.dtype(name) for name in ("<f2", "<f4", "<f8", "<i4", "u1", "<i2", "i1", "<i8", "?"))
 _CODE = {dtype: code for code, dtype in enumerate(_DTYPES)}
 MAX_AXES = 5
@@ -106,6 +109,20 @@ def decode(raw: bytes, limit: int = MAX_BYTES) -> Message:
 def encode_record(record: dict[str, Any]) -> bytes:
     """Encode plain values and arrays under names, for checkpoints and files."""
     return bytes(msgpack.packb(record, default=_plain))
+
+
+def parts_of_record(record: dict[str, Any], name: str, last: Sequence[bytes]) -> list[bytes]:
+    """Encode a record whose last value, `name`, is long: the bytes of `last`, joined. They are not copied: what comes
+    before them is the first part of the result, and they are the others."""
+    packer = msgpack.Packer(default=_plain)
+    items = (packer.pack(one) for item in record.items() for one in item)
+    head = [
+        packer.pack_map_header(len(record) + 1),
+        *items,
+        packer.pack(name),
+        _BYTES.pack(_BIN_32, sum(map(len, last))),
+    ]
+    return [b"".join(head), *last]
 
 
 def decode_record(raw: bytes) -> dict[str, Any]:
