@@ -66,6 +66,7 @@ class Learner:
     note_bytes: int = 0  # most bytes of `Trained.note`, and of the leader's note
     period_ticks: int = 100  # ticks between rounds, if `federation.period` is unset
     trains_again: bool = True  # from its own model, after a period without a newer global one
+    runs_programs: bool = False  # whether it may run other programs, as libraries do that ask for the processor
     keeps: tuple[str, ...] = ()  # names of arrays that stay with the UAV, such as "head.*"; see `training.keeps`
 
     def __init__(self, options: Any, scenario: Scenario, uav: int) -> None:

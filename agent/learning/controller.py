@@ -79,7 +79,7 @@ class Learning:
         if isinstance(learner.keeps, str):
             raise BadInput(f"{self._name}: `keeps` is a text; write ({learner.keeps!r},)")
         try:
-            first = TRAININGS.call(self._initial)
+            first = TRAININGS.call(self._initial, self._new_owner())
             self._form = ModelForm(first, table.integers, (*learner.keeps, *table.keeps))
             self._first = self._form.split(first)
         except FAILURES as error:
@@ -124,7 +124,7 @@ class Learning:
         if taken := sorted(name for name in inner_memory if name.startswith(PREFIX)):
             raise ValueError(f"memory[{taken[0]!r}]: names that begin with {PREFIX!r} are those of the learner")
         try:
-            TRAININGS.call(lambda: [self._learner(uav) for uav in uavs.tolist()])
+            TRAININGS.call(lambda: [self._learner(uav) for uav in uavs.tolist()], self._new_owner())
         except FAILURES as error:
             raise RuntimeError(f"{self._name}: {last_line(error)}") from error
         rows, (vector, kept) = len(uavs), self._first
@@ -330,7 +330,7 @@ class Learning:
         uav, began = int(mine["uav"][row]), int(mine["began"][row])
         known, job = self._jobs.get(uav, (-1, None))
         if job is None or known != began:
-            job = TRAININGS.submit(self._call(mine, row), self._owners.setdefault(uav, Owner()))
+            job = TRAININGS.submit(self._call(mine, row), self._owners.setdefault(uav, self._new_owner()))
             self._jobs[uav] = began, job
         return job
 
@@ -394,6 +394,9 @@ class Learning:
 
     def _count(self, name: str, least: int, most: int | None = None) -> int:
         return count_of(f"{self._name}: `{name}` is", self._declared(name), least, most)
+
+    def _new_owner(self) -> Owner:
+        return Owner(runs_programs=self.learner.runs_programs)
 
     def _initial(self) -> Tree:
         with seeded(self._seed(_INITIAL, 0), self._table.threads):

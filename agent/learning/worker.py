@@ -14,14 +14,21 @@ from meanflock.swarm.errors import FAILURES
 FIT_S = 300.0  # wall time after which a training is ended
 _JOIN_S = 1.0
 _NAME = "meanflock-learner"
-_FORBIDDEN = ("os.fork", "os.forkpty", "os.posix_spawn", "subprocess.Popen", "os.system")
+_FORKS = ("os.fork", "os.forkpty")
+_PROGRAMS = ("os.posix_spawn", "subprocess.Popen", "os.system")
 _NO_PROCESS = "a learner may start no process; train in this one, for example with num_workers=0"
 
 
 class Owner:
-    """For whom jobs are done. starts_processes: whether a thread that one of them started has tried to start one."""
+    """For whom jobs are done.
 
-    def __init__(self) -> None:
+    Attributes:
+        runs_programs: whether they may run other programs. starts_processes: whether a thread that one of them started
+            has tried to start a process that they may not.
+    """
+
+    def __init__(self, *, runs_programs: bool = False) -> None:
+        self.runs_programs = runs_programs
         self.starts_processes = False
 
 
@@ -83,9 +90,9 @@ class TrainingThread:
                 self._start()
         return job
 
-    def call(self, call: Callable[[], Any]) -> Any:
+    def call(self, call: Callable[[], Any], owner: Owner | None = None) -> Any:
         """Make a call in the thread, and wait for its result and, if nothing else is to do, for the thread's end."""
-        job = self.submit(call)
+        job = self.submit(call, owner)
         thread = self._thread
         try:
             return self.wait(job)
@@ -172,7 +179,8 @@ def _note_threads() -> None:
 
 
 def _refuse_event(event: str, _arguments: Any) -> None:
-    if event in _FORBIDDEN:
+    owner = _owners.get(threading.current_thread())
+    if event in _FORKS or (event in _PROGRAMS and owner is not None and not owner.runs_programs):
         _refuse()
 
 

@@ -71,6 +71,7 @@ def flower(
     from meanflock.swarm import plugins
 
     described = App.read(app)
+    _ = described.client_app  # imported before the plug-in, which an error would name
     for key, value in _pairs(run_config).items():
         if key not in described.config:
             there = ", ".join(sorted(described.config)) or "none"
@@ -167,7 +168,7 @@ def _judge(done: "EndedRun", ended: list[dict[str, Any]], rounds: int) -> None:
     if failures.rules and ended and ended[-1]["outcome"] == "void":  # it ends the flight in that round
         raise RunFailed(failures.rules[-1])
     if ended and not any(one["received"] for one in ended):
-        why = next(iter(failures.trainings), "the radio lost all of them")
+        why = next(iter(failures.losses + failures.trainings), "the radio lost all of them")
         raise RunFailed(f"no reply reached the ServerApp in {len(ended)} rounds: {why}")
     if (target := done.summary["until"]) is not None:
         names = {

@@ -5,10 +5,12 @@ import importlib
 import logging
 import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from meanflock.swarm.errors import FAILURES, BadInput, last_line
+from meanflock.swarm.global_generators import Generators
 from meanflock.swarm.plugins.loader import read
 from meanflock.swarm.toml import parse
 
@@ -23,6 +25,7 @@ from flwr.serverapp import ServerApp
 from flwr.supercore.task_identity import TaskIdentity
 from numpy.typing import NDArray
 
+_IMPORT_SEED = 0  # of the global generators while an app is imported
 FIRST_NODE = 1000  # number of the node on UAV 0
 SUFFIXES = (".py", ".toml")  # of files whose change makes another app
 
@@ -100,11 +103,10 @@ class App(NamedTuple):
         if self.folder not in sys.path:
             sys.path.insert(0, self.folder)
         try:
-            found = getattr(importlib.import_module(module), attribute)
+            with Generators(_IMPORT_SEED):  # modules may draw when they are imported
+                found = getattr(importlib.import_module(module), attribute)
         except FAILURES as error:
-            raise BadInput(
-                f"{place}: {last_line(error)}; install what the app needs, or correct its pyproject.toml"
-            ) from error
+            raise BadInput(f"{place}: {last_line(error)}; {_remedy(error)}") from error
         if not isinstance(found, kind):
             raise BadInput(f"{place}: is a {type(found).__name__}; expected a {kind.__name__}")
         return found
@@ -115,6 +117,13 @@ class App(NamedTuple):
         while place is not None and not place.tb_frame.f_code.co_filename.startswith(self.folder + os.sep):
             place = place.tb_next
         return error.with_traceback(place or error.__traceback__)
+
+
+def _remedy(error: BaseException) -> str:
+    """What mends an app that cannot be imported."""
+    if isinstance(error, ImportError) and (error.name or "").partition(".")[0] == "flwr":
+        return f"Flower {version('flwr')} has no such name, so the app is for another version: port it to this one"
+    return "install what the app needs, or correct its pyproject.toml"
 
 
 def context(node: int, run_config: dict[str, Any], uav: int | None = None, uavs: int = 0) -> Context:
@@ -132,8 +141,8 @@ def split(content: RecordDict) -> tuple[dict[str, NDArray[Any]], bytes]:
     records = list(content.array_records.items())
     if len(records) != 1:
         raise ValueError(
-            f"a message of a training has {len(records)} ArrayRecords; a round carries one model, so secure "
-            "aggregation, which exchanges keys, cannot fly"
+            f"a message of a training has {len(records)} ArrayRecords; a round carries one model, so neither secure "
+            "aggregation, which exchanges keys, nor a model in a ConfigRecord can fly"
         )
     name, record = records[0]
     rest = RecordDict({key: value for key, value in content.items() if key != name})

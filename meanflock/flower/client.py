@@ -50,6 +50,7 @@ class FlowerClient(Learner):
 
     app: ClassVar[App]
     trains_again = False  # the ServerApp asks
+    runs_programs = True  # Flower Datasets does, to describe the machine
 
     class Options(NoOptions, frozen=True):
         """The options of an app."""
@@ -85,6 +86,11 @@ class FlowerClient(Learner):
     def initial(cls, options: Any, scenario: Scenario) -> Tree:
         """See `Learner.initial`: what the ServerApp sends first, which every UAV has on board at take-off."""
         first = cls.first(options, scenario)
+        if not any(array.size for array in first.arrays.values()):
+            raise ValueError(
+                "the ServerApp sends an empty model; the shapes of a model must not change, so trees that grow, as "
+                "those of XGBoost, cannot fly"
+            )
         check_note("configuration", TrainingRequest.of_asked(1, first, scenario.uavs).note, options.note_bytes)
         return dict(first.arrays)
 

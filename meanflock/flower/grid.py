@@ -259,7 +259,10 @@ def asked_first(app: App, config: dict[str, Any], uavs: int, seed: int, limit_s:
     server = RunningServer(app, config, uavs, seed)
     server.go_on(limit_s)
     if server.grid.asked is None:
-        raise ValueError("the ServerApp ended without sending a model to train")
+        raise ValueError(
+            "the ServerApp ended without sending a model to train; the radio carries trainings only, and the leader "
+            "answers queries and evaluations"
+        )
     server.end()
     return server.grid.asked
 

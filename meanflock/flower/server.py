@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from meanflock.agent.learning.trees import ModelForm
-from meanflock.agent.learning.worker import FIT_S, TRAININGS
+from meanflock.agent.learning.worker import FIT_S, TRAININGS, Owner
 from meanflock.federation.plan import topology_of
 from meanflock.federation.rules.base import Aggregate, Aggregator, State, Uploads
 from meanflock.federation.rules.base import Options as NoOptions
@@ -50,11 +50,12 @@ class FlowerServer(Aggregator):
         self._client_options = msgspec.convert(scenario.training.options, self.client.Options)
         self.note_bytes = self._client_options.note_bytes  # type: ignore[misc]
         self._server: RunningServer | None = None
+        self._owner = Owner(runs_programs=True)
 
     def step(self, state: State, uploads: Uploads) -> tuple[State, Aggregate]:
         """See `Aggregator.step`. The ServerApp runs while no learner trains in this process: both use the global random
         generators."""
-        aggregate: Aggregate = TRAININGS.call(lambda: self._answer(uploads))
+        aggregate: Aggregate = TRAININGS.call(lambda: self._answer(uploads), self._owner)
         return state, aggregate
 
     def _answer(self, uploads: Uploads) -> Aggregate:

@@ -253,6 +253,12 @@ def test_a_learner_that_fails_loses_its_uav_and_no_other(change: Any, text: str)
     assert "UAV 1" in told(run)
 
 
+@pytest.mark.parametrize(("run", "lost"), [("subprocess.run(['true'])", 0), ("os.fork()", 1)])
+def test_a_learner_that_declares_programs_runs_them_and_may_not_fork(run: str, lost: int) -> None:
+    learner = wrong(fit=of_uav_1(lambda trained: exec(f"import os, subprocess; {run}") or trained), runs_programs=True)
+    assert fly(learner, duration=4).summary["lost"] == lost
+
+
 def test_a_learner_that_cannot_be_made_is_named() -> None:
     def init(self: Any, options: Any, scenario: mf.Scenario, uav: int) -> None:
         raise OSError("no such data")

@@ -14,7 +14,7 @@ pytest.importorskip("flwr", reason="make learners")
 
 from meanflock.flower import plugin
 from meanflock.flower.app import App, joined, split
-from tests.judges.learners.flower_apps import IDEAL, Flown, build, fly, in_engine
+from tests.judges.learners.flower_apps import IDEAL, MAIN, Flown, build, fly, in_engine
 
 ROUNDS = 10
 STRATEGIES: dict[str, dict[str, Any]] = {
@@ -147,6 +147,23 @@ BROKEN = [
     ("    raise ValueError('no data')", 2, "no data (server_app.py, line"),
     ("    pass", 2, "ended without sending a model"),
     (
+        "    list(grid.send_and_receive(messages(grid, 'query')))",
+        2,
+        "the radio carries trainings only, and the leader answers queries and evaluations",
+    ),
+    (
+        "    nodes, tree = grid.get_node_ids(), ArrayRecord([np.zeros(0, np.uint8)])\n"
+        "    grid.send_and_receive(Message(RecordDict({'trees': tree}), node, 'train') for node in nodes)",
+        2,
+        "sends an empty model; the shapes of a model must not change, so trees that grow, as those of XGBoost",
+    ),
+    (
+        "    nodes, tree = grid.get_node_ids(), ConfigRecord({'model': b'tree'})\n"
+        "    grid.send_and_receive(Message(RecordDict({'trees': tree}), node, 'train') for node in nodes)",
+        2,
+        "0 ArrayRecords; a round carries one model, so neither secure aggregation, which exchanges keys, nor a model",
+    ),
+    (
         "    while len(list(grid.get_node_ids())) < 7:\n        time.sleep(0.01)",
         2,
         "more nodes than the 3 UAVs that fly",
@@ -272,6 +289,51 @@ def test_state_that_is_not_declared_is_told_with_the_key_that_declares_it(tmp_pa
     assert "bytes in `context.state`; set training.options.state_bytes=" in flown.said
 
 
+def test_no_reply_is_the_fault_of_a_uav_that_was_lost_before_it_is_that_of_the_radio(tmp_path: Path) -> None:
+    app = replying(tmp_path, "context.state['rounds'] = MetricRecord({'trained': 1})")
+    (app / "flower_digits" / "server_app.py").write_text(MAIN + "    grid.send_and_receive(messages(grid)[1:2])\n")
+    flown = fly(app, "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=1)
+    assert flown.code == 1
+    assert "no reply reached the ServerApp in 1 rounds: " in flown.said
+    assert "the radio lost all of them" not in flown.said
+
+
+PROGRAM = "__import__('subprocess').run(['true'], check=True)"
+FORK = "__import__('os').fork() or __import__('os')._exit(0)"
+IN_A_THREAD = "__import__('concurrent.futures').futures.ThreadPoolExecutor(1).submit(lambda: {}).result()"
+
+
+@pytest.mark.parametrize("run", [PROGRAM, IN_A_THREAD.format(PROGRAM)], ids=["at once", "in a thread"])
+def test_apps_run_other_programs_as_the_libraries_of_apps_do(tmp_path: Path, run: str) -> None:
+    app = replying(tmp_path, run)
+    server = app / "flower_digits" / "server_app.py"
+    server.write_text(
+        server.read_text().replace("    config = context.run_config\n", f"    {run}\n    config = context.run_config\n")
+    )
+    assert run in server.read_text()
+    flown = fly(app, uavs=3, settings=(IDEAL,), num_server_rounds=2)
+    assert flown.code == 0, flown.said
+    assert [(one["sent"], one["failures"]) for one in flown.result["rounds"]] == [(3, 0.0), (3, 0.0)]
+
+
+def test_a_client_app_that_forks_is_told(tmp_path: Path) -> None:
+    flown = fly(replying(tmp_path, FORK), "--in-process", uavs=3, settings=(IDEAL,), num_server_rounds=1)
+    assert flown.code == 1
+    assert "a learner may start no process; train in this one, for example with num_workers=0" in flown.said
+
+
+def test_an_app_that_draws_when_it_is_imported_has_the_same_bits_again_and_in_processes(tmp_path: Path) -> None:
+    app = replying(tmp_path, "model = {name: array + task.DRAWN for name, array in model.items()}")
+    task = app / "flower_digits" / "task.py"
+    task.write_text(task.read_text() + "\n\nDRAWN = np.float32(np.random.rand())\n")
+    one, again, many = (
+        fly(app, *flags, uavs=3, settings=(IDEAL,), num_server_rounds=2)
+        for flags in (("--in-process",), ("--in-process",), ())
+    )
+    assert one.code == 0, one.said
+    assert one.bits == again.bits == many.bits
+
+
 def test_a_bound_that_ends_the_flight_is_no_fault_of_the_app_and_one_of_no_metric_is_told(app: Path) -> None:
     short = {"uavs": 3, "settings": (IDEAL,), "num_server_rounds": 3}
     reached = fly(app, "--in-process", "--until", "accuracy>=0.01", **short)
@@ -309,6 +371,7 @@ def test_an_app_none_of_whose_clients_trains_fails(app: Path) -> None:
         ("client_app:app", "client_app:nothing", "`clientapp` flower_digits.client_app:nothing: AttributeError"),
         ("server_app:app", "servr_app:app", "No module named 'flower_digits.servr_app'"),
         ("server_app:app", "client_app:app", "is a ClientApp; expected a ServerApp"),
+        ("flower_digits.server_app:app", "flwr.nothing:app", "has no such name, so the app is for another version"),
         ("[tool.flwr.app.components]", "[tool.flwr.other]", "describes no Flower app"),
         ("[tool.flwr.app.components]", "[tool.flwr", "pyproject.toml: not TOML: "),
         ("server_app:app", "server_app", "expected a module and a name in it, as app.client:app"),
@@ -342,7 +405,7 @@ def test_other_topologies_standby_leaders_and_unknown_keys_are_refused(app: Path
 def test_secure_aggregation_is_refused_in_words(tmp_path: Path) -> None:
     flown = fly(build(tmp_path, "secagg"), "--in-process", uavs=3)
     assert flown.code == 2
-    assert "secure aggregation, which exchanges keys, cannot fly" in flown.said
+    assert "so neither secure aggregation, which exchanges keys, nor" in flown.said
 
 
 def test_a_message_keeps_arrays_of_any_shape_and_dtype() -> None:
