@@ -13,7 +13,8 @@ from research.mean_field_limit.flights import BEGINNING
 from research.mean_field_limit.page import EXPECTED, changed, of, sizes
 
 FOLDER, NAME = published.DOCS / "pictures", "mean-field-limit"
-LOOKS = plotstyle.look("mfgfl-hf"), plotstyle.look("hjb")  # of the two lines of each panel
+LOOKS = plotstyle.look("mfgfl-hf"), plotstyle.look("hjb")  # of the two lines of a panel of distances
+RISES = {"plan": 9, "cruise": -14, "mfg": 9}  # of the labels of deviations, points: `plan` and `cruise` lie close
 LABELS = dict(
     zip((*DISTANCES, *INTERACTIONS), ("positions", "velocities", "true states", "learned density"), strict=True)
 )
@@ -50,13 +51,14 @@ def _distances(ax: Axes, names: Sequence[str], rows: Sequence[Row]) -> None:
 
 
 def _deviations(ax: Axes, rows: Sequence[Row]) -> None:
-    for name, look in zip(DEVIATIONS, LOOKS, strict=True):
-        swarms = sizes(rows, name)
+    for name in DEVIATIONS:
+        swarms, look = sizes(rows, name), plotstyle.look(name)
         changes = [changed(rows, uavs, name, "last_cost_m") for uavs in swarms]
         plotstyle.dots(ax, look, np.array(swarms, dtype=float), changes)
         for uavs, change in list(zip(swarms, changes, strict=True))[:1]:
-            _label(ax, name, uavs, change.value, look.colour, 9)
+            _label(ax, name, uavs, change.value, look.colour, RISES[name])
     ax.axhline(0.0, color=plotstyle.INK, linewidth=0.7)
+    ax.margins(y=0.12)
     ax.set(ylabel="change of own cost (m)")
 
 
